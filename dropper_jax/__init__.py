@@ -1,8 +1,8 @@
 """A differentiable simulator of mussel droppers: chains of links, hanging, looped, damped, driven.
 
 Scene -> model -> effects -> residual -> step -> solution. Importing the package turns on float64 in JAX (set
-`JAX_ENABLE_X64` before to decide otherwise); a scene may still choose float32. JAX itself and the names below are
-imported when they are first asked for, so that the command line can refuse a typing error at once.
+`JAX_ENABLE_X64` beforehand to prevent that); a scene may still choose float32. JAX itself and the names below are
+imported on first use, so that the command line can reject a typing error at once.
 """
 
 import ast
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from dropper_jax.base.renamed import OldModules, old_names
 
-#: Public names and their modules, as the stub beside this file tells editors too.
+#: Public names and their modules, as given by the stub next to this file, which editors read.
 _STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
 _HOME_OF = {name.name: node.module for node in _STUB.body[1:] for name in node.names}
 
@@ -26,7 +26,7 @@ if "JAX_ENABLE_X64" not in os.environ:
     if "jax" in sys.modules:
         sys.modules["jax"].config.update("jax_enable_x64", True)
     else:
-        # JAX reads it when somebody imports it, which may be the user. Processes started from this one inherit it and
+        # JAX reads it when it is imported, possibly by the user. Child processes of this one inherit it and
         # compute in float64 as well, as they would with the package imported.
         os.environ["JAX_ENABLE_X64"] = "1"
 

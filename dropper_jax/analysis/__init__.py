@@ -1,4 +1,4 @@
-"""What a motion means: link angles, spectra, phase space, energy bookkeeping. Plain numpy, after the run."""
+"""Analysis of a motion: link angles, spectra, phase space, energy balance. Plain numpy, after the run."""
 
 from dropper_jax.analysis.angles import angle_rates, angles_to_links, link_angles
 from dropper_jax.analysis.energy import balance_drift, effect_power, energy_table

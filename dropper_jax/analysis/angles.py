@@ -5,21 +5,22 @@ A link vector d of length L has, in the two conventions for `zero`,
     "horizontal"   d = L (cos p cos a, cos p sin a, -sin p)    polar p from the horizontal, positive downwards
     "down"         d = L (sin p cos a, sin p sin a, -cos p)    polar p from the downward vertical
 
-with the same azimuth a, so `p_down = pi/2 - p_horizontal`. Every direction has two names, (p, a) and
-(pi - p, a + pi) (first convention), each up to full turns, and a vertical link has no azimuth. The branch is chosen so:
+with the same azimuth a, so `p_down = pi/2 - p_horizontal`. Every direction has two representations, (p, a) and (pi - p,
+a + pi) (first convention), each up to full turns, and a vertical link has no azimuth. The branch is chosen as follows:
 
-1. At a pole (horizontal part of d below 1e-12 of its largest component) the azimuth is the last one known; before any
-   is known, the first one that will be; if the link is vertical throughout, 0. A link of no length keeps both angles.
+1. At a pole (horizontal part of d below 1e-12 of its largest component) the azimuth is the last one known. Before any
+is known, it is the first one that will be; if the link is vertical throughout, 0. A link of zero length keeps both
+angles.
 2. The first azimuth lies in (-pi/2, pi/2], so motion in the x-z plane has azimuth 0 and a signed polar angle.
-3. From one sample to the next the name with the smaller `dp^2 + da^2` is taken, both differences as the shortest
-   turn: a link that swings through the pole keeps its azimuth and its polar angle goes on, rather than the azimuth
-   jumping by pi. Which of two samples' names belong together does not depend on the names chosen before, so the
-   whole history is one comparison and one cumulative sum.
+3. From one sample to the next the representation with the smaller `dp^2 + da^2` is taken, both differences as the
+shortest turn. A link that swings through the pole keeps its azimuth and its polar angle continues; the azimuth does not
+jump by pi. Which representations of two samples belong together does not depend on earlier choices, so the whole
+history is one comparison and one cumulative sum.
 
-Limits: the samples must be close enough to tell where the link went: in a plane less than half a turn between two
+Limits: the samples must be close enough to resolve the path of the link: in a plane less than half a turn between two
 samples, in space less than a quarter turn of azimuth. A link that passes the pole at a small distance turns its azimuth
-by nearly pi: whether that shows as a fast turn or as a polar angle that goes on depends on the sampling; both name the
-same directions. Samples that are not finite give NaN there and are skipped in rule 3; nothing else gives NaN.
+by nearly pi. Whether that appears as a fast turn or as a continuing polar angle depends on the sampling; both describe
+the same directions. Samples that are not finite give NaN there and are skipped in rule 3; nothing else gives NaN.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class _Branch(NamedTuple):
 
 
 def link_angles(positions: np.ndarray, zero: str = "horizontal") -> tuple[np.ndarray, np.ndarray]:
-    """Polar angle and azimuth of every link, continuous in time (the module's text has the rules and limits).
+    """Polar angle and azimuth of every link, continuous in time (rules and limits: see the module's text).
 
     Args:
         positions: (k, n + 1, 3) [m] for k instants, or (n + 1, 3) for one.
@@ -55,7 +56,7 @@ def link_angles(positions: np.ndarray, zero: str = "horizontal") -> tuple[np.nda
         polar, azimuth: each (k, n) [rad], or (n,) for one instant.
 
     Raises:
-        ValueError: another `zero`, or positions of another shape.
+        ValueError: unknown `zero`, or positions of another shape.
     """
     _check_zero(zero)
     links = _links(positions, "positions")
@@ -70,8 +71,8 @@ def angle_rates(
     """Rates of the angles of `link_angles`, along the same branch.
 
     With `e_p = dd/dp / L` and `e_a = (-sin a, cos a, 0)`: `p' = d' . e_p / L` and `a' = d' . e_a / (horizontal part)`.
-    At a pole the azimuth is held, so its rate is 0 there and the polar rate is that of the motion in the
-    held azimuth's plane: a velocity across that plane is not seen. A link of no length has rates 0.
+    At a pole the azimuth is held, so its rate is 0 there. The polar rate is that of the motion in the plane of the held
+    azimuth; a velocity across that plane is ignored. A link of zero length has rates 0.
 
     Args:
         positions, velocities: (k, n + 1, 3) or (n + 1, 3) [m], [m/s].
@@ -81,7 +82,7 @@ def angle_rates(
         polar_rate, azimuth_rate: each (k, n) or (n,) [rad/s].
 
     Raises:
-        ValueError: another `zero`, or shapes that do not match.
+        ValueError: unknown `zero`, or shapes that do not match.
     """
     _check_zero(zero)
     links, rates = _links(positions, "positions"), _links(velocities, "velocities")
@@ -161,7 +162,7 @@ def _continue(polar: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _polar_from(polar: np.ndarray, zero: str) -> np.ndarray:
-    """Horizontal-zero polar angles (k, n) in the asked convention, the first one in (-pi, pi]."""
+    """Horizontal-zero polar angles (k, n) in the requested convention, the first one in (-pi, pi]."""
     if zero == "horizontal":
         return polar
     down = np.pi / 2 - polar
@@ -178,7 +179,7 @@ def _links(nodes: np.ndarray, name: str) -> np.ndarray:
     nodes = np.asarray(nodes, float)
     if nodes.ndim not in (2, 3) or nodes.shape[-1] != 3 or nodes.shape[-2] < 2 or len(nodes) == 0:
         raise ValueError(f"{name}: shape {nodes.shape}, must be (k, n + 1, 3) or (n + 1, 3) with n >= 1")
-    # A run that blew up holds infinities: their differences are NaN, and `_follow` leaves them out.
+    # A run that diverged contains infinities: their differences are NaN, and `_follow` skips them.
     with np.errstate(invalid="ignore", over="ignore"):
         return np.diff(nodes, axis=-2)
 

@@ -1,4 +1,4 @@
-"""Energy bookkeeping of a finished run."""
+"""Energy balance of a finished run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Energies(Protocol):
-    """What a solution offers: kinetic, potential (k,) [J]; work (k, w) [J] since the start, named by `work_names`."""
+    """Attributes of a solution: kinetic, potential (k,) [J]; work (k, w) [J] since the start, named by `work_names`."""
 
     kinetic: np.ndarray
     potential: np.ndarray
@@ -19,9 +19,9 @@ class Energies(Protocol):
 def balance_drift(solution: Energies) -> np.ndarray:
     """`E(t) - E(0) - sum of the work done since`, (k,) [J]: zero for an exact solution.
 
-    Work counts what takes energy away (damping, friction) and what brings it in (applied forces, moving ends).
+    Work includes energy taken out (damping, friction) and put in (applied forces, moving ends).
     """
-    with np.errstate(invalid="ignore"):  # a run that failed may hold infinities
+    with np.errstate(invalid="ignore"):  # a failed run may contain infinities
         total = np.asarray(solution.kinetic) + np.asarray(solution.potential)
         work = _work(solution).sum(axis=1)
         return (total - total[0]) - (work - work[0])
@@ -30,7 +30,7 @@ def balance_drift(solution: Energies) -> np.ndarray:
 def effect_power(solution: Energies, t: np.ndarray) -> dict[str, np.ndarray]:
     """Mean power of each contribution between saved times, {name: (k - 1,)} [W]: `(W_i+1 - W_i)/(t_i+1 - t_i)`.
 
-    Exact as a mean, because the work is counted step by step along with the motion.
+    Exact as a mean, because the work is summed step by step along with the motion.
     """
     power = np.diff(_work(solution), axis=0) / np.diff(np.asarray(t))[:, None]
     return dict(zip(solution.work_names, power.T, strict=True))

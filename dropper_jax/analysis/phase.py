@@ -1,4 +1,4 @@
-"""Phase space of a link: its angle against its rate."""
+"""Phase space of a link: its angle and its rate."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 WINDOWS = ("hann", "none")
-#: Largest departure from uniform sampling, relative to the step.
+#: Maximum deviation from uniform sampling, relative to the step.
 UNIFORM = 1e-6
 
 

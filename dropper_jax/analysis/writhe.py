@@ -1,4 +1,4 @@
-"""Writhe of lines: how often a line winds about its own direction, which torsion here leaves out."""
+"""Writhe of lines: how often a line winds about its own direction, which the torsion model omits."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 
 
 def writhe(nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Turns (k,) by which a line whose ends are kept from turning would untwist as it coils [-].
+    """Turns (k,) by which a line with non-rotating ends would untwist as it coils [-].
 
-    The area that its tangent t sweeps on the unit sphere, seen from `direction`, over 2 pi (Fuller 1978):
-    `1/(2 pi) int (d x t) . t'/(1 + d . t) ds`, here the exact sum of the triangles of the links' directions. A helix
-    of n turns at the angle a to its axis has `n (1 - cos a)`, a line in a plane with its ends along d none.
+    The area that its tangent t sweeps on the unit sphere, seen from `direction`, divided by 2 pi (Fuller 1978):
+    `1/(2 pi) int (d x t) . t'/(1 + d . t) ds`, here the exact sum over the triangles of the links' directions. A helix
+    of n turns at the angle a to its axis gives `n (1 - cos a)`; a plane line with its ends along d gives none.
 
     Args:
-        nodes: places along the line (k, nodes, 3) [m].
-        direction: d (3,), about which it would be straight.
+        nodes: positions along the line (k, nodes, 3) [m].
+        direction: d (3,), the direction of the straight line.
     """
     links = np.diff(nodes, axis=1)
     size = np.linalg.norm(links, axis=-1, keepdims=True)

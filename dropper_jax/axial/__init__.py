@@ -1,4 +1,4 @@
-"""Axial laws: how the length of a link and its tension belong together; one file each."""
+"""Axial laws: the relation between the length of a link and its tension; one file each."""
 
 from __future__ import annotations
 

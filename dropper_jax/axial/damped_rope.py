@@ -1,4 +1,4 @@
-"""MoorDyn's rope, whose damper works on in a slack line."""
+"""MoorDyn's rope, whose damper also acts in a slack line."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from dropper_jax.base.numerics import safe_norm
 
 @component
 class DampedRope(Rope):
-    """Rope whose damper works on when it is slack, and may push: `T = max(0, EA e) + BA e'`, as in MoorDyn.
+    """Rope whose damper also acts when it is slack, and may push: `T = max(0, EA e) + BA e'`, as in MoorDyn.
 
-    For comparisons: slack lines then calm down fast, where those of a `Rope` chatter.
+    For comparisons: oscillations of slack lines then decay quickly, whereas those of a `Rope` chatter.
     """
 
     def residual(

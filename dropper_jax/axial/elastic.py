@@ -1,4 +1,4 @@
-"""Springs with internal damping, which also push."""
+"""Springs with internal damping that can also push."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Elastic(AxialLaw):
     elastic: ClassVar[bool] = True
     EA: jax.Array = parameter("axial stiffness", unit="N", shape="link", low=0.0, open_low=True)
     damping: jax.Array | None = parameter("internal damping BA", unit="N s", shape="link", low=0.0, optional=True)
-    intact: jax.Array | None = None  # (n,): 0 where a link has parted (see `failure`), else 1
+    intact: jax.Array | None = None  # (n,): 0 if the link has broken (see `failure`), else 1
 
     @property
     def work_names(self) -> tuple[str, ...]:
@@ -37,26 +37,26 @@ class Elastic(AxialLaw):
         return replace(self, EA=share * self.EA)
 
     def unstretch_broken(self, d: jax.Array, length: jax.Array) -> jax.Array:
-        """Link vectors (n, 3) [m] as the law sees them: one that has parted lies unstretched."""
+        """Link vectors (n, 3) [m] as the law uses them: a broken link is unstretched."""
         if self.intact is None:
             return d
         return jnp.where(self.intact[:, None] > 0.0, d, length[:, None] * jnp.eye(1, 3, dtype=d.dtype))
 
     def zero_broken(self, per_link: jax.Array) -> jax.Array:
-        """Values (n,) of links, zero of those that have parted."""
+        """Values (n,) of links, zero for broken ones."""
         return per_link if self.intact is None else self.intact * per_link
 
     def spring(self, size: jax.Array, length: jax.Array) -> jax.Array:
-        """Tension (n,) [N] without damping of links of length `size` (n,) [m]."""
+        """Tension (n,) [N] of links of length `size` (n,) [m], without damping."""
         return self.EA / length * (size - length)
 
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
     ) -> jax.Array:
-        """`L/EA (S + D - T)` (n,) [m]: the spring's mean pull over the step with its `lag`, and the damper's.
+        """`L/EA (S + D - T)` (n,) [m]: the spring's mean force over the step with its `lag`, and the damper's force.
 
-        `S (|d1| - |d0|)` is the change of the stored energy, the lag only takes (see `springs`). The rigid limit is
-        EA -> infinity.
+        `S (|d1| - |d0|)` is the change of the stored energy; the lag only takes energy (see `springs`). The rigid limit
+        is EA -> infinity.
         """
         step = _Step.of(self, start, length, h)
         size = safe_norm(self.unstretch_broken(d1, length))
@@ -67,16 +67,16 @@ class Elastic(AxialLaw):
         return safe_norm(self.unstretch_broken(d, length)) - length - length * tension / self.EA
 
     def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
-        """Pull (n,) [N] that does exactly the work by which the stored energy changes over a step."""
+        """Tension (n,) [N] whose work over a step is exactly the change of the stored energy."""
         return self.spring(0.5 * (step.size + size), step.length)
 
     def _spring_over(self, step: _Step, size: jax.Array) -> jax.Array:
-        """Spring's pull (n,) [N] over a step that ends with links of length `size` (n,) [m]."""
+        """Spring tension (n,) [N] over a step that ends with links of length `size` (n,) [m]."""
         before, after, expected = (self.spring(x, step.length) for x in (step.size, size, step.expected))
         return self._mean(step, size) + lag(before, after, expected, REST * self.EA)
 
     def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:
-        """Damper's pull (n,) [N] over a step, beside a spring's."""
+        """Damper tension (n,) [N] over a step, in addition to the spring tension."""
         if self.damping is None:
             return jnp.zeros_like(spring)
         return self.damping / step.length * (size - step.size) / step.h
@@ -85,7 +85,7 @@ class Elastic(AxialLaw):
         return length / self.EA * jnp.ones_like(length)
 
     def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
-        """`d_mid / ((|d0| + |d1|)/2)`: only this one does exactly `T (|d1| - |d0|)` of work."""
+        """`d_mid / ((|d0| + |d1|)/2)`: only this direction gives exactly the work `T (|d1| - |d0|)`."""
         return mean / (0.5 * (safe_norm(d0) + safe_norm(d1)))[:, None]
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
@@ -103,7 +103,7 @@ class Elastic(AxialLaw):
         return law if self.damping is None else law + self.damping / self.EA * stretching
 
     def _stretching(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Link vectors as the law sees them, and rates of length (n,) [m/s]."""
+        """Link vectors as the law uses them, and rates of length (n,) [m/s]."""
         stretching = self.zero_broken(dot(d, rate) / safe_norm(d))
         return self.unstretch_broken(d, length), stretching
 
@@ -116,7 +116,8 @@ class Elastic(AxialLaw):
         return 0.5 * self.EA / length * (size - length) ** 2
 
     def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
-        """Work over a step by name, scalars [J], never positive: of the damper, and what the spring takes."""
+        """Work over a step by name, scalars [J], never positive: of the damper, and the energy that the spring's lag
+        takes."""
         step, size = _Step.of(self, start, length, h), safe_norm(self.unstretch_broken(d1, length))
         spring, longer = self._spring_over(step, size), size - step.size
         found = {AXIAL_RINGING: -jnp.sum((spring - self._mean(step, size)) * longer)}
@@ -131,12 +132,12 @@ class Elastic(AxialLaw):
         return {INTERNAL_DAMPING: -jnp.sum(self._damper(d, stretching, tension, length) * stretching)}
 
     def _damper(self, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        """Part of the tension (n,) [N] that the internal damping gives."""
+        """Part of the tension (n,) [N] due to the internal damping."""
         return self.zero_broken(self.damping / length * stretching)
 
 
 class _Step(NamedTuple):
-    """Links at the beginning of a step: length [m], the one expected at its end, unstretched length; step [s]."""
+    """Links at the start of a step: length [m], length expected at its end, unstretched length; step [s]."""
 
     size: jax.Array
     expected: jax.Array

@@ -11,7 +11,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, plain, read_list, read_number, refuse
 
-ROWS = "two or more rows of rising strain, from tension 0 on, tension never falling and rising at the end"
+ROWS = "two or more rows of rising strain; tension starting at 0, never falling, rising at the end"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -26,8 +26,8 @@ class ForceTable:
         """A checked table.
 
         Raises:
-            SceneError: a number that is none, rows that do not fit together, strain that does not rise, a negative
-                first strain, a first tension other than 0, tension that falls, or that does not rise at the end.
+            SceneError: an entry is not a number, the numbers of rows differ, strain does not rise, the first strain is
+                negative, the first tension is not 0, tension falls, or does not rise at the end.
         """
         columns = {}
         for key, values in (("strain", strain), ("tension", tension)):
@@ -58,14 +58,14 @@ class ForceTable:
 
     @property
     def stiffness(self) -> float:
-        """Largest slope between two rows [N]: what a damping ratio refers to, and what sizes residuals."""
+        """Maximum slope between two rows [N]: the reference of a damping ratio and the scale of residuals."""
         return float(np.max(self.secants))
 
     def slopes(self) -> np.ndarray:
         """Slopes of the curve at its rows (k,) [N]: monotone, once continuously differentiable.
 
-        Inside, the weighted harmonic mean of both secants, 0 beside a level stretch (Fritsch and Butland 1984); at the
-        ends the secant there, so that the curve goes on beyond the last row as it came.
+        Inside the table, the weighted harmonic mean of both secants, and 0 next to a level interval (Fritsch and
+        Butland 1984). At the ends, the secant there, so that the curve continues straight beyond the last row.
         """
         width, secant = np.diff(self.strain), self.secants
         first, second = 2 * width[1:] + width[:-1], width[1:] + 2 * width[:-1]
@@ -98,7 +98,7 @@ def read_tables(table: Mapping[str, Any], path: str, links: int) -> tuple[ForceT
 
 
 def tables_of(tables: Sequence[ForceTable]) -> dict[str, Any]:
-    """Plain values from which `read_tables` makes the same."""
+    """Plain values from which `read_tables` reconstructs the tables."""
     if all(t == tables[0] for t in tables):
         tables = tables[0]
         return {"strain": plain(tables.strain), "tension": plain(tables.tension)}
@@ -106,7 +106,7 @@ def tables_of(tables: Sequence[ForceTable]) -> dict[str, Any]:
 
 
 def stack_tables(tables: Sequence[ForceTable]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Strain, tension and slope, each (n, k), of tables brought to equal rows along their last slope."""
+    """Strain, tension and slope, each (n, k), of tables extended to equal numbers of rows along their last slope."""
     rows = max(len(t.strain) for t in tables)
     found = []
     for table in tables:

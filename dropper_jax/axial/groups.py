@@ -1,4 +1,4 @@
-"""Laws side by side: rigid links, ropes, springs and tables in one system, each for links of its own."""
+"""Several axial laws in one system: rigid links, ropes, springs and tables, each for its own links."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from dropper_jax.base.fields import component, option
 
 @component
 class Groups(AxialLaw):
-    """What holds of a link is what its own law says; a scene whose lines share a law has that law alone.
+    """Each link follows its own law; a scene whose lines all share a law uses that law alone.
 
     Attributes:
         laws: one per group.
-        members: numbers of the links of each group; every link is in one of them.
+        members: indices of the links of each group; every link is in exactly one group.
     """
 
     laws: tuple[AxialLaw, ...]
@@ -42,7 +42,7 @@ class Groups(AxialLaw):
 
     @property
     def EA(self) -> jax.Array:
-        """Axial stiffness (n,) [N]; of groups that all stretch."""
+        """Axial stiffness (n,) [N]; only if all groups stretch."""
         return self._together([jnp.broadcast_to(law.EA, len(m)) for law, m in self._each()])
 
     def _each(self) -> Iterator[tuple[AxialLaw, np.ndarray]]:
@@ -96,11 +96,11 @@ class Groups(AxialLaw):
         return self._together([law.direction(d0[m], d1[m], mean[m], length[m]) for law, m in self._each()])
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
-        """Of groups that all stretch."""
+        """Only if all groups stretch."""
         return self._together([law.tension(d[m], rate[m], length[m]) for law, m in self._each()])
 
     def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        """Of groups that all stretch."""
+        """Only if all groups stretch."""
         return self._together([law.instant(d[m], rate[m], tension[m], length[m]) for law, m in self._each()])
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:

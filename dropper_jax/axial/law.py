@@ -1,4 +1,4 @@
-"""What an axial law answers: how the length of a link and its tension belong together."""
+"""Interface of an axial law: the relation between the length of a link and its tension."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dropper_jax.base.numerics import safe_norm
 
 
 class LinkStart(NamedTuple):
-    """Links at the beginning of a step: vectors (n, 3) [m] and their rates (n, 3) [m/s], None where none stretches."""
+    """Links at the start of a step: vectors (n, 3) [m] and their rates (n, 3) [m/s], None if no link stretches."""
 
     d: jax.Array
     rate: jax.Array | None
@@ -23,44 +23,46 @@ class LinkStart(NamedTuple):
 class AxialLaw(ABC):
     """Base of the axial laws; d, d0, d1 are link vectors (n, 3) [m], now, before and after a step h [s]."""
 
-    #: Whether tensions of all links follow from lengths, so that `tension`, `instant` and the energy of stretch exist.
+    #: Whether the tensions of all links follow from lengths, so that `tension`, `instant` and the energy of stretch
+    #: exist.
     elastic: ClassVar[bool]
-    #: Whether `gradient` and `compliance` make a matrix good enough for the condensed solver.
+    #: Whether `gradient` and `compliance` give a matrix good enough for the condensed solver.
     condensable: ClassVar[bool] = True
 
-    #: (n,): 0 where a link has parted, else 1; None where nothing parts.
+    #: (n,): 0 if the link has broken, else 1; None if no link can break.
     intact: ClassVar[jax.Array | None] = None
 
     def rigid(self, links: int) -> np.ndarray:
-        """Which of the links (n,) keep their length."""
+        """Which of the links (n,) are inextensible."""
         return np.full(links, not self.elastic)
 
     def springs(self, EA: jax.Array) -> AxialLaw:
-        """The same law where it stretches, ropes of stiffness EA (n,) [N] in place of rigid links."""
+        """The same law where it stretches, and ropes of stiffness EA (n,) [N] in place of rigid links."""
         return self
 
     def soften(self, share: float) -> AxialLaw:
-        """The law with that share of its stiffness."""
+        """The law with that fraction of its stiffness."""
         return self
 
     def with_broken_links(self, intact: jax.Array) -> AxialLaw:
-        """The law of links of which some have parted: `intact` (n,) is 0 there, else 1."""
+        """The law with broken links: `intact` (n,) is 0 for these, else 1."""
         return replace(self, intact=intact)
 
     @property
     def work_names(self) -> tuple[str, ...]:
-        """Under which names the law takes energy."""
+        """The names under which the law takes energy."""
         return ()
 
     @abstractmethod
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
     ) -> jax.Array:
-        """The law over a step, (n,) [m]: zero where it holds. It depends on d1 by its length alone."""
+        """Residual of the law over a step, (n,) [m]: zero if the law holds. It depends on d1 through its length
+        only."""
 
     @abstractmethod
     def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        """The law of links that rest, (n,) [m]."""
+        """Residual of the law for links at rest, (n,) [m]."""
 
     def gradient(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
@@ -76,7 +78,7 @@ class AxialLaw(ABC):
 
     @abstractmethod
     def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
-        """Pull of a unit tension over a step, (n, 3), that does exactly `T (|d1| - |d0|)` of work."""
+        """Force direction of a unit tension over a step, (n, 3), whose work is exactly `T (|d1| - |d0|)`."""
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Stored energy, scalar [J]."""

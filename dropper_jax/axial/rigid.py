@@ -1,4 +1,4 @@
-"""Links that keep their length."""
+"""Inextensible links."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from dropper_jax.base.numerics import dot
 
 @component
 class Rigid(AxialLaw):
-    """Inextensible link: `|d|^2 = L^2`; the tension is whatever holds it."""
+    """Inextensible link: `|d|^2 = L^2`; the tension is the constraint force."""
 
     elastic: ClassVar[bool] = False
 
     def springs(self, EA: jax.Array) -> AxialLaw:
-        return Rope(EA=EA)  # springs that push would hold a line straight between near points
+        return Rope(EA=EA)  # springs that push would keep a line straight between points that are close together
 
     def with_broken_links(self, intact: jax.Array) -> AxialLaw:
-        return self  # scenes let no rigid link part
+        return self  # scenes do not allow rigid links to break
 
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
@@ -43,9 +43,9 @@ class Rigid(AxialLaw):
         return jnp.zeros_like(length)
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
-        """None follows from the length: zeros (n,)."""
+        """Zeros (n,): no tension follows from the length."""
         return jnp.zeros_like(length)
 
     def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
-        """Unit pull of a tension over a step, (n, 3): `d_mid / L` does exactly `T (|d1| - |d0|)` = 0 of work."""
+        """Unit force of a tension over a step, (n, 3): the work of `d_mid / L` is exactly `T (|d1| - |d0|)` = 0."""
         return mean / length[:, None]

@@ -1,4 +1,4 @@
-"""Springs that go slack: what ropes and chains are."""
+"""Springs that go slack: ropes and chains."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.base.springs import mean_positive_part, never_more
 
-#: How much a guessed stretch counts beside a guessed tension for whether a link is taut, any number in (0, 1].
+#: Weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1].
 STRETCH_COUNTS = 1e-3
 
 
@@ -22,8 +22,9 @@ def taut_or_slack(
 ) -> jax.Array:
     """`max(stretch(size), 0) = held` (n,) [m] by active sets; `stretch` rises and has a kink at the length `slack` [m].
 
-    On which side of the kink a link is follows from its tension (`held`) rather than from its stretch (primal-dual
-    active set): a guess of the step is off by far more than links stretch, its tensions are good.
+    The side of the kink on which a link lies follows from its tension (`held`) rather than from its stretch
+    (primal-dual active set). The stretch of a guessed step is off by far more than links stretch, whereas its tensions
+    are good.
     """
     at, beyond = jnp.maximum(stretch(slack), 0.0), size - slack
     above = stretch(jnp.maximum(size, slack)) + jnp.minimum(beyond, 0.0)
@@ -35,10 +36,10 @@ def taut_or_slack(
 class Rope(Elastic):
     """Elastic link that goes slack: `T = S + clip(BA e', -S, S)`, S = EA max(e, 0), e = (|d| - L)/L.
 
-    The internal damping never gives more than the spring. So the tension is continuous where a link tautens, however
-    fast it does (a dashpot of its own would jump from 0 to BA e', and peaks would be as large as the step makes them),
-    a rope never pushes, a slack one is never held, and the damper only takes energy. A link that is taut and vibrates
-    with less than its mean stretch has the damping of `elastic`. MoorDyn's damper works on in slack lines:
+    The internal damping force never exceeds the spring force. The tension is therefore continuous when a link tautens,
+    at any speed. A separate dashpot would jump from 0 to BA e', and peaks would depend on the step. A rope never
+    pushes, a slack rope carries no force, and the damper only takes energy. A link that is taut and vibrates with less
+    than its mean stretch has the damping of `elastic`. For MoorDyn's damper, which also acts in slack lines, see
     `damped_rope`.
     """
 
@@ -46,11 +47,11 @@ class Rope(Elastic):
         return self.EA / length * jnp.maximum(size - length, 0.0)
 
     def _slack(self, length: jax.Array) -> jax.Array:
-        """Largest length (n,) [m] of slack links."""
+        """Maximum length (n,) [m] of slack links."""
         return length
 
     def _elongation(self, size: jax.Array, length: jax.Array) -> jax.Array:
-        """Elongation (n,) [m] of what is taut."""
+        """Elongation (n,) [m] of taut links."""
         return jnp.maximum(size - self._slack(length), 0.0)
 
     def residual(
@@ -103,14 +104,14 @@ class Rope(Elastic):
         return self.EA / step.length * mean_positive_part(step.size - step.length, size - step.length)
 
     def _unclipped_spring(self, step: _Step, size: jax.Array) -> jax.Array:
-        """Spring's pull over a step; where a link goes slack it may lag below nothing."""
+        """Spring tension over a step; when a link goes slack its lag may make it negative."""
         return super()._spring_over(step, size)
 
     def _spring_over(self, step: _Step, size: jax.Array) -> jax.Array:
         return jnp.maximum(self._unclipped_spring(step, size), 0.0)
 
     def _damper_of(self, step: _Step, size: jax.Array) -> jax.Array:
-        """What a dashpot alone would pull (n,) [N]; it acts on what is taut."""
+        """Tension (n,) [N] of a dashpot alone; it acts on taut links."""
         if self.damping is None:
             return jnp.zeros_like(size)
         longer = self._elongation(size, step.length) - self._elongation(step.size, step.length)

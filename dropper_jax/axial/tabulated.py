@@ -1,4 +1,4 @@
-"""Ropes whose tension is a table over strain."""
+"""Ropes whose tension is tabulated over strain."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from dropper_jax.axial.law import AxialLaw
 from dropper_jax.axial.rope import Rope
 from dropper_jax.base.fields import component
 
-#: Change of length per length below which the mean pull over a step is that in its middle: exact to its square, where
-#: a difference of energies would be lost in rounding.
+#: Relative change of length below which the mean tension is that in the middle of the change: exact to second order,
+#: where a difference of energies would be lost in rounding.
 LITTLE = 1e-7
 
 
@@ -21,8 +21,9 @@ LITTLE = 1e-7
 class Tabulated(Rope):
     """Link whose tension is tabulated over strain: a monotone cubic through the rows (see `force_table`).
 
-    Slack up to the first row; beyond the last one the tension goes on with the slope there. Between them tension and
-    slope are continuous. Internal damping as in `Rope`. `EA` [N] is the largest slope; it only sizes residuals.
+    The link is slack up to the first row. Beyond the last row the tension continues with the slope there. In between,
+    tension and slope are continuous. Internal damping as in `Rope`. `EA` [N] is the maximum slope; it only scales
+    residuals.
     """
 
     strain: jax.Array | None = None  # (n, k)
@@ -33,7 +34,7 @@ class Tabulated(Rope):
         return replace(self, EA=share * self.EA, force=share * self.force, slope=share * self.slope)
 
     def _shares(self, size: jax.Array, length: jax.Array) -> tuple[jax.Array, ...]:
-        """Shares of each interval that are passed (n, k - 1), what comes after each, and widths of the intervals."""
+        """Passed fraction of each interval (n, k - 1), the strain beyond each, and widths of the intervals."""
         width = self.strain[:, 1:] - self.strain[:, :-1]
         beyond = (size / length - 1.0)[:, None] - self.strain
         return jnp.clip(beyond[:, :-1] / width, 0.0, 1.0), jnp.maximum(beyond[:, 1:], 0.0), width

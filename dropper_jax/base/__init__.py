@@ -1,1 +1,1 @@
-"""What everything stands on: errors, declared fields, checked reading, numerics, files."""
+"""Foundations used by the whole package: errors, declared fields, checked reading, numerics, files."""

@@ -1,10 +1,10 @@
-"""Compiled programs kept from one process to the next, in a folder of the user's.
+"""Compiled programs cached between processes, in a folder of the user.
 
-JAX keeps compiled programs in a folder if it is told one, but writes them in place and never replaces what it cannot
-read. `Entries` stands in for its own files: each is written beside and moved into place, carries a digest, is removed
-where that is wrong, and the ones not used for longest go when the folder grows beyond `LARGEST`.
+JAX can cache compiled programs in a folder, but it writes them in place and never replaces a file that it cannot read.
+`Entries` replaces its file store. Each file is written under a temporary name and renamed, and it carries a digest. A
+file with a wrong digest is removed. When the folder grows beyond `LARGEST`, the least recently used files are deleted.
 
-A folder belongs to one JAX and one kind of processor: programs hold its instructions.
+A folder belongs to one JAX version and one kind of processor, because programs contain its instructions.
 """
 
 from __future__ import annotations
@@ -29,42 +29,43 @@ try:
 except ImportError:
     compilation_cache = None
 
-#: The variable that names the folder: `on` for the user's own, `off` or nothing for none.
+#: Environment variable that names the folder: `on` for the user's default folder, `off` or empty for no cache.
 VARIABLE = "DROPPER_COMPILE_CACHE"
 OFF, ON = "off", "on"
-#: Bytes in a folder beyond which programs go.
+#: Size of a folder [bytes] above which programs are deleted.
 LARGEST = 1_000_000_000
-#: Seconds after which a file that was never moved into place is left over from a process that was stopped.
+#: Age [s] after which a temporary file counts as left over from a stopped process.
 ABANDONED = 3600.0
-#: Names of JAX's module that are relied on.
+#: Names in JAX's module that this code relies on.
 NEEDED = ("_cache", "_cache_initialized", "reset_cache", "get_executable_and_time")
-#: What a file begins with, before the digest and the program.
+#: First bytes of a file, before the digest and the program.
 MARK, UNFINISHED = b"dropper1", ".unfinished"
 DIGEST = hashlib.sha256().digest_size
 
 
 def open_cache() -> Path | None:
-    """Begin to keep programs where `DROPPER_COMPILE_CACHE` says; the folder, or None where there is none to be had."""
+    """Enable the cache given by `DROPPER_COMPILE_CACHE`; returns the folder, or None if there is no usable folder."""
     folder = cache_folder()
     return None if folder is None else compile_cache(folder)
 
 
 def cache_folder() -> Path | None:
-    """The folder of compiled programs that the environment names; None where there is none."""
+    """The folder of compiled programs that the environment specifies, or None."""
     named = os.environ.get(VARIABLE, OFF)
     if named == ON:
-        from platformdirs import user_cache_path  # noqa: PLC0415 - the command line alone asks for it
+        from platformdirs import user_cache_path  # noqa: PLC0415 - only the command line needs it
 
         folder = user_cache_path("dropper-jax", appauthor=False, opinion=False)
-        return folder if folder.is_absolute() else None  # a user without a home
+        return folder if folder.is_absolute() else None  # the user has no home directory
     return None if named in ("", OFF) else Path(named)
 
 
 def compile_cache(folder: str | Path) -> Path | None:
-    """Keep compiled programs in a folder and take those that are there.
+    """Enable the cache of compiled programs in a folder, and use the programs that it contains.
 
     Returns:
-        The folder within it of this JAX and processor; None where it cannot be written, or this JAX is built otherwise.
+        The subfolder for this JAX version and processor; None if it cannot be written or this JAX is organised
+        differently.
     """
     store = _jax_store()
     if store is None:
@@ -81,19 +82,19 @@ def compile_cache(folder: str | Path) -> Path | None:
     store._cache, store._cache_initialized = Entries(cache_folder), True
     if not isinstance(store.get_executable_and_time, _Quietly):
         store.get_executable_and_time = _Quietly(store.get_executable_and_time)
-    # programs of another kind of processor are compiled again and replaced
+    # programs for another kind of processor are recompiled and replaced
     warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache entry")
     return cache_folder
 
 
 class Entries:
-    """Files of a folder as JAX's cache asks for them: bytes by key."""
+    """Files of a folder in the interface of JAX's cache: bytes by key."""
 
     def __init__(self, folder: Path, largest: int = LARGEST) -> None:
         self._path, self.largest = folder, largest
 
     def get(self, key: str) -> bytes | None:
-        """The program of that key; None where there is none, or a damaged one, which is removed."""
+        """The program with that key; None if it is missing or damaged. A damaged file is removed."""
         file = self._path / key
         try:
             found = file.read_bytes()
@@ -108,7 +109,7 @@ class Entries:
         return program
 
     def store(self, key: str, value: bytes) -> None:
-        """Keep a program, in place of one that may be there."""
+        """Store a program, replacing an existing one."""
         with suppress(OSError):
             with tempfile.NamedTemporaryFile(dir=self._path, suffix=UNFINISHED, delete=False) as beside:
                 beside.write(MARK + hashlib.sha256(value).digest() + value)
@@ -116,7 +117,7 @@ class Entries:
             self._evict_old()
 
     def remove(self, key: str) -> None:
-        """Forget a program."""
+        """Remove a program."""
         with suppress(OSError):
             (self._path / key).unlink()
 
@@ -139,10 +140,10 @@ class Entries:
 
 
 class _Quietly:
-    """A function without what libraries write to standard error meanwhile.
+    """Wrap a function so that libraries' output to standard error is discarded during the call.
 
-    Reloading a program makes XLA write kilobytes about features of the processor, some of which are its own hints; what
-    is truly wrong raises.
+    Reloading a program makes XLA write kilobytes about processor features, some of which are its own hints. Real errors
+    are raised.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -152,7 +153,7 @@ class _Quietly:
         sys.stderr.flush()
         try:
             kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-        except OSError:  # no standard error, or no file left to open
+        except OSError:  # no standard error, or no file descriptor left
             return self.function(*args, **kwargs)
         try:
             os.dup2(nowhere, 2)
@@ -164,13 +165,13 @@ class _Quietly:
 
 
 def _jax_store() -> ModuleType | None:
-    """JAX's own module of kept programs, where it is built as known here."""
+    """JAX's own compilation cache module, if it has the structure known here."""
     known = all(hasattr(compilation_cache, name) for name in NEEDED)
     return compilation_cache if known else None
 
 
 def _processor() -> str:
-    """A short name of this kind of processor."""
+    """A short name for this kind of processor."""
     said = platform.machine() + platform.processor()
     with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()

@@ -1,4 +1,5 @@
-"""Vectors as three separate arrays: sums of three arrays fuse with what is around them, sums over an axis do not."""
+"""Vectors as three separate arrays. Sums of three arrays fuse with neighbouring operations; sums over an axis do
+not."""
 
 from __future__ import annotations
 
@@ -10,7 +11,8 @@ Components = tuple[jax.Array, jax.Array, jax.Array]
 def components(x: jax.Array) -> Components:
     """The three components of vectors (..., 3) as separate arrays.
 
-    Sums over an axis of three are kernels of their own on the CPU; sums of three arrays fuse with what is around them.
+    On the CPU a sum over an axis of three is a separate kernel. A sum of three arrays fuses with neighbouring
+    operations.
     """
     return x[..., 0], x[..., 1], x[..., 2]
 

@@ -1,4 +1,4 @@
-"""Physical constants, defaults where a scene has no value of its own, and units."""
+"""Physical constants, default values for what a scene does not specify, and units."""
 
 import math
 

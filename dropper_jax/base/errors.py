@@ -1,4 +1,4 @@
-"""Errors that a user can mend: one line with the field, its value, what is allowed."""
+"""Errors in the user's input: one line with the field, its value and what is allowed."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any
 
 
 class SceneError(ValueError):
-    """A scene, an option or a pairing that cannot be used; the message is one line for the user."""
+    """A scene, option or combination that cannot be used; the message is one line for the user."""
 
 
 class LocatedValues(dict[str, Any]):
-    """Plain values of a scene that were read from a file, and the file's line of each path, such as `line.0`."""
+    """Plain values of a scene read from a file, and the line number of each path in it, such as `line.0`."""
 
     def __init__(self, values: Mapping[str, Any], file: str, lines: Mapping[str, int]) -> None:
         super().__init__(values)
         self.file, self.lines = file, lines
 
     def with_line(self, error: SceneError) -> SceneError:
-        """The error with the file, and the line of the longest path that its message begins with."""
+        """The error with the file name and the line number of the longest path that its message starts with."""
         words = str(error).partition(":")[0].split(".")
         ends = range(len(words), 0, -1)
         line = next((self.lines[path] for end in ends if (path := ".".join(words[:end])) in self.lines), None)
@@ -27,7 +27,7 @@ class LocatedValues(dict[str, Any]):
 
 
 class SimulationError(RuntimeError):
-    """A run that did not end with status `ok`; carries the partial solution as `.solution`."""
+    """A run that did not end with status `ok`; `.solution` holds the partial solution."""
 
     def __init__(self, message: str, solution: object = None) -> None:
         super().__init__(message)
@@ -35,7 +35,7 @@ class SimulationError(RuntimeError):
 
 
 def nearest(word: str, candidates: Iterable[str]) -> str:
-    """A hint naming the nearest valid name, or all valid names when nothing is near."""
+    """A hint with the nearest valid name, or with all valid names if none is similar."""
     candidates = sorted(candidates)
     close = difflib.get_close_matches(word, candidates, n=1)
     return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(candidates)}"

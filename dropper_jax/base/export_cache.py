@@ -1,11 +1,11 @@
-"""Traced programs kept from one process to the next, so that a second start neither traces nor lowers them.
+"""Traced programs cached between processes, so that a second start neither traces nor lowers them.
 
-A program stands in the folder of compiled ones as the StableHLO that `jax.export` makes of it, under the digest of all
-that tracing depends on: the sources, JAX and its settings, the function, static arguments, tree, shapes and types. A
-first start compiles what it has written too, so that the compiled program of a second one is found as well.
+A program is stored next to the compiled ones as the StableHLO that `jax.export` produces. Its key is the digest of
+everything that tracing depends on: the sources, JAX and its settings, the function, static arguments, tree, shapes and
+types. The first start compiles the exported form too, so that the second start finds the compiled program as well.
 
-Only for functions of this project that are called on the host, on the CPU; what has no form that means the same in
-every process is traced as ever (see `plain_form`).
+This applies only to functions of this project that are called on the host, on the CPU. Values without a form that means
+the same in every process are traced as usual (see `plain_form`).
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from jax.tree_util import PyTreeDef
 from dropper_jax.base.compile_cache import Entries
 from dropper_jax.base.plain_form import PROJECT, NoPlainForm, Plain, name_of, to_plain, tree_read, tree_written
 
-#: Where the packages of this project lie.
+#: Folder that contains the packages of this project.
 ROOT = Path(__file__).parents[2]
-#: Whether command lines keep traces; `off` leaves it be.
+#: Environment variable: whether command lines cache traces; `off` disables it.
 VARIABLE = "DROPPER_KEEP_TRACES"
 ON = "on"
-#: What the names of files begin with, and the number of their format.
+#: First characters of file names, with the number of the format.
 PREFIX, FORMAT = "trace-", 1
-#: Settings of JAX that no program depends on, and that differ from one user to the next.
+#: JAX settings that no program depends on and that differ between users.
 ASIDE = ("jax_compilation_cache_dir",)
-#: What is raised where something has no plain form, or where this JAX cannot export a program; it is traced as ever.
+#: Raised if a value has no plain form, or if this JAX cannot export a program; the program is then traced as usual.
 UNKEPT = (NotImplementedError, ValueError, TypeError, AttributeError, OSError)
-#: What is raised where a module is none.
+#: Raised if a file is not a valid module.
 UNREADABLE = (*UNKEPT, RuntimeError, LookupError)
 
 
 class Trace(NamedTuple):
-    """A program as it is written: its module, which arguments it takes, its results."""
+    """A program as stored: its module, the arguments that it uses, its results."""
 
     module: bytes
     takes: tuple[int, ...]
@@ -57,7 +57,7 @@ class Trace(NamedTuple):
 
 @dataclass(frozen=True)
 class Constants:
-    """Arrays that a program holds as numbers of its own, such as the model of a fit, among its settings."""
+    """Arrays that a program contains as constants, such as the model of a fit, given as part of its settings."""
 
     tree: object
 
@@ -80,12 +80,12 @@ class Traces:
         values: Sequence[object],
         one: Callable[..., object],
     ) -> jax.stages.Lowered | None:
-        """The lowered program of a function, traced where it is not kept; None where it cannot be.
+        """The lowered program of a function, traced if it is not cached; None if it cannot be lowered.
 
         Args:
-            function, settings: what it is known by; static arguments by their names.
-            values: arguments like those that it will take.
-            one: the function with its settings, of the values.
+            function, settings: the identity of the program; static arguments by their names.
+            values: example arguments.
+            one: the function of the values, with its settings applied.
         """
         try:
             name, key = name_of(function), self._key(function, settings, values)
@@ -95,7 +95,7 @@ class Traces:
                     return _lower_program(name, trace, values)
                 self._entries.remove(PREFIX + key)
             trace = _trace_program(one, values)
-            if self._sources != _sources_digest():  # somebody has edited them since this process began
+            if self._sources != _sources_digest():  # the sources have been edited since this process started
                 return None
             self._keep(key, trace)
             return _lower_program(name, trace, values)
@@ -118,7 +118,7 @@ class Traces:
         return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
     def _load(self, key: str) -> Trace | None:
-        """The trace of that key; None where there is none, or one that cannot be read, which is removed."""
+        """The trace with that key; None if it is missing or unreadable. An unreadable one is removed."""
         whole = self._entries.get(PREFIX + key)
         if whole is None:
             return None
@@ -134,15 +134,15 @@ class Traces:
     def _keep(self, key: str, trace: Trace) -> None:
         tree = tree_written(trace.tree)
         if tree_read(json.loads(json.dumps(tree))) != trace.tree:
-            raise NoPlainForm("the tree of the results is read back as another")
+            raise NoPlainForm("the tree of the results changed when it was read back")
         said = {"key": key, "takes": trace.takes, "results": trace.results, "tree": tree}
         self._entries.store(PREFIX + key, json.dumps(said).encode() + b"\n" + trace.module)
 
 
 def open_traces(folder: Path | None) -> Traces | None:
-    """Begin to keep traces in a folder, where the command line asks for it and there is one.
+    """Enable caching of traces in a folder, if the command line requests it and a folder is available.
 
-    Elsewhere a process may replace parts of this project as it runs, which no digest of its sources tells.
+    Other processes may replace parts of this project at run time, which the digest of the sources does not show.
     """
     if folder is None or os.environ.get(VARIABLE) != ON or not Path(__file__).is_file():
         return None
@@ -153,14 +153,14 @@ def _kind(leaf: object) -> Plain:
     """Shape and type of an argument on the first processor.
 
     Raises:
-        NoPlainForm: it lies elsewhere.
+        NoPlainForm: the argument is on another device.
     """
     sharding = getattr(leaf, "sharding", None)
     first = jax.devices()[0]
     if first.platform != "cpu" or not (sharding is None or isinstance(sharding, SingleDeviceSharding)):
-        raise NoPlainForm("an argument that does not lie on one processor")
+        raise NoPlainForm("an argument that is not on a single processor")
     if sharding is not None and (sharding.device_set != {first} or sharding.memory_kind not in (None, _memory(first))):
-        raise NoPlainForm("an argument that does not lie on the first processor")
+        raise NoPlainForm("an argument that is not on the first processor")
     kind = jax.typeof(leaf)
     return [list(kind.shape), str(kind.dtype), bool(kind.weak_type)]
 
@@ -180,10 +180,10 @@ def _memory(device: jax.Device) -> str:
 
 
 def _settings() -> Plain:
-    """All settings of JAX, those of this thread included.
+    """All JAX settings, including those of this thread.
 
     Raises:
-        NoPlainForm: one that is an object, such as a device.
+        NoPlainForm: a setting is an object, such as a device.
     """
     found = []
     for name in sorted(set(jax.config.values) - set(ASIDE)):
@@ -195,15 +195,15 @@ def _settings() -> Plain:
 
 
 def _member(value: object) -> str:
-    """The name of a member of an enumeration."""
+    """The name of an enumeration member."""
     name = getattr(value, "name", None)
     if not isinstance(name, str):
-        raise NoPlainForm(f"{type(value).__name__} is no plain setting")
+        raise NoPlainForm(f"{type(value).__name__} is not a plain setting")
     return name
 
 
 def _sources_digest(root: Path = ROOT) -> str:
-    """Of all sources of the packages of this project that are there."""
+    """Digest of all sources of the installed packages of this project."""
     digest = hashlib.sha256()
     for package in PROJECT:
         for file in sorted((root / package).rglob("*.py")):
@@ -213,7 +213,7 @@ def _sources_digest(root: Path = ROOT) -> str:
 
 
 def _trace_program(one: Callable[..., object], values: Sequence[object]) -> Trace:
-    """The program of a function of trees, flat: arrays of no weak type, since that is not written."""
+    """The program of a function of trees in flat form, without weakly typed arrays, which cannot be exported."""
     leaves, tree = jax.tree.flatten(tuple(values))
     seen: list[PyTreeDef] = []
 
@@ -224,7 +224,7 @@ def _trace_program(one: Callable[..., object], values: Sequence[object]) -> Trac
 
     made = jax.export.export(jax.jit(flat), platforms=["cpu"])(*map(_like, leaves))
     if made.ordered_effects or made.unordered_effects or made.uses_global_constants or made.nr_devices != 1:
-        raise NoPlainForm("a program that does more than compute")
+        raise NoPlainForm("a program with side effects")
     results = tuple((tuple(a.shape), str(a.dtype)) for a in made.out_avals)
     return Trace(made.mlir_module_serialized, tuple(made.module_kept_var_idx), results, seen[0])
 
@@ -235,8 +235,8 @@ def _lower_program(name: str, trace: Trace, values: Sequence[object]) -> jax.sta
     def mould(*leaves: jax.Array) -> tuple[jax.Array, ...]:
         return tuple(jnp.zeros(shape, dtype) for shape, dtype in trace.results)
 
-    # what JAX says of a program with the same arguments and results, and this one's module in it: `Exported.serialize`
-    # needs a library that is not among ours
+    # The calling convention that JAX gives a program with the same arguments and results, with this module inserted.
+    # `Exported.serialize` needs a library that this project does not depend on.
     like = jax.export.export(jax.jit(mould), platforms=["cpu"])(*map(_like, jax.tree.leaves(list(values))))
     fun_name = name.rpartition(".")[2].rpartition(":")[2]
     made = replace(like, fun_name=fun_name, mlir_module_serialized=trace.module, module_kept_var_idx=trace.takes)

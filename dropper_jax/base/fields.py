@@ -1,8 +1,8 @@
-"""Declaring the fields of models and effects: unit, meaning and allowed range stand beside the value.
+"""Declaring the fields of models and effects: unit, meaning and allowed range are given next to the value.
 
-A *component* is a frozen dataclass registered as a JAX pytree. Its `parameter` fields are arrays
-(differentiable, batchable); its `option` fields are static and part of the compiled program. The scene
-reader takes its validation from the same declarations, so a number is described in one place only.
+A *component* is a frozen dataclass registered as a JAX pytree. Its `parameter` fields are arrays (differentiable,
+batchable). Its `option` fields are static and part of the compiled program. The scene reader validates against the same
+declarations, so each number is described in one place only.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, dataclass_transform
 
 import jax
 
-#: Shapes a parameter may declare. `node` and `link` values may also be given as one number for all.
+#: Shapes that a parameter may declare. `node` and `link` values may also be given as one number for all.
 SHAPES = ("number", "node", "link", "joint", "vector", "table", "vectors", "numbers")
 
 
@@ -31,13 +31,13 @@ def parameter(
     """Declare an array field of a component.
 
     Args:
-        meaning: one line for people.
-        unit: SI unit as printed, `-` when dimensionless.
-        shape: one of `SHAPES`: a number, one per node, link or joint, a 3-vector, a table (k,), vectors (k, 3),
-            numbers (one, or a table).
+        meaning: one-line description for the user.
+        unit: SI unit as printed, `-` if dimensionless.
+        shape: one of `SHAPES`: a number, one per node, link or joint, a 3-vector, a table (k,), vectors (k, 3), numbers
+            (one, or a table).
         low, high: allowed range, ends included; `open_low` excludes the lower end.
-        optional: the scene may leave it out, the field is then None and costs nothing.
-        **kwargs: `default` and friends, passed to `dataclasses.field`.
+        optional: the scene may omit it; the field is then None and adds no computation.
+        **kwargs: `default` and similar, passed to `dataclasses.field`.
     """
     if shape not in SHAPES:
         raise ValueError(f"shape {shape!r} is not one of {SHAPES}")
@@ -57,7 +57,7 @@ def parameter(
 
 
 def option(meaning: str, *, choices: Sequence[Any] | None = None, type: type | None = None, **kwargs: Any) -> Any:
-    """Declare a static field of a component: a choice or a plain value that shapes the compiled program."""
+    """Declare a static field of a component: a choice or a plain value that determines the compiled program."""
     metadata = {"kind": "option", "meaning": meaning, "choices": choices, "type": type}
     return dataclasses.field(metadata=metadata, **kwargs)
 

@@ -1,4 +1,4 @@
-"""Writing files so that an interrupted run never leaves half of one."""
+"""Atomic writing of files: an interrupted run never leaves a partial file."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from typing import BinaryIO
 
 from dropper_jax.base.errors import SceneError
 
-#: Ends of the names of what is being written: `.NAME.HOST-PROCESS-xxxx.part`, beside NAME.
+#: Suffix of temporary files: `.NAME.HOST-PROCESS-xxxx.part`, in the same folder as NAME.
 PART = ".part"
-#: Where a shell puts the output of a command that it gives as a file.
+#: Folder in which a shell puts command output that it passes as a file.
 STREAMS = ("/dev/", "/proc/")
-#: Seconds after which what a process of another machine was writing counts as left over.
+#: Age [s] after which a temporary file of another machine's process counts as left over.
 ABANDONED = 24 * 3600.0
 
 
 def refuse_pipe(path: Path, what: str) -> None:
-    """Refuse a named pipe, which may never end; those that a shell puts in place of a file are read.
+    """Reject a named pipe, which may never end. Pipes that a shell passes in place of a file are read.
 
     Raises:
-        SceneError: it is one.
+        SceneError: the path is a named pipe.
     """
     if path.is_fifo() and not str(path).startswith(STREAMS):
-        raise SceneError(f"{what}: {str(path)!r} is a named pipe, which may never end; allowed: a file")
+        raise SceneError(f"{what}: {str(path)!r} is a named pipe, which may never end. Use a regular file")
 
 
 def read_lines(path: Path) -> list[str]:
-    """The lines of a text file in UTF-8.
+    """The lines of a UTF-8 text file.
 
     Raises:
-        SceneError: it is not there, or is no such text.
+        SceneError: the file does not exist or is not UTF-8 text.
     """
     refuse_pipe(path, "file")
     try:
@@ -46,8 +46,8 @@ def read_lines(path: Path) -> list[str]:
 
 
 def folder_without(folder: str | Path, last: str) -> Path:
-    """A folder, made where it is not there, without the file that is written last and speaks of all others: one of an
-    earlier result would speak of this one's, were it ended midway."""
+    """Create a folder if necessary, and remove the file that is written last and describes all others. A file from an
+    earlier result would describe the new files wrongly if this run stopped early."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / last).unlink(missing_ok=True)
@@ -58,28 +58,28 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
     """Write a file under a temporary name in its folder, then rename it.
 
     Args:
-        path: the file; an existing one is replaced only once the new one is complete.
-        content: what to write, text as UTF-8, or a function that writes to the open binary file.
+        path: the file; an existing one is replaced only when the new one is complete.
+        content: what to write: text as UTF-8, or a function that writes to the open binary file.
 
     Returns:
         The path.
 
     Raises:
-        OSError: with the file's name, where the disk refuses.
+        OSError: the file cannot be written; the error contains its name.
     """
     path = Path(path)
     temporary = None
     try:
         remove_leftovers(path)
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=part_prefix(path), suffix=PART)
-        with os.fdopen(handle, "w+b") as file:  # netCDF reads what it wrote
+        with os.fdopen(handle, "w+b") as file:  # netCDF reads back what it wrote
             if callable(content):
                 content(file)
             else:
                 file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())  # mkstemp makes files private, others expect the usual rights
+        os.chmod(temporary, 0o666 & ~_umask())  # mkstemp makes files private; others expect the usual ones
         os.replace(temporary, path)
     except BaseException as error:
         if temporary is not None:
@@ -91,19 +91,19 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
 
 
 def unwritable(path: Path, error: OSError) -> OSError:
-    """The same error, naming the file that was to be written."""
+    """The same error with the name of the target file."""
     reason = " ".join(str(error.strerror or error).split())
     reason = reason if reason.startswith("cannot be written") else f"cannot be written: {reason}"
     return OSError(error.errno, reason, str(path))
 
 
 def part_prefix(path: Path) -> str:
-    """How the names of unfinished files begin that this process writes for `path`."""
+    """Prefix of the names of unfinished files that this process writes for `path`."""
     return f".{path.name}.{_machine()}-{os.getpid()}-"
 
 
 def remove_leftovers(path: Path) -> list[Path]:
-    """Remove what processes that are gone were writing for `path`, files or folders; returns what went."""
+    """Remove the unfinished files and folders that ended processes left for `path`; returns what was removed."""
     found = leftovers(path)
     for item in found:
         remove(item)
@@ -111,7 +111,7 @@ def remove_leftovers(path: Path) -> list[Path]:
 
 
 def leftovers(path: Path) -> list[Path]:
-    """What processes that are gone were writing for `path`, files or folders."""
+    """The unfinished files and folders that ended processes left for `path`."""
     begins, written = f".{path.name}.", re.compile(rf"(\w+)-(\d+)-.*{re.escape(PART)}")
     removed = []
     with suppress(OSError):
@@ -129,7 +129,7 @@ def _is_left(item: Path, machine: str, process: int) -> bool:
 
 
 def remove(item: Path) -> None:
-    """Remove a file, or a folder with all that is in it, as far as that goes."""
+    """Remove a file, or a folder with all its contents, as far as possible."""
     with suppress(OSError):
         if item.is_dir() and not item.is_symlink():
             for inner in item.iterdir():
@@ -140,20 +140,20 @@ def remove(item: Path) -> None:
 
 
 def is_alive(process: int) -> bool:
-    """Whether a process of this machine is there."""
+    """Whether a process of this machine exists."""
     if os.name == "nt":  # os.kill would end it
         return True
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
         return False
-    except OSError:  # another user's
+    except OSError:  # a process of another user
         pass
     return True
 
 
 def _machine() -> str:
-    """This machine's name, letters and digits only."""
+    """This machine's name, reduced to letters and digits."""
     return re.sub(r"\W", "_", socket.gethostname()) or "unknown"
 
 

@@ -1,4 +1,4 @@
-"""Values as JSON can say them."""
+"""Values in a form that JSON can represent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A lock on a folder that one process at a time fills; the system releases it when its owner ends."""
+"""A lock on a folder that only one process at a time may fill; the system releases it when the owner ends."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from dropper_jax.base.errors import SceneError
 
 
 class Lock:
-    """Locked from when it is made until `release`; `.NAME.lock` next to the folder names its owner.
+    """Locked from construction until `release`; `.NAME.lock` next to the folder names the owner.
 
     Raises:
-        SceneError: another process has it, with its number and machine.
+        SceneError: another process holds the lock; the message gives its number and machine.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -26,23 +26,21 @@ class Lock:
         try:
             self._lock.acquire(blocking=False)
         except Timeout:
-            raise SceneError(
-                f"{folder}: is being filled by {_owner(self.path)}; allowed: when that has ended"
-            ) from None
+            raise SceneError(f"{folder}: locked by {_owner(self.path)}; try again when it has finished") from None
         except OSError as error:
             raise SceneError(f"{folder}: cannot be written: {error.strerror or error}") from None
-        with suppress(OSError):  # Windows locks what the file holds as well
+        with suppress(OSError):  # Windows also locks the contents of the file
             self.path.write_text(json.dumps({"process": os.getpid(), "machine": socket.gethostname()}))
 
     def release(self) -> None:
-        """Remove the file and unlock."""
+        """Remove the file and release the lock."""
         with suppress(OSError):
             self.path.unlink(missing_ok=True)
         self._lock.release()
 
 
 def _owner(path: Path) -> str:
-    """The owner in words."""
+    """Description of the owner."""
     try:
         found = json.loads(path.read_bytes())
         return f"process {int(found['process'])} on {str(found['machine'])[:60]}"

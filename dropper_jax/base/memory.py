@@ -1,11 +1,11 @@
-"""Memory of this machine: how much is left, for what is known to need some before it begins."""
+"""Free memory of this machine, for checks before a run whose memory needs are known."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
 
-#: What memory groups say of themselves (version 2, then 1): limit and use.
+#: Files in which control groups (version 2, then 1) report their limit and use.
 GROUPS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
     ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
@@ -13,14 +13,14 @@ GROUPS = (
 
 
 def available_memory() -> int:
-    """Bytes that this process may still take, the limits of its group and of `ulimit -v` included."""
+    """Bytes that this process may still allocate, within the limits of its control group and of `ulimit -v`."""
     import psutil  # noqa: PLC0415 - 20 ms that starting does not need
 
     found = [psutil.virtual_memory().available]
     for limit, use in GROUPS:
         with suppress(OSError, ValueError):
             found.append(int(Path(limit).read_text(encoding="ascii")) - int(Path(use).read_text(encoding="ascii")))
-    with suppress(AttributeError, OSError):  # Linux alone has limits of a process here
+    with suppress(AttributeError, OSError):  # only Linux has limits per process here
         process = psutil.Process()
         limit = process.rlimit(psutil.RLIMIT_AS)[0]
         if limit != psutil.RLIM_INFINITY:
@@ -29,7 +29,7 @@ def available_memory() -> int:
 
 
 def in_words(size: float) -> str:
-    """A number of bytes for people, such as `3.4 GB`."""
+    """A readable number of bytes, such as `3.4 GB`."""
     for unit, power in (("kB", 1e3), ("MB", 1e6), ("GB", 1e9), ("TB", 1e12)):
         if size < 999.5 * power:
             return f"{size / power:.3g} {unit}"

@@ -11,7 +11,8 @@ from dropper_jax.base.components import inverse_rows
 def dot(a: jax.Array, b: jax.Array) -> jax.Array:
     """Scalar products of 3-vectors (..., 3).
 
-    Written out: on the CPU a sum over an axis of three is a kernel of its own, three products fuse with their users.
+    Written out, because on the CPU a sum over an axis of three is a separate kernel, while three products fuse with the
+    operations that use them.
     """
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 

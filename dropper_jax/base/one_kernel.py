@@ -1,11 +1,12 @@
-"""A run as one kernel on the CPU: the option of XLA's compiler that makes it, and whether it is in force.
+"""A run as one kernel on the CPU: the XLA compiler option for it, and whether it is in force.
 
-XLA launches the fused operations of a step one by one, some 50 of them, which takes longer than they do. A loop below a
-limit of bytes becomes one function instead, where nothing inside it calls a library (LAPACK), scatters or sorts. JAX
-0.12 has a limit that runs of about 100 links keep; before, it is next to nothing. The option lifts it.
+XLA launches the fused operations of a step, some 50 of them, one by one. The launches take longer than the operations.
+A loop below a size limit in bytes becomes a single function instead, if nothing inside it calls a library (LAPACK),
+scatters or sorts. In JAX 0.12 runs of up to about 100 links are below that limit; in earlier versions the limit is
+almost zero. The option removes the limit.
 
-It is read once, when the first array is made, and holds for the whole process: so the command line sets it, and a
-program that uses the library calls `one_kernel` if it wants it. On other devices it changes nothing.
+The option is read once, when the first array is created, and holds for the whole process. The command line therefore
+sets it, and a program that uses the library calls `one_kernel` if required. On other devices it has no effect.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ OPTION = f"{LIMIT}={BYTES}"
 
 
 def one_kernel() -> bool:
-    """Have the runs of this process compiled to one CPU kernel each, where they can be: two to five times faster.
+    """Compile the runs of this process to one CPU kernel each where possible: two to five times faster.
 
-    Sets `XLA_FLAGS` for this process and those it starts; to be called before the first array is made.
+    Sets `XLA_FLAGS` for this process and its child processes. Call it before the first array is created.
 
     Returns:
-        Whether runs are compiled so from here on: False where JAX has begun already.
+        Whether runs are compiled this way from now on: False if JAX has already started.
     """
     if in_force():
         return True
@@ -36,7 +37,7 @@ def one_kernel() -> bool:
 
 
 def with_option(flags: str) -> str:
-    """XLA's flags with the option, first: what comes after a word without dashes is not read."""
+    """XLA's flags with the option first, because flags after a word without dashes are not read."""
     words = flags.split()
     for i, word in enumerate(words):
         if word.startswith(f"{FLAG}="):
@@ -45,7 +46,7 @@ def with_option(flags: str) -> str:
 
 
 def in_force() -> bool:
-    """Whether the option stands where XLA reads it."""
+    """Whether the option is at a position where XLA reads it."""
     for word in os.environ.get("XLA_FLAGS", "").split():
         if not word.startswith("--"):
             return False
@@ -55,7 +56,7 @@ def in_force() -> bool:
 
 
 def _devices_started() -> bool:
-    """Whether JAX has started its devices, after which options are not read any more."""
+    """Whether JAX has started its devices, after which it ignores new options."""
     bridge = sys.modules.get("jax._src.xla_bridge")
     is_started = getattr(bridge, "backends_are_initialized", None)
     return bool(is_started()) if is_started else False

@@ -1,4 +1,4 @@
-"""The type of options that are lists of pairs; read without JAX."""
+"""The type of options that are lists of pairs; importable without JAX."""
 
 
 class Pairs:

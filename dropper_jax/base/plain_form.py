@@ -1,8 +1,8 @@
 """Static values and trees in a plain form that can be written as JSON and read back: names, numbers, texts, tuples.
 
-Only what means the same in every process has such a form: plain values, and dataclasses, named tuples, types and
-functions of this project, which are written by their names. Anything else is refused, so that nothing is taken for what
-it is not. Reading builds objects of the project's own types and runs nothing else.
+Only values that mean the same in every process have a plain form: plain values, and dataclasses, named tuples, types
+and functions of this project, which are written by name. Everything else is rejected, so that no value is misread.
+Reading creates objects of this project's types only and executes nothing else.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ import jax
 import numpy as np
 from jax.tree_util import PyTreeDef, default_registry
 
-#: What JSON holds.
+#: Types that JSON can hold.
 Plain: TypeAlias = None | bool | int | str | list["Plain"]
 
-#: Packages whose names mean the same in every process that has the same sources.
+#: Packages whose names mean the same in every process with the same sources.
 PROJECT = ("dropper_jax", "fitting")
-#: Types of trees that are not of this project, by the name they are written with.
+#: Types of trees from outside this project, by the name under which they are written.
 BUILT_IN: dict[str, type] = {"tuple": tuple, "list": list, "dict": dict, "none": type(None)}
 
 
@@ -33,7 +33,7 @@ def to_plain(value: object) -> Plain:
     """The plain form of a static value.
 
     Raises:
-        NoPlainForm: it has none.
+        NoPlainForm: the value has no plain form.
     """
     if value is None or isinstance(value, (bool, str)) or type(value) is int:
         return value
@@ -47,7 +47,7 @@ def to_plain(value: object) -> Plain:
         return ["frozenset", *sorted((to_plain(one) for one in value), key=repr)]
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         return ["array", value.dtype.str, [*value.shape], value.tobytes().hex()]
-    if isinstance(value, tuple):  # a named one
+    if isinstance(value, tuple):  # a named tuple
         return ["made", name_of(type(value)), *map(to_plain, value)]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = ((f.name, getattr(value, f.name)) for f in dataclasses.fields(value))
@@ -61,7 +61,7 @@ def read(plain: Plain) -> object:
     """The value of a plain form.
 
     Raises:
-        NoPlainForm: it is none, or its types have changed.
+        NoPlainForm: the form is invalid or its types have changed.
     """
     if not isinstance(plain, list):
         return plain
@@ -81,51 +81,51 @@ def read(plain: Plain) -> object:
         return import_named(parts[0])(*map(read, parts[1:]))
     if kind == "of":
         return import_named(parts[0])(**{name: read(one) for name, one in parts[1:]})
-    raise NoPlainForm(f"{kind!r} is no kind of plain form")
+    raise NoPlainForm(f"{kind!r} is not a kind of plain form")
 
 
 def name_of(value: type | Callable[..., object]) -> str:
-    """`module:name` of a type or function of this project that stands in its module under that name.
+    """`module:name` of a type or function of this project that is defined in its module under that name.
 
     Raises:
-        NoPlainForm: another's, or one that is made as a program runs.
+        NoPlainForm: the object belongs to another project or was created at run time.
     """
     module, name = getattr(value, "__module__", None) or "", getattr(value, "__qualname__", "")
     known = module.partition(".")[0] in PROJECT and "<" not in name and name
     if not known or _import_attribute(module, name) is not value:
-        raise NoPlainForm(f"{module}.{name or type(value).__name__} is no name of this project")
+        raise NoPlainForm(f"{module}.{name or type(value).__name__} is not a name of this project")
     return f"{module}:{name}"
 
 
 def import_named(name: str) -> Callable[..., object]:
-    """What `name_of` gave that name.
+    """The object for a name given by `name_of`.
 
     Raises:
-        NoPlainForm: there is no such thing any more.
+        NoPlainForm: the object no longer exists.
     """
     module, _, inner = name.partition(":")
     if module.partition(".")[0] not in PROJECT:
-        raise NoPlainForm(f"{name} is no name of this project")
+        raise NoPlainForm(f"{name} is not a name of this project")
     try:
         importlib.import_module(module)
         return _import_attribute(module, inner)
     except (ImportError, AttributeError) as error:
-        raise NoPlainForm(f"{name} is not there any more") from error
+        raise NoPlainForm(f"{name} no longer exists") from error
 
 
 def _import_attribute(module: str, name: str) -> Callable[..., object]:
     found = importlib.import_module(module)
     for part in name.split("."):
         found = getattr(found, part, None)
-    # a compiled function stands where the one it was made of stood
+    # a compiled function may replace the original under the same name
     return getattr(found, "__wrapped__", found)
 
 
 def tree_written(tree: PyTreeDef) -> Plain:
-    """The plain form of a tree without its leaves: types, what they hold beside leaves, and branches.
+    """The plain form of a tree without its leaves: types, their static data, and branches.
 
     Raises:
-        NoPlainForm: it has none.
+        NoPlainForm: the tree has no plain form.
     """
     node = tree.node_data()
     branches = [tree_written(branch) for branch in tree.children()]
@@ -140,7 +140,7 @@ def tree_read(plain: Plain) -> PyTreeDef:
     """The tree of a plain form.
 
     Raises:
-        NoPlainForm: it is none, or its types have changed.
+        NoPlainForm: the form is invalid or its types have changed.
     """
     kind, *parts = plain
     if kind == "leaf":

@@ -1,7 +1,8 @@
-"""Compiled programs in a store of bounded size: the one not used for longest goes first, with its memory maps.
+"""Compiled programs in a store of bounded size: the least recently used one is removed first, with its memory maps.
 
-Each kind of scene (its tree, shapes and static settings) is compiled to programs of its own: 300 to 700 memory maps and
-some 50 MB, of which JAX keeps thousands. The Linux kernel allows 65 530 maps; beyond, the compiler ends the process.
+Each kind of scene (its tree, shapes and static settings) has its own compiled programs, which take 300 to 700 memory
+maps and some 50 MB. JAX keeps thousands of them. The Linux kernel allows 65 530 maps per process; beyond that, the
+compiler ends the process.
 """
 
 from __future__ import annotations
@@ -29,25 +30,26 @@ from dropper_jax.base.export_cache import open_traces
 P = ParamSpec("P")
 R = TypeVar("R")
 
-#: Programs kept, two or three to a kind of scene, which take some 200 maps each.
+#: Number of programs kept, two or three for each kind of scene, with some 200 maps each.
 MOST = 64
-#: Memory maps of the process above which fewer are kept, large programs for one; though not fewer than `LEAST`.
+#: Number of memory maps above which fewer programs are kept (some are large), but never fewer than `LEAST`.
 MAPS = 16_000
 LEAST = 8
-#: After so many new programs JAX's own caches are emptied too: traces (20 MB to a kind of scene) and the programs of
-#: single operations, one for each shape. What is kept here is not compiled again.
+#: After this number of new programs JAX's own caches are cleared too: traces (20 MB per kind of scene) and the programs
+#: of single operations, one for each shape. Programs kept here are not recompiled.
 CLEARED_AFTER = 48
-#: Compiler options, on the CPU, of programs that run briefly and so are to compile fast: they are no one kernel (see
-#: `one_kernel`), and XLA's emitters of fused operations, which take a compiler of their own for each of hundreds of
-#: functions, are left out (a step of Edulis: 36 s as one kernel, 16.2 else, 11.2 without those, and as fast).
+#: Compiler options, on the CPU, of programs that run briefly and should compile fast. They are not compiled to one
+#: kernel (see `one_kernel`). XLA's emitters of fused operations, which start a separate compiler for each of hundreds
+#: of functions, are switched off. One step of Edulis compiles in 36 s as one kernel, 16.2 s otherwise and 11.2 s
+#: without the emitters, and runs as fast.
 BRIEFLY = {"xla_disable_hlo_passes": "small-while-loop-hoisting", "xla_cpu_use_fusion_emitters": False}
 
 
 @functools.cache
 def supported_options() -> dict[str, str | bool]:
-    """Those of `BRIEFLY` that this version's compiler knows, each tried once on a program of one operation.
+    """The options in `BRIEFLY` that this version's compiler supports, each tested once on a program of one operation.
 
-    The answer is kept in the folder of compiled programs, which belongs to one version of JAX.
+    The answer is stored in the folder of compiled programs, which belongs to one version of JAX.
     """
     entries = None if FOLDER is None else Entries(FOLDER)
     asked = json.dumps([BRIEFLY, jaxlib.__version__], sort_keys=True).encode()
@@ -57,7 +59,7 @@ def supported_options() -> dict[str, str | bool]:
         return {name: BRIEFLY[name] for name in json.loads(names)}
     found = {}
     for name, value in BRIEFLY.items():
-        with suppress(jax.errors.JaxRuntimeError):  # a JAX whose compiler no longer has the option
+        with suppress(jax.errors.JaxRuntimeError):  # this JAX's compiler no longer has the option
             jax.jit(lambda x: x + 1.0).lower(0.0).compile({name: value})
             found[name] = value
     if entries is not None:
@@ -66,12 +68,12 @@ def supported_options() -> dict[str, str | bool]:
 
 
 def brief_options() -> dict[str, str | bool] | None:
-    """Compiler options of programs that are to compile fast."""
+    """Compiler options of programs that should compile fast."""
     return supported_options() if jax.default_backend() == "cpu" else None
 
 
 def memory_maps() -> int:
-    """Memory maps of this process; 0 where the kernel does not tell (it then has no such limit)."""
+    """Number of memory maps of this process; 0 if the kernel does not report it (it then has no such limit)."""
     try:
         return Path("/proc/self/maps").read_bytes().count(b"\n")
     except OSError:
@@ -79,16 +81,17 @@ def memory_maps() -> int:
 
 
 def give_back_memory() -> None:
-    """Empty JAX's own caches, and hand what they held to the kernel: traces are circles, and freed heap is kept."""
+    """Clear JAX's own caches and return their memory to the kernel: traces are reference cycles, and freed heap is
+    retained."""
     jax.clear_caches()
     gc.collect()
     if sys.platform == "linux":
-        # glibc alone has it; elsewhere the heap is left as it is
+        # only glibc has it; elsewhere the heap is left unchanged
         getattr(ctypes.CDLL(None), "malloc_trim", lambda _: 0)(0)
 
 
 class Store:
-    """Compiled programs by what they were compiled for."""
+    """Compiled programs by the key that they were compiled for."""
 
     def __init__(self, most: int = MOST, cleared_after: int = CLEARED_AFTER):
         self.most, self.cleared_after = most, cleared_after
@@ -100,12 +103,12 @@ class Store:
         return len(self._programs)
 
     def get(self, key: Hashable, compile_: Callable[[], jax.stages.Compiled]) -> jax.stages.Compiled:
-        """The program of this key, compiled where it is not there."""
+        """The program with this key, compiled if it is missing."""
         with self._lock:
             if key in self._programs:
                 self._programs.move_to_end(key)
                 return self._programs[key]
-        program = compile_()  # without the lock: two threads may compile at once
+        program = compile_()  # without the lock: two threads may compile at the same time
         with self._lock:
             self._programs[key] = program
             while self._full():
@@ -122,14 +125,14 @@ class Store:
         return count > self.most or (count > LEAST and memory_maps() > MAPS)
 
     def clear(self) -> None:
-        """Forget all programs."""
+        """Remove all programs."""
         with self._lock:
             self._programs.clear()
             self._new = 0
 
 
 STORE = Store()
-# Here, since whatever runs a scene comes by, and programs of other processes can be taken only from now on.
+# Done here because every run passes through here, and programs of other processes can only be used from now on.
 FOLDER = open_cache()
 TRACES = open_traces(FOLDER)
 
@@ -140,18 +143,19 @@ def lower_cached(
     values: Sequence[object],
     one: Callable[..., object],
 ) -> jax.stages.Lowered:
-    """`one` as `jax.jit` lowers it for values like these, taken from a kept trace where there is one.
+    """`one` as `jax.jit` lowers it for values like these, taken from a cached trace if there is one.
 
     Args:
-        function, settings: what it is known by: a function of this project, and all else that tracing depends on;
-            arrays among it as `Constants`.
+        function, settings: the identity of the program: a function of this project, and everything else that tracing
+            depends on; arrays among it as `Constants`.
     """
     found = None if TRACES is None else TRACES.lower(function, settings, values, one)
     return found or jax.jit(one).lower(*values)
 
 
 class CachedJit(Generic[P, R]):
-    """A function compiled as by `jax.jit`, its programs in a store; inside another trace it is `jax.jit` itself."""
+    """A function compiled as by `jax.jit`, with its programs in a store; inside another trace it is `jax.jit`
+    itself."""
 
     def __init__(self, function: Callable[P, R], static: Iterable[str], store: Store, brief: bool):
         functools.update_wrapper(self, function)
@@ -169,7 +173,7 @@ class CachedJit(Generic[P, R]):
         return self._program(settings, values)(*values)
 
     def program(self, *args: P.args, **kwargs: P.kwargs) -> Callable[..., R]:
-        """The compiled program for arguments like these; it takes the arguments that are not static, in their order."""
+        """The compiled program for arguments like these; it takes the non-static arguments in their order."""
         return self._program(*self._split(*args, **kwargs))
 
     def _split(self, *args: P.args, **kwargs: P.kwargs) -> tuple[dict[str, Hashable], list[object]]:
@@ -188,12 +192,12 @@ class CachedJit(Generic[P, R]):
     def _compile(self, settings: dict[str, Hashable], values: list[object]) -> jax.stages.Compiled:
         names = [name for name in self._signature.parameters if name not in self._static]
 
-        # A function of its own: JAX keeps a trace, and with it the program, as long as the function that was traced.
+        # A separate function: JAX keeps a trace, and with it the program, as long as the traced function exists.
         @functools.wraps(self._function)
         def one(*values: object) -> R:
             return self._function(**settings, **dict(zip(names, values, strict=True)))
 
-        del one.__wrapped__  # its signature has the static arguments
+        del one.__wrapped__  # its signature includes the static arguments
         program = lower_cached(self._function, settings, values, one)
         return program.compile(brief_options() if self._brief else None)
 
@@ -204,8 +208,7 @@ def cached_jit(
     """`jax.jit` for a function of whole scenes.
 
     Args:
-        static: names of the arguments that belong to the kind of scene.
-        brief: never make one kernel of it, where others are (see `one_kernel`): for what runs too briefly to be
-            worth the compilation.
+        static: names of the arguments that determine the kind of scene.
+        brief: never compile it to one kernel (see `one_kernel`); for functions that run too briefly to be worth it.
     """
     return lambda function: CachedJit(function, static, store, brief)

@@ -1,12 +1,12 @@
-"""How long work tells whoever waits for it."""
+"""Progress reports of long computations."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-#: Called with the share that is done, 0 to 1, and a few words.
+#: Called with the completed fraction, 0 to 1, and a few words.
 Progress = Callable[[float, str], None]
 
 
 def silent(fraction: float, text: str) -> None:
-    """The progress of nobody who listens."""
+    """Progress callback that does nothing."""

@@ -1,4 +1,4 @@
-"""Reading plain values (TOML, dict) against declared fields; every refusal is one `SceneError` line.
+"""Reading plain values (TOML, dict) against declared fields; every error is one `SceneError` line.
 
 A line reads `PATH: VALUE reason; allowed: WHAT`, with the path in the syntax of `--set`.
 """
@@ -16,14 +16,14 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.pairs import Pairs
 
-#: What a TOML file, a JSON text or a caller in Python may give for a value.
+#: What a TOML file, a JSON text or a Python caller may give as a value.
 Plain = str | bool | float | Sequence | Mapping | np.ndarray | None
 
-#: Largest count of anything: those of compiled programs have 32 bits.
+#: Maximum of any count: counts in compiled programs have 32 bits.
 MOST = 2**31 - 1
-#: Longest value text in an error line.
+#: Maximum length of a value's text in an error line.
 SHOWN = 60
-#: Longest name: names stand in every message, table and file.
+#: Maximum length of a name: names are part of every message, table and file.
 LONGEST_NAME = 200
 
 
@@ -45,7 +45,7 @@ def short_text(value: Plain) -> str:
 
 
 def plain(value: Plain) -> Plain:
-    """Arrays as lists, tuples as lists, also inside tables; everything else as it is."""
+    """Arrays and tuples as lists, also inside tables; everything else unchanged."""
     if hasattr(value, "tolist"):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -61,7 +61,7 @@ def read_table(value: Plain, path: str) -> Mapping[str, Any]:
 
 
 def check_keys(table: Mapping[str, Any], allowed: Iterable[str], path: str) -> None:
-    """Refuse a key that is not known, naming the nearest one."""
+    """Reject an unknown key and suggest the nearest known one."""
     allowed = list(allowed)
     for key in table:
         if key not in allowed:
@@ -74,10 +74,10 @@ def join(path: str, key: str) -> str:
 
 
 def limits(declared: Mapping[str, Any]) -> str:
-    """The allowed range in words, with the unit, such as `> 0 kg`; empty without limits."""
+    """The allowed range in words, with the unit, such as `> 0 kg`; empty if there are no limits."""
     low, high, unit = declared.get("low"), declared.get("high"), declared.get("unit", "-")
     unit = "" if unit == "-" else f" {unit}"
-    if declared.get("type") is int and high == MOST:  # no limit of the thing itself
+    if declared.get("type") is int and high == MOST:  # not a physical limit
         high = None
     if low is not None and high is not None:
         return f"{'above ' if declared.get('open_low') else ''}{low:g} to {high:g}{unit}"
@@ -110,7 +110,7 @@ def _in_unit(declared: Mapping[str, Any]) -> str:
 
 
 def read_integer(value: Plain, path: str, low: int | None = None, high: int | None = None) -> int:
-    """A whole number, at least `low`, at most `high`."""
+    """A whole number from `low` to `high`."""
     allowed = "a whole number" + ("" if low is None else f" >= {low}")
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
         raise refuse(path, value, "is not a whole number", allowed)
@@ -175,7 +175,8 @@ def _read_numbers(value: Plain, path: str, declared: Mapping[str, Any], count: i
 
 
 def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | int | bool | tuple[Any, ...]:
-    """A text, whole number, truth value, tuple of whole numbers, (declared as `list`) of texts, or of pairs of them."""
+    """A text, whole number, truth value, or tuple of whole numbers, of texts (declared as `list`), or of pairs of
+    texts."""
     kind, choices = declared.get("type"), declared.get("choices")
     if kind is Pairs:
         allowed = 'a list of pairs of names, such as [["dropper-1", "dropper-2"]]'
@@ -203,10 +204,10 @@ def read_fields(
     """All declared fields of `cls` from a table.
 
     Args:
-        cls: a dataclass whose fields were declared with `parameter` or `option`; other fields are left alone.
-        table: the values; what is left out takes its default.
-        path: where the table stands in the scene.
-        counts: entries of a list with one value per node, link or joint.
+        cls: a dataclass whose fields were declared with `parameter` or `option`; other fields are ignored.
+        table: the values; omitted ones take their defaults.
+        path: path of the table within the scene.
+        counts: number of entries of a list with one value per node, link or joint.
         keys: names in the table where they differ from the attribute.
 
     Raises:
@@ -246,6 +247,6 @@ def field_keys(cls: type, keys: Mapping[str, str] | None = None) -> list[str]:
 
 
 def as_table(spec: Declared, keys: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """The given values of a section as plain values; what is None is left out."""
+    """The given values of a section as plain values; None values are omitted."""
     found = {f.name: plain(getattr(spec, f.name)) for f in dataclasses.fields(spec) if "kind" in f.metadata}
     return {(keys or {}).get(name, name): value for name, value in found.items() if value is not None}

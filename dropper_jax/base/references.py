@@ -1,7 +1,7 @@
-"""Files that a scene names: below its own folder or the working folder, unless the caller allows others.
+"""Files that a scene refers to: below the scene's folder or the working folder, unless the caller allows others.
 
-A scene may come from anybody; what it names is read and its values are written into results. Values that a caller
-gives (Python, `--set`) are the caller's own and may name any file.
+A scene may come from an untrusted source. The files that it refers to are read and their values are written into
+results. Values given by the caller (Python, `--set`) may refer to any file.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from pathlib import Path
 from dropper_jax.base.errors import SceneError
 
 _FOLDER: ContextVar[Path | None] = ContextVar("folder of the scene that is read", default=None)
-HINT = "allowed: a file below the scene's folder, or --allow-outside (load_scene(..., allow_outside=True))"
+HINT = "allowed: a file below the scene's folder; or use --allow-outside (load_scene(..., allow_outside=True))"
 
 
 @contextmanager
 def references_of(folder: Path | None) -> Iterator[None]:
-    """While a scene of this folder is read; None: it may name any file."""
+    """Active while a scene of this folder is read; None: the scene may refer to any file."""
     token = _FOLDER.set(folder)
     try:
         yield
@@ -28,17 +28,18 @@ def references_of(folder: Path | None) -> Iterator[None]:
 
 
 def find_referenced(text: str | Path, path: str, beside: Path | None = None) -> Path:
-    """The file that a scene names at `path`.
+    """The file that a scene refers to at `path`.
 
     Args:
-        beside: folder from which the name counts; default: the scene's where the file is there, else the working one.
+        beside: base folder of relative names; default: the scene's folder if the file exists there, otherwise the
+            working folder.
 
     Raises:
-        SceneError: it is elsewhere.
+        SceneError: the file is outside the allowed folders.
     """
     folder = _FOLDER.get()
     if "\0" in str(text):
-        raise SceneError(f"{path}: {str(text)[:60]!r} is no name of a file; allowed: one without NUL")
+        raise SceneError(f"{path}: {str(text)[:60]!r} is not a valid file name (contains NUL)")
     if beside is not None:
         found = beside / text
     else:
@@ -49,7 +50,7 @@ def find_referenced(text: str | Path, path: str, beside: Path | None = None) -> 
     try:
         there = found.resolve()
         inside = any(there.is_relative_to(root.resolve()) for root in (folder, Path()))
-    except (OSError, RuntimeError):  # links that go round
+    except (OSError, RuntimeError):  # circular links
         inside = False
     if not inside:
         raise SceneError(f"{path}: {str(text)!r} is outside the scene's folder; {HINT}")

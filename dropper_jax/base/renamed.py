@@ -1,6 +1,6 @@
-"""Public names of Python that have another name now: the old ones still work, each with one warning.
+"""Renamed public Python names: the old ones still work, each with one warning.
 
-A module that had such a name ends with `__getattr__ = old_names(__name__)`; a class has `__getattr__ = old_attribute`.
+A module with a renamed name ends with `__getattr__ = old_names(__name__)`; a class has `__getattr__ = old_attribute`.
 Old modules are found by `OldModules`, which the package installs.
 """
 
@@ -54,7 +54,7 @@ _WARNED: set[Row] = set()
 
 
 def old_names(module: str, above: int = 0) -> Callable[[str], object]:
-    """`__getattr__` of a module some of whose names were renamed; `above`: calls between it and the user."""
+    """`__getattr__` of a module with renamed names; `above`: number of calls between it and the user."""
 
     def get(name: str) -> object:
         row = _BY_OLD.get(("name", module, name))
@@ -67,7 +67,7 @@ def old_names(module: str, above: int = 0) -> Callable[[str], object]:
 
 
 def old_attribute(thing: object, name: str) -> object:
-    """`__getattr__` of a class some of whose attributes were renamed."""
+    """`__getattr__` of a class with renamed attributes."""
     for cls in type(thing).__mro__:
         row = _BY_OLD.get(("attribute", f"{cls.__module__}.{cls.__qualname__}", name))
         if row is not None:
@@ -77,7 +77,7 @@ def old_attribute(thing: object, name: str) -> object:
 
 
 class OldModules(MetaPathFinder, Loader):
-    """Finds modules under the names they had."""
+    """Finds modules under their old names."""
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
         return ModuleSpec(name, self) if ("module", *name.rpartition(".")[::2]) in _BY_OLD else None
@@ -90,7 +90,7 @@ class OldModules(MetaPathFinder, Loader):
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        module.__spec__ = self._spec  # importing it under the old name put another one there
+        module.__spec__ = self._spec  # importing it under the old name replaced the module object
 
 
 def _warn(row: Row, level: int = 3) -> None:

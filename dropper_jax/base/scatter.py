@@ -1,4 +1,4 @@
-"""Sums at places that are known when a program is traced, as gathers: a scatter keeps a run from being one kernel."""
+"""Sums at indices known when a program is traced, as gathers: a scatter prevents a run from becoming one kernel."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def scatter_add(where: np.ndarray, values: jax.Array | np.ndarray, size: int) ->
     return sum(terms[1:], terms[0])
 
 
-#: Values at one row up to which gathers are taken: each is an operation of its own.
+#: Maximum number of values per row for which gathers are used: each is a separate operation.
 FEW = 8
 
 
 def scatter_add_many(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:
-    """`scatter_add`, by a scatter where many values meet at one row, as in contact of each link with each."""
+    """`scatter_add`, using a scatter if many values meet at one row, as in contact between all pairs of links."""
     where = np.asarray(where)
     if not len(where) or np.bincount(where, minlength=size).max() <= FEW:
         return scatter_add(where, values, size)

@@ -1,11 +1,12 @@
-"""Springs over a step: what the step follows they keep, what it does not follow they take.
+"""Springs over a step: resolved motion conserves their energy, unresolved motion is damped.
 
-A spring that pulls with its mean over the step, `(psi1 - psi0)/(s1 - s0)`, keeps all energy, of vibrations too that the
-step does not resolve. One that pulls with its value at the end takes (h omega)^2/4 of all of them at every step. So
-`lag` stands between: nothing while the spring does what the speeds at the beginning of the step led to expect, or
-slows down; half of what it runs ahead of them; at most the change itself, with which the pull is that at the end. It
-never gives energy, as it has the sign of the change. A vibration loses (h omega)^2/4 of its energy per period, none on
-its way to a peak; what is not resolved shrinks to a third from step to step.
+A spring with the mean force over the step, `(psi1 - psi0)/(s1 - s0)`, conserves all energy, including that of
+vibrations that the step does not resolve. A spring with its force at the end of the step takes (h omega)^2/4 of all of
+them at every step. `lag` lies between the two. It is zero while the spring moves as expected from the velocities at the
+start of the step, or more slowly. It is half of the amount by which the spring runs ahead of them. It is at most the
+change itself, with which the force is that at the end. It never adds energy, since it has the sign of the change. A
+vibration loses (h omega)^2/4 of its energy per period and none before its peak. Unresolved vibrations shrink to a third
+per step.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ REST = 1e-10
 
 
 def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Array | float = 0.0) -> jax.Array:
-    """What a spring pulls beyond its mean over the step, by its pull before, after, and the one expected.
+    """Spring force beyond its mean over the step, from the force before, the force after and the expected force.
 
-    From a spring at rest any motion is ahead of what was expected: its derivative there is that of `after - expected`,
-    not of a sign that rounding decides. Changes up to `rest` count as none.
+    From a spring at rest any motion is ahead of what was expected. The derivative there is that of `after - expected`,
+    not that of a sign determined by rounding. Changes up to `rest` count as zero.
     """
     change, ahead = after - before, 0.5 * (after - expected)
     smaller = jnp.where(jnp.abs(ahead) <= jnp.abs(change), ahead, change)
@@ -37,5 +38,6 @@ def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Arra
 
 
 def never_more(damper: jax.Array, spring: jax.Array) -> jax.Array:
-    """What a damper adds to a spring that pulls with `spring` >= 0: at most as much again, at most all of it off."""
+    """Force that a damper adds to a spring force `spring` >= 0: at most as much again, and at most all of it
+    removed."""
     return jnp.clip(damper, -spring, spring)

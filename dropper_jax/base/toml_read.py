@@ -1,11 +1,11 @@
-"""TOML texts as plain values; tables within tables beyond measure and endless numbers are refused."""
+"""TOML texts as plain values; excessive nesting and excessively long numbers are rejected."""
 
 from __future__ import annotations
 
 import tomllib
 from typing import Any
 
-#: Tables and lists within each other; a farm needs 6.
+#: Maximum nesting depth of tables and lists; a farm needs 6.
 DEEPEST = 32
 #: Whole numbers have 64 bits in TOML.
 LARGEST = 2**63
@@ -15,7 +15,7 @@ def parsed_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
     Raises:
-        tomllib.TOMLDecodeError: no TOML, or more than a scene can be.
+        tomllib.TOMLDecodeError: the text is not TOML, or exceeds what a scene can contain.
     """
     try:
         found = tomllib.loads(text)
@@ -23,14 +23,14 @@ def parsed_toml(text: str) -> dict[str, Any]:
         raise tomllib.TOMLDecodeError(f"nested more than {DEEPEST} deep") from None
     except tomllib.TOMLDecodeError:
         raise
-    except ValueError as error:  # a number of more digits than Python reads
+    except ValueError as error:  # a number with more digits than Python reads
         raise tomllib.TOMLDecodeError(str(error).split(";")[0]) from None
     _check_depth(found)
     return found
 
 
 def _check_depth(table: dict[str, Any]) -> None:
-    """Refuse what is nested too deeply, and whole numbers of more than 64 bits."""
+    """Reject values that are nested too deeply, and whole numbers of more than 64 bits."""
     open_, depth = [table], 0
     while open_:
         depth += 1

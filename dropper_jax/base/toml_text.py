@@ -7,19 +7,19 @@ from typing import Any
 
 from dropper_jax.base.read import Plain, plain
 
-#: Longest list on one line [characters]; a longer one has a line for each of its items.
+#: Maximum length of a list on one line [characters]; a longer list has one line per item.
 WIDTH = 100
 
 
 def as_toml(table: Mapping[str, Any]) -> str:
-    """Plain values (text, numbers, truth values, lists, tables) as TOML; None is left out."""
+    """Plain values (text, numbers, truth values, lists, tables) as TOML; None is omitted."""
     import tomlkit  # noqa: PLC0415 - 30 ms that only writing needs
 
     return tomlkit.dumps(_item(plain(table))).strip() + "\n"
 
 
 def _item(value: Plain) -> Plain:
-    """Values without None; numbers and texts of a list that is too long for a line, each on one of its own."""
+    """Values without None; the numbers and texts of a list that is too long for one line have a line each."""
     import tomlkit  # noqa: PLC0415
 
     if isinstance(value, Mapping):

@@ -1,11 +1,11 @@
 """Tridiagonal systems, `lower_i x_(i-1) + diagonal_i x_i + upper_i x_(i+1) = rhs_i`.
 
-Where a run becomes one kernel they are solved by cyclic reduction, written out: every other row is eliminated at once,
-log2(n) rounds of elementwise work, nothing that calls a library. It does not pivot: meant for matrices like
-`G M^-1 G'`, whose pivots are as large as what they carry. Elsewhere the device's library solves them, as one call among
-many kernels.
+If a run becomes one kernel they are solved by cyclic reduction, written out. Every second row is eliminated at once, in
+log2(n) rounds of elementwise work that calls no library. It does not pivot: it is meant for matrices like `G M^-1 G'`,
+whose pivots are as large as the entries that they eliminate. Otherwise the device's library solves them, as one call
+among many kernels.
 
-Of more than `WHOLE` rows a quarter is left to elimination row by row: as fast there, with a fifth of the code.
+With more than `WHOLE` rows, the last quarter is eliminated row by row: as fast there, with a fifth of the code.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from jax.lax import linalg
 
 from dropper_jax.base.one_kernel import in_force
 
-#: The first JAX that makes one kernel of a run unasked, and up to how many rows.
+#: The first JAX that makes one kernel of a run by default, and the maximum number of rows for it.
 UNASKED, UNASKED_ROWS = (0, 12), 100
-#: Rows up to which a system is reduced to a single one.
+#: Maximum number of rows of a system that is reduced to a single row.
 WHOLE = 128
-#: Rows that a trip of the elimination row by row takes together.
+#: Number of rows per loop iteration of the row-by-row elimination.
 TOGETHER = 4
-_LIBRARY = ContextVar("whether the device's library solves, whatever a run becomes", default=False)
+_LIBRARY = ContextVar("whether the device's library solves, even if a run becomes one kernel", default=False)
 
 
 @contextmanager
 def library(enabled: bool) -> Iterator[None]:
-    """Leave the systems traced inside to the device's library, where `enabled`.
+    """Solve the systems traced inside with the device's library, if `enabled`.
 
-    Batches gain nothing from one kernel: their operations are long, and one function for all of them is optimised less
-    well than each alone (windows of a fit: 0.8 of the time, 0.7 of the compilation).
+    Batches gain nothing from one kernel. Their operations are long, and a single function for all of them is optimised
+    less well than each alone (windows of a fit: 0.8 of the time, 0.7 of the compilation).
     """
     token = _LIBRARY.set(enabled or _LIBRARY.get())
     try:
@@ -59,7 +59,7 @@ def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, r
 
 
 def one_kernel_of(rows: int) -> bool:
-    """Whether a run with `rows` unknowns in a line becomes one kernel, if nothing in it stands in the way."""
+    """Whether a run with `rows` unknowns in a line becomes one kernel, if nothing else in it prevents that."""
     if jax.default_backend() != "cpu" or _LIBRARY.get():
         return False
     return in_force() or (jax.__version_info__ >= UNASKED and rows <= UNASKED_ROWS)
@@ -67,10 +67,10 @@ def one_kernel_of(rows: int) -> bool:
 
 @jax.custom_jvp
 def cyclic_reduction(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
-    """The solution (n,) by cyclic reduction, whatever the device; `rhs` (n,).
+    """The solution (n,) by cyclic reduction on any device; `rhs` (n,).
 
-    For systems inside inner loops: XLA's CPU compiler makes one function of a short loop even where that holds a call
-    of a library, which then is not found (JAX 0.10.1).
+    For systems inside inner loops. XLA's CPU compiler makes one function of a short loop even if it contains a library
+    call, which is then not found (JAX 0.10.1).
     """
     return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= WHOLE else diagonal.shape[0] // 4 + 1)
 
@@ -87,7 +87,7 @@ def _cyclic_reduction_jvp(
 
 
 def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array, least: int) -> jax.Array:
-    """The same, every second row put into its neighbours, again and again until at most `least` rows are left."""
+    """The same with every second row eliminated into its neighbours, repeatedly, until at most `least` rows remain."""
     n = diagonal.shape[0]
     if n == 1:
         return rhs / diagonal
@@ -109,13 +109,13 @@ def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
 
 
 def _shift_rows(a: jax.Array, before: int, length: int) -> jax.Array:
-    """`a` with `before` zeros in front, cut or filled up with zeros to `length`."""
+    """`a` with `before` zeros in front, cut or padded with zeros to `length`."""
     a = a[: length - before]
     return jnp.pad(a, (before, length - before - a.shape[0]))
 
 
 def _row_by_row(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
-    """The same by elimination from the first row to the last, and back."""
+    """The same by forward elimination and back substitution."""
     Row = tuple[jax.Array, ...]
 
     def down(before: Row, row: Row) -> tuple[Row, Row]:

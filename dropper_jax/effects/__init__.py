@@ -1,4 +1,4 @@
-"""The effects a scene can name. A new effect is one file and one line here, or `register` from outside."""
+"""The effects that a scene can list. A new effect is one file and one line here, or `register` from outside."""
 
 import dataclasses
 from importlib.metadata import entry_points
@@ -49,9 +49,9 @@ EFFECTS: dict[str, type[Effect]] = {
 
 
 def register(cls: type[Effect]) -> type[Effect]:
-    """Make an effect that lives outside this package known to scenes, as a decorator above `component`.
+    """Register an effect defined outside this package for use in scenes, as a decorator above `component`.
 
-    The same class may be registered again, as when a notebook's cell is run twice.
+    The same class may be registered again, for example when a notebook cell is run twice.
 
     Raises:
         ValueError: no `name`, no `component`, or the name of another effect.
@@ -60,24 +60,26 @@ def register(cls: type[Effect]) -> type[Effect]:
     if not isinstance(name, str):
         raise ValueError(f"{cls.__name__}: has no `name`, the key in [effects.NAME]")
     if not dataclasses.is_dataclass(cls):
-        raise ValueError(f"{cls.__name__}: is no component; put @component under @register")
+        raise ValueError(f"{cls.__name__}: is not a component; put @component under @register")
     known = EFFECTS.get(name)
     if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
-        raise ValueError(f"{cls.__name__}: {name!r} is the name of {known.__module__}.{known.__qualname__} already")
+        raise ValueError(
+            f"{cls.__name__}: the name {name!r} is already used by {known.__module__}.{known.__qualname__}"
+        )
     EFFECTS[name] = cls
     return cls
 
 
 def register_installed() -> None:
-    """Make the effects of installed packages known: entry points of the group `dropper.effects`.
+    """Register the effects of installed packages: entry points of the group `dropper.effects`.
 
     Raises:
-        SceneError: one that cannot be loaded or is no effect.
+        SceneError: an entry point cannot be loaded or is not an effect.
     """
     for entry in entry_points(group="dropper.effects"):
         try:
             register(entry.load())
-        except Exception as error:  # whatever a foreign module does when it is imported
+        except Exception as error:  # a foreign module may raise any error on import
             raise SceneError(f"effects.{entry.name}: {entry.value!r} cannot be used: {error}") from error
 
 

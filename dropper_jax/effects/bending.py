@@ -18,12 +18,13 @@ from dropper_jax.scene import SceneData
 
 @component
 class Bending(Effect):
-    """Bending moment `EI kappa` at every joint inside a line, kappa the change of direction per length.
+    """Bending moment `EI kappa` at every joint inside a line; the curvature kappa is the change of direction per
+    length.
 
-    Energy `sum of EI/(2 l) |q_(j+1) - q_j|^2`, q the links' directions and l the mean of two neighbouring links; the
-    nodal forces are minus its gradient. Second order in the length of links. Lines are pinned at their points, but for
-    `clamped` ones: there q_0 is the direction in which the line leaves, and l half a link. Lines do not resist torsion
-    here (see `torsion`); a link that has parted bends nothing.
+    Energy `sum of EI/(2 l) |q_(j+1) - q_j|^2`, with q the link directions and l the mean length of two neighbouring
+    links. The nodal forces are minus its gradient. Second order in the link length. Lines are pinned at their points
+    except for `clamped` ones: there q_0 is the prescribed direction of the line, and l is half a link. Lines do not
+    resist torsion here (see `torsion`). A broken link has no bending stiffness.
 
     Moments and curvatures of a run: `Solution.bending_moment`, `Solution.curvature`.
     """
@@ -33,14 +34,14 @@ class Bending(Effect):
     parts: ClassVar[bool] = True
     EI: jax.Array = parameter("bending stiffness", unit="N m^2", shape="link", low=0.0)
     directions: jax.Array | None = parameter(
-        "directions in which lines leave their clamped points", unit="-", shape="vectors", optional=True
+        "directions of lines at their clamped points", unit="-", shape="vectors", optional=True
     )
-    clamped: tuple[str, ...] = option("held points where a line is clamped", type=list, default=())
+    clamped: tuple[str, ...] = option("fixed points at which a line is clamped", type=list, default=())
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         if all(line.links < 2 for line in scene.lines) and not values["clamped"]:
-            raise SceneError("effects.bending: needs a line of at least 2 links; allowed: leave it out")
+            raise SceneError("effects.bending: needs a line of at least 2 links. Use more links, or remove the effect")
         given = () if values["directions"] is None else values["directions"]
         if len(given) != len(values["clamped"]):
             raise SceneError(
@@ -50,15 +51,15 @@ class Bending(Effect):
         for i, direction in enumerate(given):
             if not np.linalg.norm(direction) > 0.0:
                 raise SceneError(
-                    f"effects.bending.directions.{i}: {list(direction)} has no direction; allowed: not zero"
+                    f"effects.bending.directions.{i}: {list(direction)} has no direction; allowed: a non-zero vector"
                 )
         held = [p.name for p in scene.points if p.kind == "fixed"]
         for i, name in enumerate(values["clamped"]):
             path = f"effects.bending.clamped.{i}"
             if name not in held:
-                raise SceneError(f"{path}: {name!r} is not a held point; {nearest(name, held)}")
+                raise SceneError(f"{path}: {name!r} is not a fixed point; {nearest(name, held)}")
             if name in values["clamped"][:i]:
-                raise SceneError(f"{path}: {name!r} is named twice; allowed: once")
+                raise SceneError(f"{path}: {name!r} is listed twice; allowed: each point once")
             ends = [line.name for line in scene.lines for end in (line.start, line.end) if end == name]
             if len(ends) != 1:
                 raise SceneError(f"{path}: {name!r} has the lines {', '.join(ends)}; allowed: a point with one line")
@@ -83,7 +84,7 @@ class Bending(Effect):
         return inside + jnp.sum(self._stiffness(k, at, at) * _squares(directions[at] - leaving))
 
     def _stiffness(self, k: Kinematics, first: np.ndarray, last: np.ndarray) -> jax.Array:
-        """`EI/(2 l)` (joints,) [J] of the joints between two links each, or of one and the wall."""
+        """`EI/(2 l)` (joints,) [J] of the joints between two links each, or between a link and the wall."""
         length = 0.5 * (k.line.length[first] + k.line.length[last])
         length = 0.5 * length if first is last else length
         stiffness = jnp.broadcast_to(self.EI, k.line.length.shape)
@@ -92,7 +93,7 @@ class Bending(Effect):
         return each if intact is None else intact[first] * intact[last] * each
 
     def _clamps(self, model: ModelView) -> tuple[np.ndarray, jax.Array | None]:
-        """Links at clamped points (clamps,), and the directions (clamps, 3) they would have were they not bent."""
+        """Links at clamped points (clamps,), and the directions (clamps, 3) that they would have without bending."""
         if not self.clamped:
             return np.zeros(0, int), None
         found = {}
@@ -104,7 +105,7 @@ class Bending(Effect):
         return np.array(links), np.array(signs)[:, None] * self.directions / size[:, None]
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
-        """The three nodes of every joint, then those of the clamped links, the wall's twice."""
+        """The three nodes of every joint, then those of the clamped links, with the wall's node twice."""
         graph = model.geometry
         first = graph.previous_links
         inner = np.stack([graph.first[first], graph.last[first], graph.last[first + 1]], axis=1)

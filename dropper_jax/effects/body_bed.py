@@ -15,11 +15,11 @@ from dropper_jax.effects.body_buoyancy import Pieces
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, ModelView
 
-#: Sine of the tilt below which a circle counts as nearly level, whose deepest point could be any of it.
+#: Sine of the tilt below which a circle counts as nearly level; its deepest point could then be any point on it.
 LEVEL = 1e-2
-#: What is left of 1 where a body lies.
+#: Fraction of 1 that remains where a body lies flat.
 LYING = math.sqrt(1.0 + LEVEL**2) - LEVEL
-#: Speed below which friction falls off [m/s]: a body under a steady pull below its friction creeps more slowly.
+#: Speed below which friction decreases [m/s]: a body under a steady force below its friction limit creeps more slowly.
 CREEP = 1e-3
 
 
@@ -27,10 +27,11 @@ CREEP = 1e-3
 class BodyBed(Effect):
     """Normal force on the deepest point of the circle at each end of a slice, and of each sphere; no friction.
 
-    With p how deep that point is below the bed, along its normal: `N = A (k p + clip(c p', -k p, k p))` as of nodes
-    (`effects.seabed`, whose k, c and bed it takes), A half a slice's plan area `D L/2`, of a sphere `pi R^2`. Forces on
-    the corners are `-N dp/dr`, moments included. A circle of radius R about an axis tilted by t from upright reaches
-    `R sin t` below its middle, here `R (sqrt(sin^2 t + s^2) - s)/(sqrt(1 + s^2) - s)`, s = 0.01: smooth if it stands.
+    With p the depth of that point below the seabed, along its normal: `N = A (k p + clip(c p', -k p, k p))` as for
+    nodes (`effects.seabed` gives k, c and the seabed). A is half the plan area `D L/2` of a slice, or `pi R^2` of a
+    sphere. Forces on the corners are `-N dp/dr`, moments included. A circle of radius R about an axis tilted by t from
+    upright reaches `R sin t` below its centre. Here this is `R (sqrt(sin^2 t + s^2) - s)/(sqrt(1 + s^2) - s)`, s =
+    0.01, which is smooth if the body stands upright.
     """
 
     name: ClassVar[str] = "body_bed"
@@ -39,7 +40,7 @@ class BodyBed(Effect):
     pieces: Pieces
 
     def depths(self, model: ModelView, r: jax.Array) -> jax.Array:
-        """How deep the points (2 c + s,) are below the bed along its normal [m], negative above it."""
+        """Depth of the points (2 c + s,) below the seabed along its normal [m], negative above it."""
         ends = self.pieces.axes(model, r)
         along = ends[:, 1] - ends[:, 0]
         tilt = along[:, :2] / safe_norm(along)[:, None]
@@ -53,11 +54,11 @@ class BodyBed(Effect):
         return (self.bed.bed_height(positions) - positions[:, 2] + below) * up[..., 2]
 
     def _rates(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
-        """Depths [m] and how fast they grow [m/s]."""
+        """Depths [m] and their rates of increase [m/s]."""
         return jax.jvp(lambda r: self.depths(k.model, r), (k.r,), (k.v,))
 
     def prepare(self, k: Kinematics) -> jax.Array:
-        """How fast the points go down at the beginning of the step (2 c + s,) [m/s]."""
+        """Downward speed of the points at the start of the step (2 c + s,) [m/s]."""
         return self._rates(k)[1]
 
     def normal(self, k: Kinematics) -> jax.Array:
@@ -86,20 +87,21 @@ class BodyBed(Effect):
 
 @component
 class BodyBedFriction(BodyBed):
-    """The same with dry friction `-mu N s/sqrt(|s|^2 + s0^2)`, s the velocity along the bed where the body touches it.
+    """The same with dry friction `-mu N s/sqrt(|s|^2 + s0^2)`, s the velocity along the seabed at the contact point.
 
-    That is the body's own point there, `x' + w x d`: a ball that rolls is not braked, a drum that turns on the spot is.
-    It only takes energy. Smooth in s, s0 = 1 mm/s: it slows and holds, but for a creep below s0.
+    That is the velocity of the body's own point there, `x' + w x d`: a rolling ball is not braked, a drum that turns on
+    the spot is. Friction only takes energy. It is smooth in s, with s0 = 1 mm/s: it slows and holds the body, except
+    for creep below s0.
     """
 
     friction: jax.Array = parameter("coefficient of each point", unit="-", low=0.0, shape="table")
 
     def slips(self, model: ModelView, r: jax.Array, v: jax.Array) -> jax.Array:
-        """Velocities (2 c + s, 3) [m/s] along the bed of the points that touch; linear in v (free nodes, 3)."""
+        """Velocities (2 c + s, 3) [m/s] along the seabed of the contact points; linear in v (free nodes, 3)."""
         ends, moved = self.pieces.axes(model, r), self.pieces.axes(model, v)
         along = ends[:, 1] - ends[:, 0]
         along = along / safe_norm(along)[:, None]
-        # from the middle of the circle down along its plane, as far as the circle reaches
+        # from the centre of the circle down along its plane, to its edge
         down = along * along[:, 2:] - jnp.array([0.0, 0.0, 1.0], r.dtype)
         arm = self.pieces.radius[:, None] * down / jnp.sqrt(dot(down, down) + LEVEL**2)[:, None]
         turned = self._rotation_velocity(model, r, v, self.pieces.cylinder_of, arm)
@@ -115,7 +117,7 @@ class BodyBedFriction(BodyBed):
     def _rotation_velocity(
         self, model: ModelView, r: jax.Array, v: jax.Array, of: tuple[int, ...], arm: jax.Array
     ) -> jax.Array:
-        """`w x arm` (items, 3) of the bodies `of`, from three edges E of theirs: `E'(E^-1 arm)`."""
+        """`w x arm` (items, 3) of the bodies `of`, from three of their edges E: `E'(E^-1 arm)`."""
         corners = self.pieces.body_nodes(model, of)
         edges, rates = (a[corners[:, 1:]] - a[corners[:, :1]] for a in (r, v))
         own = jnp.linalg.solve(jnp.swapaxes(edges, -1, -2), arm[..., None])[..., 0]

@@ -1,4 +1,4 @@
-"""Buoyancy of rigid bodies up to the surface."""
+"""Buoyancy of rigid bodies up to the water surface."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from dropper_jax.base.scatter import scatter_add
 from dropper_jax.effects.hydrostatics import Cylinders, sphere_energy, sphere_volume
 from dropper_jax.model import Effect, Kinematics, ModelView
 
-#: Gauss-Legendre points and weights over the way of a step.
+#: Gauss-Legendre points and weights over the displacement of a step.
 POINTS, WEIGHTS = 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0]), np.array([5.0, 8.0, 5.0]) / 18.0
 
 
 @component
 class Pieces:
-    """Cylinders, or slices of them, and spheres of rigid bodies, each a mixture of its body's corners.
+    """Cylinders, or slices of them, and spheres of rigid bodies, each a weighted combination of its body's corners.
 
     Attributes:
-        ends: shares of the ends of the axes (c, 2, 4); spheres: of the centres (s, 4).
+        ends: weights of the ends of the axes (c, 2, 4); spheres: of the centres (s, 4).
         radius, length: of the cylinders (c,) [m]; ball: radii of the spheres (s,) [m].
-        first: number of the first corner among the points; cylinder_of, sphere_of: their bodies.
+        first: index of the first corner among the points; cylinder_of, sphere_of: their bodies.
     """
 
     ends: jax.Array
@@ -50,11 +50,11 @@ class Pieces:
         return mix_corners(self.spheres, nodal[self.body_nodes(model, self.sphere_of)])
 
     def cut(self, model: ModelView, r: jax.Array, level: jax.Array) -> Cylinders:
-        """The cylinders as the surface at `level` (c + s,) [m] over the pieces sees them."""
+        """The cylinders relative to the surface at `level` (c + s,) [m] over the pieces."""
         return Cylinders.of(self.axes(model, r), level[: len(self.cylinder_of)], self.radius, self.length)
 
     def energy(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
-        """Energy over rho g of the displaced water, a scalar [m^4]."""
+        """Energy divided by rho g of the displaced water, a scalar [m^4]."""
         own = jnp.sum(self.cut(model, r, level).energy())
         if not self.sphere_of:
             return own
@@ -62,7 +62,7 @@ class Pieces:
         return own + jnp.sum(balls)
 
     def wet(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
-        """Volumes under water (c + s,) [m^3]."""
+        """Submerged volumes (c + s,) [m^3]."""
         own = self.cut(model, r, level).volume()
         return jnp.concatenate([own, self._balls(model, r, level)]) if self.sphere_of else own
 
@@ -70,7 +70,7 @@ class Pieces:
         return sphere_volume(self.centres(model, r), level[len(self.cylinder_of) :], self.ball)
 
     def push(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
-        """Buoyancy over rho g on the free nodes (free, 3) [m^3]: minus the gradient of the energy."""
+        """Buoyancy divided by rho g on the free nodes (free, 3) [m^3]: minus the gradient of the energy."""
         free, count = model.free_nodes, len(self.cylinder_of)
         corners = self.body_nodes(model, self.cylinder_of)
         ends = self.cut(model, r, level).push()
@@ -83,13 +83,13 @@ class Pieces:
         return found + scatter_to_corners(self.body_nodes(model, self.sphere_of), self.spheres, lift, free)
 
     def middles(self, model: ModelView, r: jax.Array) -> jax.Array:
-        """Middles of the cylinders' axes and centres of the spheres (c + s, 3)."""
+        """Centres of the cylinders' axes and of the spheres (c + s, 3)."""
         axes = self.axes(model, r)
         middle = 0.5 * (axes[:, 0] + axes[:, 1])
         return jnp.concatenate([middle, self.centres(model, r)]) if self.sphere_of else middle
 
     def spread(self, model: ModelView, force: jax.Array) -> jax.Array:
-        """Forces (c + s, 3) [N] in the middles and centres, on the free nodes (free, 3)."""
+        """Forces (c + s, 3) [N] at the centres, distributed to the free nodes (free, 3)."""
         count = len(self.cylinder_of)
         share = 0.5 * (self.ends[:, 0] + self.ends[:, 1])
         found = scatter_to_corners(self.body_nodes(model, self.cylinder_of), share, force[:count], model.free_nodes)
@@ -101,17 +101,17 @@ class Pieces:
 
 
 def mix_corners(share: jax.Array, corners: jax.Array) -> jax.Array:
-    """Mixtures (..., 3) of corners (..., 4, 3) by shares (..., 4)."""
+    """Combinations (..., 3) of corners (..., 4, 3) with weights (..., 4)."""
     return jnp.sum(share[..., None] * corners, axis=-2)
 
 
 def scatter_to_corners(corners: np.ndarray, share: jax.Array, force: jax.Array, free: int) -> jax.Array:
-    """Forces (items, 3) on the free nodes (free, 3): each on its body's corners by its shares (items, 4)."""
+    """Forces (items, 3) on the free nodes (free, 3): each on its body's corners with its weights (items, 4)."""
     return scatter_add(corners.ravel(), (share[:, :, None] * force[:, None, :]).reshape(-1, 3), free)
 
 
 def _both(of_ends: jax.Array) -> jax.Array:
-    """What belongs to both ends (c, 2, ...), first ends first (2 c, ...)."""
+    """Values at both ends (c, 2, ...) as one axis, first ends first (2 c, ...)."""
     return jnp.concatenate([of_ends[:, 0], of_ends[:, 1]])
 
 
@@ -119,8 +119,8 @@ def _both(of_ends: jax.Array) -> jax.Array:
 class BodyBuoyancy(Effect):
     """Buoyancy `F = -dU/dr` with `U = rho g int max(-z, 0) dV`, in water without waves (`effects.hydrostatics`).
 
-    The waterplane's stiffness and the metacentre are in it, at every tilt. Over a step it is the mean along the
-    straight way of the corners (average vector field; Quispel and McLaren 2008), so that energy is kept.
+    It includes the waterplane stiffness and the metacentre at every tilt. Over a step it is the mean along the straight
+    path of the corners (average vector field; Quispel and McLaren 2008), which conserves energy.
     """
 
     name: ClassVar[str] = "body_buoyancy"
@@ -144,9 +144,9 @@ class BodyBuoyancy(Effect):
 
 @component
 class BodyBuoyancyInWaves(Effect):
-    """The same of slices under the actual surface over each of them; its work is booked.
+    """The same for slices under the actual surface over each of them; its work is recorded.
 
-    The dynamic pressure of waves is in the `rho V u'` of `body_water` and not added again.
+    The dynamic pressure of waves is included in the `rho V u'` of `body_water` and is not added again.
     """
 
     name: ClassVar[str] = "body_buoyancy"

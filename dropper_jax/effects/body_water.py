@@ -1,4 +1,4 @@
-"""Drag, added mass and the force of waves on rigid bodies, slice by slice."""
+"""Drag, added mass and wave force on rigid bodies, slice by slice."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.effects.body_buoyancy import Pieces, mix_corners, scatter_to_corners
 from dropper_jax.model import Effect, Kinematics, ModelView
 
-#: Part of its radius over which an end enters the water, where it is level.
+#: Part of its radius over which a level end enters the water.
 EDGE = 0.1
 
 
@@ -29,15 +29,15 @@ class Around(NamedTuple):
 
 @component
 class BodyWater(Effect):
-    """Morison's forces on each slice of a body, at the middle of its axis; u relative, V its wet volume.
+    """Morison's forces on each slice of a body, at the centre of its axis; u is relative, V the submerged volume.
 
     - across: `1/2 rho Cdn D L (V/V0) |u_n| u_n` and `rho V Can u'_n`, added mass `rho V Can`;
     - the undisturbed wave: `rho V u'` (with the buoyancy up to the actual surface in `body_buoyancy`);
     - on ends: `1/2 rho Cdt A |u_t| u_t` along the axis, added mass Cat of a half sphere's water, `rho 2/3 pi (D/2)^3`;
     - on spheres: `1/2 rho Cd A (V/V0) |u| u`, `rho V Ca u'`, added mass `rho V Ca`.
 
-    Moments follow from where slices stand. Diffraction and radiation beyond this are not in it: bodies are small
-    against the wave's length.
+    Moments follow from the positions of the slices. Further diffraction and radiation are not modelled, so bodies must
+    be small compared with the wavelength.
     """
 
     name: ClassVar[str] = "body_water"
@@ -64,7 +64,7 @@ class BodyWater(Effect):
         return along / safe_norm(along)[:, None], out / safe_norm(out)[:, None]
 
     def _across(self, along: jax.Array, field: jax.Array) -> jax.Array:
-        """What acts across the slices of vectors (p, 3) at the pieces; all of it at spheres."""
+        """Components across the slices of vectors (p, 3) at the pieces; the full vectors at spheres."""
         count = along.shape[0]
         across = field[:count] - dot(field[:count], along)[:, None] * along
         return jnp.concatenate([across, field[count:]])
@@ -77,7 +77,7 @@ class BodyWater(Effect):
         return Around(*(part[at] for at in (slice(None, count), slice(count, None)) for part in motion))
 
     def _under(self, k: Kinematics, out: jax.Array, level: jax.Array) -> jax.Array:
-        """Wet part of the ends (e,)."""
+        """Submerged fraction of the ends (e,)."""
         across = jnp.sqrt(out[:, 0] ** 2 + out[:, 1] ** 2 + EDGE**2)
         s = 0.5 + 0.5 * (level - self._ends(k.model, k.r)[:, 2]) / (self.end_radius * across)
         s = jnp.clip(s, 0.0, 1.0)
@@ -92,7 +92,7 @@ class BodyWater(Effect):
         return jnp.concatenate([whole, 4.0 / 3.0 * jnp.pi * self.pieces.ball**3])
 
     def _frontal(self) -> jax.Array:
-        """Areas (p,) [m^2] that drag works on."""
+        """Areas (p,) [m^2] used by drag."""
         side = 2.0 * self.pieces.radius * self.pieces.length
         return jnp.concatenate([side, jnp.pi * self.pieces.ball**2])
 
@@ -116,9 +116,9 @@ class BodyWater(Effect):
         return scatter_to_corners(self.pieces.body_nodes(model, self.end_of), self.end, force, model.free_nodes)
 
     def _cut(self, k: Kinematics, levels: tuple[jax.Array, jax.Array] | None = None) -> tuple[jax.Array, ...]:
-        """Axes of slices and ends, wet volumes of pieces (p,) [m^3] and wet parts of ends (e,).
+        """Axes of slices and ends, submerged volumes of pieces (p,) [m^3] and submerged fractions of ends (e,).
 
-        Under the surface as it was frozen, or under `levels` over pieces and ends.
+        Under the frozen surface, or under `levels` over pieces and ends.
         """
 
         def find_water() -> tuple[jax.Array, ...]:

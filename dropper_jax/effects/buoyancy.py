@@ -20,11 +20,11 @@ from dropper_jax.scene import LineSpec, SceneData
 
 @component
 class Buoyancy(Effect):
-    """Buoyancy `F = rho g V w z`, V the volume of the node's part and w its wet fraction (`effects.wetting`).
+    """Buoyancy `F = rho g V w z`, V the volume of the node's part and w its submerged fraction (`effects.wetting`).
 
-    Hydrostatics to the actual surface; the dynamic pressure of waves is in the `rho V u'` of `morison_inertia` and not
-    added again. The volume is `pi/4 D^2 L`, D the line's `diameter`, or follows from `wet_weight` as
-    `(m g - wet_weight)/(rho g)`; where both are given they must agree. `effects.weight` then is the weight in air.
+    Hydrostatics up to the actual surface. The dynamic pressure of waves is in the `rho V u'` of `morison_inertia` and
+    is not added again. The volume is `pi/4 D^2 L` with the line's `diameter` D, or follows from `wet_weight` as
+    `(m g - wet_weight)/(rho g)`. If both are given they must agree. `effects.weight` is then the weight in air.
     """
 
     name: ClassVar[str] = "buoyancy"
@@ -52,7 +52,7 @@ class Buoyancy(Effect):
         return upright(up)
 
 
-#: Relative disagreement of two ways to give a volume that is still taken for rounding of printed values.
+#: Relative difference between two given volumes that is still attributed to rounding of printed values.
 VOLUME_TOLERANCE = 1e-3
 
 
@@ -72,7 +72,7 @@ def _volume_from_weight(scene: SceneData, wet_weight: Plain) -> np.ndarray:
 
 
 def check_volume(scene: SceneData, wet_weight: Plain) -> None:
-    """One volume: from the diameter, or from dry and wet weight, or from both where they agree."""
+    """The volume: from the diameter, from dry and wet weight, or from both if they agree."""
     line = scene.line
     if wet_weight is None:
         if line.diameter is None:
@@ -93,7 +93,7 @@ def check_volume(scene: SceneData, wet_weight: Plain) -> None:
 
 
 def displaced_diameter(line: LineSpec, scene: SceneData) -> np.ndarray | None:
-    """Diameters of the links [m]: as given, or of cylinders of the volume that dry and wet weight leave."""
+    """Diameters of the links [m]: as given, or of cylinders with the volume that follows from dry and wet weight."""
     wet_weight = scene.effects.get("buoyancy", {}).get("wet_weight")
     if line.diameter is not None or wet_weight is None or scene.sea is None:
         return line.diameter

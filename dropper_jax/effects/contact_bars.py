@@ -1,4 +1,4 @@
-"""The axes of what may touch in `line_contact`: links beside links, and links beside the bars of bodies and buoys."""
+"""Axes of possible contacts in `line_contact`: pairs of links, and links with the bars of bodies and buoys."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Group = tuple[int, ...]
 
 
 class Touching(Protocol):
-    """What an effect says of its bars, see `line_contact.LinksInContact`."""
+    """Description of the bars of an effect, see `line_contact.LinksInContact`."""
 
     radius: jax.Array
     bars: jax.Array
@@ -29,11 +29,11 @@ class Touching(Protocol):
 
     @property
     def rigid(self) -> bool:
-        """Whether a bar is of a rigid body."""
+        """Whether a bar belongs to a rigid body."""
 
 
 class Bars:
-    """The axes of all pieces, from the places of their nodes.
+    """The axes of all pieces, from the positions of their nodes.
 
     Attributes:
         reach: sums of radii (pieces,) [m].
@@ -72,14 +72,14 @@ class Bars:
         return p + jnp.concatenate([none, more])
 
     def mix_velocities(self, v: jax.Array) -> jax.Array:
-        """The same of velocities."""
+        """The same for velocities."""
         if self.shares is None:
             return v
         other = jnp.sum(self.shares[..., None] * v[self.pairs :, None, 2:], axis=-2)
         return jnp.concatenate([v[:, :2], jnp.concatenate([v[: self.pairs, 2:4], other])], axis=1)
 
     def spread_out(self, force: jax.Array) -> jax.Array:
-        """Forces on the ends of the axes (pieces, 4, 3), on the nodes of their pieces (pieces, m, 3)."""
+        """Forces on the ends of the axes (pieces, 4, 3), distributed to the nodes of their pieces (pieces, m, 3)."""
         if self.shares is None:
             return force
         own = jnp.sum(self.shares[..., None] * force[self.pairs :, 2:, None], axis=1)
@@ -89,7 +89,7 @@ class Bars:
 
 @lru_cache(maxsize=64)
 def _links(graph: Graph, beside: tuple[tuple[Group, Group], ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Links that may touch, pair by pair: all of one group with all of the other, but at points of both."""
+    """Pairs of links that may touch: all links of one group with all of the other, except those that share a point."""
     found = [np.zeros((2, 0), int)]
     for groups in beside:
         own = [[graph.members[i] for i in group] for group in groups]
@@ -102,7 +102,7 @@ def _links(graph: Graph, beside: tuple[tuple[Group, Group], ...]) -> tuple[np.nd
 
 
 def _links_except(graph: Graph, group: Group, away: set[int]) -> np.ndarray:
-    """Links of a group of lines, but those that end in some points."""
+    """Links of a group of lines, except those that end at given points."""
     kept = []
     for i in group:
         member, span = graph.members[i], graph.spans[i]
@@ -112,7 +112,7 @@ def _links_except(graph: Graph, group: Group, away: set[int]) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _links_and_bars(graph: Graph, along: tuple[tuple[Group, int], ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Links and the bars that they may touch; those that end in a buoy's point are left out."""
+    """Links and the bars that they may touch, without those that end at a buoy's point."""
     found = [np.zeros((2, 0), int)]
     for bar, (group, owner) in enumerate(along):
         links = _links_except(graph, group, {-1 - owner} if owner < 0 else set())
@@ -128,7 +128,7 @@ def nodes_of_bars(
     along: tuple[tuple[Group, int], ...],
     corner: int,
 ) -> np.ndarray:
-    """Nodes of the pieces: of links beside links, then of links beside bars (pieces, 4 or 6)."""
+    """Nodes of the pieces: first pairs of links, then links with bars (pieces, 4 or 6)."""
     first, second = _links(graph, beside)
     link, bar = _links_and_bars(graph, along)
     rigid = any(owner >= 0 for _, owner in along)

@@ -1,4 +1,4 @@
-"""Held points that another program moves, interval by interval."""
+"""Prescribed points that another program moves, interval by interval."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from dropper_jax.model import Effect
 
 @component
 class CoupledMotion(Effect):
-    """Places of held points between the two instants at which another program gives them (see `run.coupled`).
+    """Positions of prescribed points between two instants at which another program gives them (see `run.coupled`).
 
-    With places and velocities a cubic, with accelerations too a quintic in s = (t - begin)/width, so that what is given
-    at both ends is met there. Rows are points, in the order of `points`; no scene names this effect.
+    A cubic interpolates positions and velocities; with accelerations a quintic, in s = (t - begin)/width. The given
+    values at both ends are met exactly. Rows are points, in the order of `points`; scenes cannot list this effect.
     """
 
     name: ClassVar[str] = "coupled_motion"
     begin: jax.Array = parameter("first instant", unit="s")
     width: jax.Array = parameter("time to the second one", unit="s")
-    home: jax.Array = parameter("where the scene puts the points (c, 3)", unit="m", shape="vectors")
+    home: jax.Array = parameter("positions of the points in the scene (c, 3)", unit="m", shape="vectors")
     places: jax.Array = parameter("at both instants (2, c, 3)", unit="m", shape="vectors")
     velocities: jax.Array = parameter("at both instants (2, c, 3)", unit="m/s", shape="vectors")
     accelerations: jax.Array | None = parameter(
@@ -41,7 +41,7 @@ class CoupledMotion(Effect):
         return replace(self, points=(name,), home=self.home[i : i + 1], accelerations=bends, **cut)
 
     def displace(self, t: jax.Array) -> jax.Array:
-        """Displacement (3,) [m] of the first point from the scene's place at time t [s]."""
+        """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""
         s, h = (t - self.begin) / self.width, self.width
         (x0, x1), (v0, v1) = self.places[:, 0], self.velocities[:, 0]
         far = x1 - x0
@@ -59,6 +59,6 @@ class CoupledMotion(Effect):
     def uniform(
         cls, points: tuple[str, ...], positions: np.ndarray, velocities: np.ndarray, bent: bool
     ) -> CoupledMotion:
-        """Points that leave their places (c, 3) [m] at time 0 with velocities [m/s]; `bent` with accelerations."""
+        """Points that leave their positions (c, 3) [m] at time 0 with velocities [m/s]; `bent` with accelerations."""
         ends, rates = np.stack([positions, positions + velocities]), np.stack([velocities, velocities])
         return cls(np.array(0.0), np.array(1.0), positions, ends, rates, np.zeros_like(ends) if bent else None, points)

@@ -1,6 +1,6 @@
-"""Drag and added mass of rough cylinders over Keulegan-Carpenter number and roughness, and tables of one's own.
+"""Drag and added mass of rough cylinders over Keulegan-Carpenter number and roughness, and user tables.
 
-Of circular cylinders in the post-critical regime:
+Circular cylinders in the post-critical regime:
 
     steady drag      C_DS = 0.65 (k/D < 1e-4),  (29 + 4 log10(k/D))/20,  1.05 (k/D > 1e-2)
     in waves         C_D = C_DS psi(KC),  C_pi = 1.50 - 0.024 (12/C_DS - 10)
@@ -9,14 +9,18 @@ Of circular cylinders in the post-critical regime:
                            C_pi - 1.00 - 2.00 (KC - 0.75)    KC < 0.75
     added mass       C_A = 1 (KC < 3),  max(1 - 0.044 (KC - 3), 0.6 - (C_DS - 0.65))
 
-Where the current is more than 0.4 of the wave's velocity, psi is 1: the wake is carried away.
+If the current is more than 0.4 of the wave velocity, psi is 1: the wake is carried away.
 
 Checked against API RP 2A-WSD (22nd edition, November 2014, 5.3.1.2.8 and B.5.3.1.2.8): C_D 0.65 smooth and 1.05 rough
-(1.00 to 1.10 for marine growth), C_M = 1 + C_A of 2 up to KC = 3 and of 1.6 smooth, 1.2 rough from KC = 17 C_DS on,
-the limit of 0.4. Assumed: what lies between, written down from memory of DNV-RP-C205 (2010) (the logarithm of k/D, psi
-below KC = 12, the slope of C_A), and beyond KC = 12, where practices have figures only, a straight line to psi = 1 at
-KC = 60 C_DS. Classification Notes 30.5 (DNV, March 2000, 6.1.10) have psi = 1.45 (KC < 10), `2/(KC - 5)^(1/5)` (up to
-37), 1: more than here at small KC, up to a quarter less beyond 12. All are of nearly vertical cylinders (within 15
+(1.00 to 1.10 for marine growth); C_M = 1 + C_A of 2 up to KC = 3, and of 1.6 smooth and 1.2 rough from KC = 17 C_DS;
+the limit of 0.4.
+
+Assumed: the intermediate values, from DNV-RP-C205 (2010), not verified against the original text (the logarithm of k/D,
+psi below KC = 12, the slope of C_A). Beyond KC = 12 recommended practices have figures only; here psi is a straight
+line to 1 at KC = 60 C_DS.
+
+Classification Notes 30.5 (DNV, March 2000, 6.1.10) have psi = 1.45 (KC < 10), `2/(KC - 5)^(1/5)` (up to 37), 1. That is
+more than here at small KC, and up to a quarter less beyond 12. All values are for nearly vertical cylinders (within 15
 degrees): others have psi = 1 and C_M = 2 in API's practice.
 """
 
@@ -30,11 +34,11 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import refuse
 
-#: Where coefficients come from: the scene's numbers, the rough cylinder above, a table over KC.
+#: Sources of coefficients: the scene's numbers, the rough cylinder above, a table over KC.
 SOURCES = ("given", "rough_cylinder", "table")
-#: KC over C_DS from which psi is 1, and the share of the current in current and wave from which it is.
+#: KC/C_DS from which psi is 1, and the fraction of the current in current and wave from which it is 1.
 FADED, CARRIED = 60.0, 0.4 / 1.4
-#: Reynolds number from which cylinders as rough as mussel ropes are taken to be post-critical.
+#: Reynolds number above which cylinders as rough as mussel ropes are assumed to be post-critical.
 POST_CRITICAL = 1e5
 
 
@@ -55,7 +59,7 @@ def amplification(kc: np.ndarray, steady: np.ndarray) -> np.ndarray:
 
 
 def rough_drag(kc: np.ndarray, roughness: np.ndarray, current: np.ndarray) -> np.ndarray:
-    """C_D at KC (...), k/D (...) and the current's share of current and wave (...)."""
+    """C_D at KC (...), k/D (...) and the fraction of the current in current and wave (...)."""
     steady = steady_drag(roughness)
     return steady * np.where(np.asarray(current) > CARRIED, 1.0, amplification(kc, steady))
 
@@ -68,10 +72,10 @@ def rough_added_mass(kc: np.ndarray, roughness: np.ndarray) -> np.ndarray:
 
 
 def from_table(path: str, kc: np.ndarray, re: np.ndarray, values: Mapping[str, Any], key: str) -> np.ndarray:
-    """Coefficients (links,) between the rows of a scene's table over KC.
+    """Coefficients (links,) interpolated between the rows of a scene's table over KC.
 
     Raises:
-        SceneError: KC or Re outside of it.
+        SceneError: KC or Re is outside the table.
     """
     rows = np.asarray(values["table_kc"], float)
     _inside(f"{path}.table_kc", kc, rows[0], rows[-1], "KC")
@@ -83,13 +87,11 @@ def from_table(path: str, kc: np.ndarray, re: np.ndarray, values: Mapping[str, A
 def _inside(path: str, found: np.ndarray, low: float, high: float, name: str) -> None:
     worst = found[np.argmax(np.maximum(low - found, found - high))]
     if not low <= worst <= high:
-        raise SceneError(
-            f"{path}: {name} = {worst:.4g} of a link is outside of the table; allowed: {low:g} to {high:g}"
-        )
+        raise SceneError(f"{path}: {name} = {worst:.4g} of a link is outside the table; allowed: {low:g} to {high:g}")
 
 
 def check_source(path: str, values: Mapping[str, Any], key: str, word: str) -> None:
-    """Refuse tables that do not fit together, and what another source needs.
+    """Check tables for consistency, and reject missing values of other sources.
 
     Args:
         key: the coefficient, `cdn` or `can`; its table is `table_{key}`.
@@ -105,4 +107,4 @@ def check_source(path: str, values: Mapping[str, Any], key: str, word: str) -> N
     if kc is None or rows is None or len(kc) != len(rows) or len(kc) < 2 or np.any(np.diff(kc) <= 0):
         raise SceneError(f"{path}.table_kc: needs at least 2 rising values, as many as `{table}`")
     if values["table_re"] is not None and (len(values["table_re"]) != 2 or np.diff(values["table_re"]) <= 0):
-        raise refuse(f"{path}.table_re", values["table_re"], "is no range", "two rising Reynolds numbers")
+        raise refuse(f"{path}.table_re", values["table_re"], "is not a range", "two rising Reynolds numbers")

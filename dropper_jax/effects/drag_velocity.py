@@ -1,4 +1,4 @@
-"""The velocity at which drag acts over a step: between that of the middle and that of the end."""
+"""The velocity used for drag over a step: between the mid-step velocity and the end velocity."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import jax.numpy as jnp
 from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics
 
-#: Below this z the excess is taken from its series, whose error there is below 1e-13.
+#: Below this z the excess is computed from its series, whose error there is below 1e-13.
 SMALL = 0.05
 
 
 def excess(z: jax.Array) -> jax.Array:
-    """`2 theta - 1 = coth(z/2) - 2/z`, z >= 0: from z/6 for slow decay to 1 for what decays within the step."""
+    """`2 theta - 1 = coth(z/2) - 2/z`, z >= 0: from z/6 for slow decay to 1 for decay within the step."""
     small = z < SMALL
     large = jnp.where(small, 1.0, z)
     series = z / 6.0 * (1.0 - z**2 / 60.0 * (1.0 - z**2 / 42.0))
@@ -21,10 +21,10 @@ def excess(z: jax.Array) -> jax.Array:
 
 
 def still_drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
-    """The same in still water, where drag never gives energy: without what of it goes against the motion.
+    """The same in still water, where drag never adds energy: without the component that opposes the motion.
 
-    Where something else turns a light node round within a step, `v_mid + (2 theta - 1)(v_mid - v0)` may point against
-    v_mid, and drag would do positive work `-u . v_mid`. Drag alone never does so.
+    If another force reverses a light node within a step, `v_mid + (2 theta - 1)(v_mid - v0)` may point against v_mid,
+    and drag would do positive work `-u . v_mid`. Drag alone never does so.
     """
     if k.before is None:
         return k.v
@@ -38,10 +38,10 @@ def still_drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
 def drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
     """`v_mid + (2 theta - 1)(v_mid - v0)` (nodes, 3) [m/s].
 
-    decay (nodes, 1) or (nodes, 3) [1/s] is how fast drag alone would stop the nodes. With v_mid = (v0 + v1)/2 this is
-    `(1 - theta) v0 + theta v1`, theta(z) = 1/(1 - exp(-z)) - 1/z, z = h decay: a motion that linear drag alone stops
-    follows `exp(-z)` exactly. The velocity of the middle alone would turn it round at every step and keep its size; it
-    is what is left as the step falls (second order). At a plain instant v.
+    decay (nodes, 1) or (nodes, 3) [1/s] is the rate at which drag alone would stop the nodes. With v_mid = (v0 + v1)/2
+    this is `(1 - theta) v0 + theta v1`, theta(z) = 1/(1 - exp(-z)) - 1/z, z = h decay. A motion stopped by linear drag
+    alone then follows `exp(-z)` exactly. The mid-step velocity alone would reverse it at every step and keep its size.
+    The result approaches v_mid as the step decreases (second order). At a plain instant it is v.
     """
     if k.before is None:
         return k.v

@@ -17,14 +17,15 @@ from dropper_jax.scene import SceneData
 
 @component
 class EndMotion(HeldMotion):
-    """Displacement of a held point, and of others that move with it (a vessel's), from their positions.
+    """Displacement of a prescribed point, and of others that move with it (such as a vessel's), from their positions.
 
     Harmonic: `x(t) = s(t) a sin(2 pi t / period + phase)`, with `s(t) = u^3 (10 - 15 u + 6 u^2)`, `u = min(t/ramp, 1)`
-    where a ramp is given: lower ones would start and end with a jump of the velocity or the acceleration. Of a table
-    the ramp, from its first time, takes the way from the first row: `x = d0 + s (d - d0)`.
-    Table: `displacement` (k, 3) at `time`, between them quintics with the slopes and curvatures of a parabola through
-    three rows, so that velocity and acceleration are continuous. Before and after it rests: a table whose first two and
-    last two rows are equal begins and ends without a jump.
+    if a ramp is given; a lower-order ramp would start and end with a jump of velocity or acceleration. For a table, the
+    ramp from its first time applies to the displacement from the first row: `x = d0 + s (d - d0)`.
+
+    Tabulated: `displacement` (k, 3) at `time`. Quintics between the rows have the slopes and curvatures of a parabola
+    through three rows, so that velocity and acceleration are continuous. Before and after the table the point rests. A
+    table whose first two and last two rows are equal starts and ends without a jump.
     """
 
     name: ClassVar[str] = "end_motion"
@@ -73,7 +74,7 @@ class EndMotion(HeldMotion):
 
     @property
     def corners(self) -> jax.Array | None:
-        """All rows of a table, where the third derivative jumps, and both ends of a ramp."""
+        """All rows of a table, at which the third derivative jumps, and both ends of a ramp."""
         begin = jnp.zeros((), self.amplitude.dtype) if self.time is None else self.time[0]
         ramp = jnp.ravel(begin) if self.ramp is None else jnp.stack([begin, begin + self.ramp])
         return ramp if self.time is None else jnp.concatenate([self.time, ramp])
@@ -87,7 +88,7 @@ def interpolate_quintic(t: jax.Array, time: jax.Array, values: jax.Array) -> jax
     width = time[i + 1] - time[i]
     s = (t - time[i]) / width
     q = 1 - s
-    # the three basis functions of the left row at s are, up to the sign of the slope's, those of the right row at 1 - s
+    # the three basis functions of the left row at s equal those of the right row at 1 - s, except for the slope's sign
     position, slope, bend = (
         lambda s, q: q**3 * (1 + 3 * s + 6 * s * s),
         lambda s, q: q**3 * s * (1 + 3 * s),
@@ -99,7 +100,7 @@ def interpolate_quintic(t: jax.Array, time: jax.Array, values: jax.Array) -> jax
 
 
 def _derivatives(time: jax.Array, values: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Slopes and curvatures (k, 3) of parabolas through each row and its neighbours; straight at both ends."""
+    """Slopes and curvatures (k, 3) of parabolas through each row and its neighbours; zero curvature at both ends."""
     width = jnp.diff(time)[:, None]
     chord = jnp.diff(values, axis=0) / width
     bend = 2 * (chord[1:] - chord[:-1]) / (width[1:] + width[:-1])

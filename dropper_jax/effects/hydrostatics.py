@@ -1,12 +1,14 @@
-"""Buoyancy's energy of cylinders and spheres that a level surface cuts, exact at every tilt and depth.
+"""Buoyancy energy of cylinders and spheres cut by a level surface, exact at every tilt and depth.
 
-Displaced water that is raised to the surface: `U/(rho g) = int max(level - z, 0) dV`, so that `-dU/dz` is the buoyancy,
-its moment includes the waterplane's, and `dU/dlevel/(rho g)` is the wet volume. Of a cylinder of radius a whose axis
-rises by the fraction c of its length, a section whose axis is t deep has (b = a sqrt(1 - c^2) half its height, T = t/b)
+The energy of displaced water raised to the surface is `U/(rho g) = int max(level - z, 0) dV`. The buoyancy is then
+`-dU/dz`, its moment includes that of the waterplane, and `dU/dlevel/(rho g)` is the submerged volume. A cylinder has
+radius a, and its axis rises by the fraction c of its length. A section whose axis is t below the surface has (half
+height b = a sqrt(1 - c^2), T = t/b)
 
     u(t, b) = a^2 (b k(T) | pi t | 0),    k = T asin T + (1 - T^2)^(1/2) + pi T/2 - (1 - T^2)^(3/2)/3
 
-where it is cut (|t| < b), under water, above it. U is the integral along the axis, from that of u:
+where it is cut (|t| < b), submerged, or above the surface. U is the integral along the axis, from the antiderivative of
+u:
 
     w(t, b) = a^2 (b^2 h(T) | pi (t^2/2 + b^2/8) | 0),    h' = k
 """
@@ -20,16 +22,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-#: Least half height of a section over its radius: an upright cylinder's sections are level.
+#: Minimum half height of a section divided by its radius: an upright cylinder has level sections.
 LEVEL = 1e-6
-#: Sections whose depths differ by less than this part of their half height along a piece are integrated by points.
+#: Sections whose depths differ by less than this part of their half height along a piece are integrated numerically.
 FLAT = 0.25
 #: Gauss-Legendre points and weights on 0 to 1.
 POINTS, WEIGHTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(6)[1] / 2.0
 
 
 def _cut(t: jax.Array, b: jax.Array) -> tuple[jax.Array, ...]:
-    """T held between -1 and 1, its arc sine and (1 - T^2)^(1/2)."""
+    """T clipped to -1 to 1, its arc sine and (1 - T^2)^(1/2)."""
     ratio = jnp.clip(t / b, -1.0, 1.0)
     return ratio, jnp.arcsin(ratio), jnp.sqrt(jnp.maximum(1.0 - ratio * ratio, 0.0))
 
@@ -53,7 +55,7 @@ def _h(t: jax.Array, b: jax.Array) -> jax.Array:
 
 @jax.custom_jvp
 def _width(t: jax.Array, b: jax.Array) -> jax.Array:
-    """du/dt: the wet part of the section's area."""
+    """du/dt: the submerged part of the section's area."""
     x, arc, root = _cut(t, b)
     return _pieces(t, b, x * root + arc + 0.5 * jnp.pi, jnp.full_like(t, jnp.pi))
 
@@ -117,15 +119,15 @@ def _along_tilt_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tu
 
 
 class Cylinders(NamedTuple):
-    """Cylinders (n,) as the surface sees them.
+    """Cylinders (n,) relative to the surface.
 
     Attributes:
         first, last: depths of the ends of their axes [m].
         half: half heights of their sections [m].
         across: level part of the unit vectors along the axes (n, 2).
         radius: a [m]; size: a^2 L [m^3].
-        change: last less first, 1 where `flat`.
-        flat: whether sections are integrated by points.
+        change: last minus first, 1 if `flat`.
+        flat: whether sections are integrated numerically.
     """
 
     first: jax.Array
@@ -168,18 +170,18 @@ class Cylinders(NamedTuple):
         return self.size * jnp.where(self.flat, section(*self.at_points()) @ WEIGHTS, whole)
 
     def volume(self) -> jax.Array:
-        """Wet volume (n,) [m^3]."""
+        """Submerged volume (n,) [m^3]."""
         whole = self._rise(section)
         return self.size * jnp.where(self.flat, _width(*self.at_points()) @ WEIGHTS, whole)
 
     def push(self) -> jax.Array:
-        """Buoyancy over rho g on the ends of the axes (n, 2, 3) [m^3]: minus the derivative of U."""
+        """Buoyancy divided by rho g on the ends of the axes (n, 2, 3) [m^3]: minus the derivative of U."""
         points, mean = self.at_points(), self._rise(_along)
         (first, last), width = self.at_ends(section), _width(*points)
         by_first = jnp.where(self.flat, width @ (WEIGHTS * (1 - POINTS)), (mean - first) / self.change)
         by_last = jnp.where(self.flat, width @ (WEIGHTS * POINTS), (last - mean) / self.change)
         by_half = jnp.where(self.flat, _tilt(*points) @ WEIGHTS, self._rise(_along_tilt))
-        # d half/d across = a^2 across/half, and d across of a move of an end is 1/L: with a^2 L before, a^4 across/half
+        # d half/d across = a^2 across/half, and d across of a displaced end is 1/L: with a^2 L before, a^4/across/half
         aside = (self.radius**4 / self.half * by_half)[:, None] * self.across
         up = self.size[:, None, None] * jnp.stack([by_first, by_last], axis=1)[..., None]
         return jnp.concatenate([jnp.stack([aside, -aside], axis=1), up], axis=-1)
@@ -194,6 +196,6 @@ def sphere_energy(centre: jax.Array, level: jax.Array, radius: jax.Array) -> jax
 
 
 def sphere_volume(centre: jax.Array, level: jax.Array, radius: jax.Array) -> jax.Array:
-    """Wet volume of spheres (n,) [m^3]."""
+    """Submerged volume of spheres (n,) [m^3]."""
     d = jnp.clip(level - centre[:, 2], -radius, radius)
     return jnp.pi * (radius**2 * d - d**3 / 3.0 + 2.0 / 3.0 * radius**3)

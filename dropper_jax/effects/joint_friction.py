@@ -23,14 +23,15 @@ SMALLEST = 1e-30
 class JointFriction(Law):
     """Torque `-c w - tau w/|w|` in each joint, w the relative angular velocity of its two links (the ground's is 0).
 
-    Joint 0 is the first point's, joint n the last one's where it is held. Links do not spin about their axes. With
+    Joint 0 is at the first point, joint n at the last one if it is fixed. Links do not spin about their axes. With
     `axis` the joints are pins: only the component along it counts. Torques act as couples of nodal forces, so that
     their power is exactly `torque . w`.
 
     Dry friction is set-valued: |torque| <= `dry`. Its unknown z is the projection of `z - 2 rho w_mid` on the ball of
-    radius tau: `z = -tau w_mid/|w_mid|` where the joint slides, `w_mid = 0` where it is held (rho is an inertia over
-    the step; its value does not change the solutions). The law is monotone, so that every step has a solution and
-    `z . w_mid <= 0`. What it leaves of the rates of held joints at the end of the step, `held` stops.
+    radius tau. The joint slides with `z = -tau w_mid/|w_mid|` or sticks with `w_mid = 0` (rho is an inertia over the
+    step; its value does not change the solutions). The law is monotone, so every step has a solution and
+    `z . w_mid <= 0`. Sticking joints may still have a rate at the end of the step; `held` marks the joints that are
+    then stopped.
     """
 
     name: ClassVar[str] = "joint_friction"

@@ -1,4 +1,4 @@
-"""Contact of lines with each other and with bodies: a push between chosen pairs."""
+"""Contact of lines with each other and with bodies: a contact force between chosen pairs."""
 
 from __future__ import annotations
 
@@ -19,32 +19,33 @@ from dropper_jax.effects.segments import contact_force, nearest_points, relative
 from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
 from dropper_jax.scene import SceneData
 
-#: Share of the reach by which links may move against each other in a step.
+#: Fraction of the reach by which links may move relative to each other in a step.
 PACE = 0.25
-#: Motion over a step, over the reach, below which what is left of the energy balance is not mended: of third order.
+#: Motion over a step, relative to the reach, below which the third-order error of the energy balance is not corrected.
 STILL = 1e-5
 
 
 @component
 class LineContact(Effect):
-    """Push between links of chosen lines, and between links and the cylinders and spheres of bodies and buoys.
+    """Contact force between links of chosen lines, and between links and the cylinders and spheres of bodies and buoys.
 
-    Links are round bars that touch where their axes are nearer than the sum R of their radii. Pressed together by
-    `p = R - d` they hold `V = k/2 p^2 R/d`, a spring k at first touch, 49 k R^2 where axes meet. Over a step
-    the push is the discrete gradient of V (Gonzalez 1996): V at the middle of the step, and the part along the links'
-    motion that makes its work the change of V. Damping `c p'` adds at most as much again and takes at most all of it
-    off, dry friction is `-mu N u/sqrt(|u|^2 + u0^2)` on the sliding u: neither ever gives energy, neither sticks.
+    Links are round bars that touch if the distance d of their axes is below the sum R of their radii. Compressed by
+    `p = R - d` they store `V = k/2 p^2 R/d`, a spring k at first touch and 49 k R^2 where axes meet. Over a step the
+    force is the discrete gradient of V (Gonzalez 1996): V at the middle of the step, plus the part along the links'
+    motion that makes its work equal the change of V. Damping `c p'` adds at most as much force again and removes at
+    most all of it. Dry friction is `-mu N u/sqrt(|u|^2 + u0^2)` for the sliding velocity u. Neither adds energy, and
+    neither sticks.
 
-    A step in which links that may touch move against each other by more than half their mean radius is halved.
+    A step in which links that may touch move relative to each other by more than half their mean radius is halved.
 
-    Every link of one line is held against every link of the other (but those that end in a point of both): where a
-    contact passes a node, both its links push. Bodies and buoys are cylinders with round ends here.
+    Every link of one line is checked against every link of the other, except those that end at a common point. Where a
+    contact passes a node, both its links push. Bodies and buoys are treated as cylinders with round ends.
     """
 
     name: ClassVar[str] = "line_contact"
     reach: ClassVar[int] = 2
-    stiffness: jax.Array = parameter("push per depth at first touch", unit="N/m", low=0.0, open_low=True)
-    damping: jax.Array = parameter("push per speed of approach", unit="N s/m", low=0.0, default=0.0)
+    stiffness: jax.Array = parameter("contact force per depth at first touch", unit="N/m", low=0.0, open_low=True)
+    damping: jax.Array = parameter("contact force per speed of approach", unit="N s/m", low=0.0, default=0.0)
     friction: jax.Array = parameter("coefficient of dry friction", unit="-", low=0.0, default=0.0)
     slip: jax.Array = parameter(
         "sliding speed at which friction is 0.7 of its value", unit="m/s", low=0.0, open_low=True, default=0.01
@@ -60,9 +61,11 @@ class LineContact(Effect):
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         if not values["pairs"] and not values["bodies"]:
-            raise SceneError('effects.line_contact.pairs: missing; needed: names, such as [["dropper-1", "dropper-2"]]')
+            raise SceneError(
+                'effects.line_contact.pairs: missing; needed: names of lines, such as [["dropper-1", "dropper-2"]]'
+            )
         if not scene.branched:
-            raise SceneError("effects.line_contact: is between lines of a system; allowed: scenes of several lines")
+            raise SceneError("effects.line_contact: acts between lines of a system. Use it in scenes of several lines")
         lines = _lines_of(scene)
         others = [*(b.name for b in scene.bodies), *(b.name for b in scene.buoys)]
         for key, second in (("pairs", list(lines)), ("bodies", others)):
@@ -72,7 +75,7 @@ class LineContact(Effect):
                     if name not in known:
                         what = "line" if known is not others else "body or buoy"
                         raise SceneError(
-                            f"{path}.{j}: {name!r} is no {what}; {nearest(name, known) if known else 'there is none'}"
+                            f"{path}.{j}: {name!r} is not a {what}; {nearest(name, known) if known else 'none exist'}"
                         )
                 if pair[0] == pair[1]:
                     raise SceneError(f"{path}: {pair[0]!r} is paired with itself; allowed: two lines")
@@ -122,9 +125,11 @@ class LineContact(Effect):
 
 @component
 class LinksInContact(LineContact):
-    """The same with numbers for names, its work booked; of a bar's owner a negative number is a buoy's point."""
+    """The same with indices for names and its work recorded; a negative owner of a bar is a buoy's point."""
 
-    bars: jax.Array = parameter("axes of bars at their owners (bars, 2, 3)", unit="m", shape="vectors", optional=True)
+    bars: jax.Array = parameter(
+        "axes of bars relative to their owners (bars, 2, 3)", unit="m", shape="vectors", optional=True
+    )
     bar_radius: jax.Array = parameter("their radii", unit="m", shape="table", optional=True)
     mixed: jax.Array = parameter("shares of four nodes in them (bars, 2, 4)", unit="-", shape="vectors", optional=True)
     corner: int = option("number of the first body's first corner among the points", type=int, default=0)
@@ -132,7 +137,7 @@ class LinksInContact(LineContact):
     along: tuple[tuple[Group, int], ...] = option("lines and the owner of each bar", type=tuple, default=())
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
-        """Four nodes of two links each; with rigid bodies six, a link's and the body's corners."""
+        """Four nodes of two links each; with rigid bodies six, those of a link and the body's corners."""
         return nodes_of_bars(model.geometry, self.beside, self.along, self.corner)
 
     @property
@@ -154,7 +159,7 @@ class LinksInContact(LineContact):
         return bars.spread_out(force + self._dissipative_force(near, push, speed))
 
     def contact_energy(self, k: Kinematics) -> jax.Array:
-        """Energy of what is pressed together, scalar [J]."""
+        """Energy of compressed contacts, scalar [J]."""
         bars = Bars.of(self, k)
         return jnp.sum(self._energy(bars, bars.axes(at_pieces(k, self.piece_nodes(k.model))[0])))
 
@@ -163,10 +168,10 @@ class LinksInContact(LineContact):
         return contact_force(near.distance, bars.reach, self.stiffness)[0]
 
     def _correct_push(self, bars: Bars, p: jax.Array, displacement: jax.Array, force: jax.Array) -> jax.Array:
-        """What the push over a step lacks beside that in its middle, along the way (pieces, 4, 3) [N]."""
+        """Contact force over a step minus that at its middle, along the motion (pieces, 4, 3) [N]."""
         gained = self._energy(bars, p + 0.5 * displacement) - self._energy(bars, p - 0.5 * displacement)
         lacking = gained + jnp.sum(force * displacement, axis=(-2, -1))
-        own = displacement - jnp.mean(displacement, axis=-2, keepdims=True)  # the push moves nothing as a whole
+        own = displacement - jnp.mean(displacement, axis=-2, keepdims=True)  # the force has no net motion as a whole
         size = jnp.sum(own**2, axis=(-2, -1)) + (STILL * bars.reach) ** 2
         return -(lacking / size)[..., None, None] * own
 
@@ -200,7 +205,8 @@ class LinksPushed(LinksInContact):
 
 
 def _mixture(scene: SceneData, owner: int, positions: np.ndarray) -> np.ndarray:
-    """Shares (2, 4) of places (2, 3) of a body in its corners; a buoy's, of as many nodes, hang on its point."""
+    """Weights (2, 4) of positions (2, 3) of a body in its corners; those of a buoy, with as many nodes, refer to its
+    point."""
     if owner < 0:
         return np.array([[1.0, 0.0, 0.0, 0.0]] * 2)
     body = scene.bodies[owner]
@@ -209,7 +215,8 @@ def _mixture(scene: SceneData, owner: int, positions: np.ndarray) -> np.ndarray:
 
 
 def _lines_of(scene: SceneData) -> dict[str, Group]:
-    """Numbers of the lines of each name, pieces of a line that attached points cut under the name of the whole too."""
+    """Indices of the lines of each name; the pieces of a line cut by attached points also under the name of the full
+    line."""
     found: dict[str, Group] = {}
     for i, line in enumerate(scene.lines):
         for name in dict.fromkeys([line.name, line.piece_of or line.name]):

@@ -24,14 +24,14 @@ from dropper_jax.scene import SceneData
 class MorisonDrag(Effect):
     """Drag `F = 1/2 rho L w (Cdn D |u_n| u_n + Cdt pi D |u_t| u_t)` of the water's velocity u relative to the node.
 
-    Axial drag works on the wetted skin, pi D, as in MoorDyn (thesis (6.12) lacks the absolute value, (C.22)-(C.24)
-    the relative velocity: errata). w is the wet fraction. The links' directions are those of the predicted middle of
-    the step, which is second order and keeps the force on its own node; `tangents = "implicit"` solves for them too.
-    `coefficients` takes cdn per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
-    `shelter` reduces the current, not the waves, that reaches a link behind others; `wakes` finds it from the lines
+    Axial drag acts on the wetted surface, pi D, as in MoorDyn (thesis (6.12) lacks the absolute value, (C.22)-(C.24)
+    the relative velocity: errata). w is the submerged fraction. The links' directions are those of the predicted middle
+    of the step, which is second order and keeps the force on its own node. `tangents = "implicit"` solves for them too.
+    `coefficients` computes cdn per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
+    `shelter` reduces the current, not the waves, that reaches a link behind others; `wakes` computes it from the lines
     upstream (`run.wakes`).
 
-    Either way the force opposes the relative velocity: in water at rest it never adds energy.
+    In both cases the force opposes the relative velocity: in water at rest it never adds energy.
     """
 
     name: ClassVar[str] = "morison_drag"
@@ -46,27 +46,33 @@ class MorisonDrag(Effect):
     roughness: jax.Array | None = parameter(
         "height k of the roughness, for rough_cylinder", unit="m", shape="link", low=0.0, optional=True
     )
-    table_kc: jax.Array | None = parameter("KC of a table, rising", unit="-", shape="table", low=0.0, optional=True)
+    table_kc: jax.Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, optional=True)
     table_cdn: jax.Array | None = parameter("cdn at those", unit="-", shape="table", low=0.0, optional=True)
-    table_re: jax.Array | None = parameter("least and largest Re of it", unit="-", shape="table", optional=True)
+    table_re: jax.Array | None = parameter(
+        "minimum and maximum Re of the table", unit="-", shape="table", optional=True
+    )
     tangents: str = option("directions of the links", choices=("frozen", "implicit"), default="frozen")
     turbulence: jax.Array | None = parameter(
-        "of the current without the farm, rms over mean, for wakes", unit="-", low=0.0, high=1.0, optional=True
+        "turbulence intensity of the undisturbed current (rms over mean), for wakes",
+        unit="-",
+        low=0.0,
+        high=1.0,
+        optional=True,
     )
-    coefficients: str = option("where cdn comes from", choices=SOURCES, default="given")
-    wakes: str = option("what lines do to the current behind them", choices=("none", "porous"), default="none")
+    coefficients: str = option("source of cdn", choices=SOURCES, default="given")
+    wakes: str = option("effect of lines on the current behind them", choices=("none", "porous"), default="none")
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         if values["wakes"] == "none" and values["turbulence"] is not None:
-            raise SceneError("effects.morison_drag.turbulence: is not used without wakes; allowed: with wakes 'porous'")
+            raise SceneError("effects.morison_drag.turbulence: is only used with wakes 'porous'")
         if values["wakes"] != "none":
             _check_wakes(values, scene)
         check_source("effects.morison_drag", values, "cdn", "drag coefficient across the link")
 
     @classmethod
     def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
-        """The effect with its coefficients; those that follow the flow are the steady ones until the flow is known."""
+        """The effect with its coefficients; flow-dependent ones have their steady values until the flow is known."""
         kept = {key: values[key] for key in ("cdn", "cdt", "shelter", "tangents")}
         if values["coefficients"] == "rough_cylinder":
             kept["cdn"] = steady_drag(relative_roughness(scene))
@@ -83,7 +89,8 @@ class MorisonDrag(Effect):
         return 0 if self.tangents == "frozen" else 1
 
     def _decay(self, k: Kinematics, skin: jax.Array) -> jax.Array:
-        """How fast drag alone would stop nodes (nodes, 1) [1/s], by the relative speed at the beginning of the step."""
+        """Rate at which drag alone would stop nodes (nodes, 1) [1/s], from the relative speed at the start of the
+        step."""
         speed = safe_norm(k.water.motion.velocity - (k.v if k.before is None else k.before))
         coefficient = k.line.node_share(skin * jnp.maximum(self.cdn, jnp.pi * self.cdt))
         return (2.0 * coefficient * speed / k.model.node_mass)[:, None]
@@ -107,24 +114,24 @@ class MorisonDrag(Effect):
 
 
 def _check_wakes(values: Mapping[str, Any], scene: SceneData) -> None:
-    """Wakes need a current that comes from one side, and stand for fixed factors."""
+    """Wakes need a current from one side, and replace fixed factors."""
     current = None if scene.sea is None else scene.sea.current
     path = "effects.morison_drag.wakes: 'porous'"
     if current is None:
-        raise SceneError(f"{path} needs a current; allowed: a scene with [sea.current]")
+        raise SceneError(f"{path} needs a current. Use a scene with [sea.current]")
     if values["shelter"] is not None:
-        raise SceneError(f"{path} is given beside shelter, which it replaces; allowed: one of the two")
+        raise SceneError(f"{path} cannot be combined with shelter, which it replaces; allowed: one of the two")
     if current.amplitude is not None or (
         current.factor is not None and np.min(current.factor) < 0 < np.max(current.factor)
     ):
         raise SceneError(
-            f"{path} is laid out behind the lines for one direction of the current, which turns round here; "
+            f"{path} needs one direction of the current, but the current reverses here; "
             "allowed: a steady current, or factors of one sign"
         )
 
 
 def relative_roughness(scene: SceneData) -> np.ndarray:
-    """k/D of each link (n,); smooth where the drag names no roughness."""
+    """k/D of each link (n,); smooth if no roughness is given."""
     height = scene.effects.get("morison_drag", {}).get("roughness")
     line = scene.line
     return (

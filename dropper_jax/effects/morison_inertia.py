@@ -17,7 +17,7 @@ from dropper_jax.scene import SceneData
 
 
 class _InertiaForce(Effect):
-    """The force on the right-hand side, with whatever coefficients the class below it has."""
+    """The force on the right-hand side, with the coefficients of the subclass."""
 
     @property
     def needs_material(self) -> bool:
@@ -27,7 +27,7 @@ class _InertiaForce(Effect):
         return 0.0, 0.0
 
     def _wet_mass(self, k: Kinematics, part: Part) -> jax.Array:
-        """Mass of the water that the wet rows of a part displace (rows, 1) [kg]."""
+        """Mass of the water displaced by the submerged rows of a part (rows, 1) [kg]."""
         wet = wet_share(k, part, k.water.tangents, k.water.motion.elevation)
         return (part.share * part.take(k.model.sea.density * k.line.volume) * wet)[:, None]
 
@@ -44,7 +44,7 @@ class _InertiaForce(Effect):
 
 @component
 class FroudeKrylov(_InertiaForce):
-    """`rho V w u'`: what `morison_inertia` is without added mass, for which nothing is paid then."""
+    """`rho V w u'`: `morison_inertia` without added mass, which avoids the cost of added mass."""
 
     name: ClassVar[str] = "morison_inertia"
     needs_water: ClassVar[bool] = True
@@ -55,19 +55,19 @@ class FroudeKrylov(_InertiaForce):
 class MorisonInertia(_InertiaForce):
     """Force `rho V w (1 + C) u'` on the right and added mass `M_a = rho V w C` on the left, across and along the links.
 
-    (Paper (1) with (18) would count the added mass twice, thesis (6.12) has `C_M (u' - v')` for
-    `C_M u' - C_A v'`: errata.) C_A is `can` across and `cat` along a link; `fluid_acceleration` is the local du/dt or
-    the material Du/Dt. Without `can` and `cat` there is no added mass: the effect is then `FroudeKrylov`.
+    (Paper (1) with (18) would count the added mass twice; thesis (6.12) has `C_M (u' - v')` for `C_M u' - C_A v'`:
+    errata.) C_A is `can` across and `cat` along a link; `fluid_acceleration` is the local du/dt or the material Du/Dt.
+    Without `can` and `cat` there is no added mass: the effect is then `FroudeKrylov`.
 
-    `coefficients` takes can per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
+    `coefficients` computes can per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
 
-    Where can and cat differ, added mass turns with its link. `added_mass = "morison"` takes the force `M_a v'`, which
-    is not conservative: its power `1/2 v' M_a' v` is the entry `morison_inertia_turning` of the energy balance.
-    `"lagrangian"` takes `d/dt(M_a v) - 1/2 d(v' M_a v)/dr`, which conserves energy: with `M_a = a + b d d'/L^2`,
+    If can and cat differ, added mass turns with its link. `added_mass = "morison"` uses the force `M_a v'`, which is
+    not conservative: its power `1/2 v' M_a' v` is the entry `morison_inertia_turning` of the energy balance.
+    `"lagrangian"` uses `d/dt(M_a v) - 1/2 d(v' M_a v)/dr`, which conserves energy: with `M_a = a + b d d'/L^2`,
 
         (p1 - p0)/h + (force of the links f),    f = b/(2 L^2) (v0 (d . v1) + v1 (d . v0)),    d mid-step,
 
-    does exactly the change of `1/2 v' M_a v` of work (a discrete gradient).
+    does work that is exactly the change of `1/2 v' M_a v` (a discrete gradient).
     """
 
     name: ClassVar[str] = "morison_inertia"
@@ -79,11 +79,15 @@ class MorisonInertia(_InertiaForce):
         "added mass coefficient along the link", unit="-", shape="link", low=0.0, optional=True
     )
     fluid_acceleration: str = option("of the water", choices=("local", "material"), default="local")
-    table_kc: jax.Array | None = parameter("KC of a table, rising", unit="-", shape="table", low=0.0, optional=True)
+    table_kc: jax.Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, optional=True)
     table_can: jax.Array | None = parameter("can at those", unit="-", shape="table", low=0.0, optional=True)
-    table_re: jax.Array | None = parameter("least and largest Re of it", unit="-", shape="table", optional=True)
-    added_mass: str = option("how added mass turns", choices=("morison", "lagrangian"), default="morison")
-    coefficients: str = option("where can comes from", choices=SOURCES, default="given")
+    table_re: jax.Array | None = parameter(
+        "minimum and maximum Re of the table", unit="-", shape="table", optional=True
+    )
+    added_mass: str = option(
+        "force of added mass that turns with its link", choices=("morison", "lagrangian"), default="morison"
+    )
+    coefficients: str = option("source of can", choices=SOURCES, default="given")
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
@@ -105,12 +109,12 @@ class MorisonInertia(_InertiaForce):
 
     @property
     def turns(self) -> bool:
-        """Whether added mass may gain energy by turning, as Morison's form does where can and cat differ."""
+        """Whether added mass may gain energy by turning, as in Morison's form if can and cat differ."""
         return self.added_mass == "morison"
 
     @property
     def differs(self) -> jax.Array:
-        """Whether can and cat do differ anywhere."""
+        """Whether can and cat actually differ anywhere."""
         return jnp.any(self.can != self.cat)
 
     def _coefficients(self, part: Part) -> tuple[jax.Array, jax.Array]:
@@ -130,7 +134,7 @@ class MorisonInertia(_InertiaForce):
         return total
 
     def _lagrangian(self, k: Kinematics, a: jax.Array) -> jax.Array:
-        """The same for added mass that keeps energy; k is the middle of a step of length k.h."""
+        """The same for added mass that conserves energy; k is the middle of a step of length k.h."""
         h, length = k.h, k.line.length[:, None]
         before, after = k.v - 0.5 * h * a, k.v + 0.5 * h * a
         middle = k.links / length

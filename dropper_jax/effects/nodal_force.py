@@ -20,11 +20,11 @@ from dropper_jax.scene import SceneData
 class NodalForce(Effect):
     """Force `F_i(t) = s(t) force_i` on chosen nodes.
 
-    `s(t)` is 1 (constant), `min(max((t - start)/rise, 0), 1)` until `release` and 0 after it (ramp; thesis
-    (E.1)-(E.3) is `rise = M g / 0.094 s`), or read from a table `time`, `scale` (linear between, held outside).
+    `s(t)` is 1 (constant), `min(max((t - start)/rise, 0), 1)` until `release` and 0 after it (ramp; thesis (E.1)-(E.3)
+    is `rise = M g / 0.094 s`), or read from a table `time`, `scale` (linear between the rows, held outside).
 
-    Schemes see s at their own instants (the middle of the step by default): a `release` inside a step is moved to the
-    end or the beginning of that step, an error of first order in the step. Take a step that divides `release`, or a
+    Schemes evaluate s at their own instants (the middle of the step by default). A `release` inside a step is moved to
+    the end or the start of that step, an error of first order in the step. Use a step that divides `release`, or a
     scheme that ends steps there (tsit5, dop853).
     """
 
@@ -36,17 +36,19 @@ class NodalForce(Effect):
     rise: jax.Array | None = parameter(
         "time from zero to the full force", unit="s", low=0.0, open_low=True, optional=True
     )
-    release: jax.Array | None = parameter("when the force is let go", unit="s", low=0.0, optional=True)
+    release: jax.Array | None = parameter("when the force is released", unit="s", low=0.0, optional=True)
     time: jax.Array | None = parameter("times of the table", unit="s", shape="table", optional=True)
     scale: jax.Array | None = parameter("factor at those times", unit="-", shape="table", optional=True)
-    nodes: tuple[int, ...] = option("node numbers, counted from 1 next to the first point", type=tuple, default=())
+    nodes: tuple[int, ...] = option(
+        "node numbers, counted from 1 at the node next to the first point", type=tuple, default=()
+    )
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         links = scene.lines[0].links
         for node in values["nodes"]:
             if not 1 <= node <= links:
-                raise SceneError(f"effects.nodal_force.nodes: {node} is not a node of the line; allowed 1 to {links}")
+                raise SceneError(f"effects.nodal_force.nodes: {node} is not a node of the line; allowed: 1 to {links}")
         if len(values["nodes"]) != len(values["force_n"]):
             raise SceneError(
                 f"effects.nodal_force.force_n: {len(values['force_n'])} forces for {len(values['nodes'])} nodes; "
@@ -80,5 +82,5 @@ class NodalForce(Effect):
 
     def force(self, k: Kinematics) -> jax.Array:
         index = np.array(self.nodes) - 1
-        movable = index < k.free  # a force on a held node moves nothing
+        movable = index < k.free  # a force on a fixed node has no effect
         return scatter_add(index[movable], self.factor(k.t) * self.force_n[np.flatnonzero(movable)], k.free)

@@ -16,17 +16,17 @@ from dropper_jax.base.scatter import scatter_add
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.scene import SceneData
 
-#: Least diameter over which a body gets wet [m], so that a mass without a volume has no jump.
+#: Minimum diameter over which a body enters the water [m], so that a mass without volume causes no jump.
 SMALLEST = 1e-2
 
 
 @component
 class PointBodies(Effect):
-    """Bodies without rotation at free points, as MoorDyn's points; made from the points' own keys.
+    """Bodies without rotation at free points, as MoorDyn's points; created from the keys of the points.
 
     Weight `-m g`, buoyancy `rho g V w`, drag `1/2 rho CdA w |u| u` on the relative velocity, inertia
-    `rho V w (1 + Ca) u'` on the right and `rho V w Ca` on the left. w is the wet fraction of a sphere of volume V,
-    smoothed as that of lines. Forces act in the point.
+    `rho V w (1 + Ca) u'` on the right and `rho V w Ca` on the left. w is the submerged fraction of a sphere of volume
+    V, smoothed as for lines. Forces act at the point.
     """
 
     name: ClassVar[str] = "point_bodies"
@@ -57,7 +57,7 @@ class PointBodies(Effect):
         return scatter_add(self.nodes(model), self.mass, model.free_nodes)
 
     def contact_area(self, model: ModelView) -> jax.Array:
-        """Plan area on the seabed (nodes,) [m^2]: of the sphere of the volume."""
+        """Plan area on the seabed (nodes,) [m^2]: that of a sphere of the same volume."""
         area = 0.25 * jnp.pi * self._diameter() ** 2
         return scatter_add(self.nodes(model), area, model.free_nodes)
 
@@ -85,7 +85,7 @@ class PointBodies(Effect):
 
 @component
 class WetPointBodies(PointBodies):
-    """The same with added mass: only where a body in the water has it."""
+    """The same with added mass: only used if a body in the water has it."""
 
     name: ClassVar[str] = "point_bodies"
 

@@ -17,8 +17,8 @@ from dropper_jax.model import Effect, Kinematics, per_node
 class QuadraticDamping(Effect):
     """Quadratic damping `F = -b_q |v| v` on each node.
 
-    The thesis prints `v^2` per component ((4.13)-(4.14)), which feeds energy in for negative velocities (erratum).
-    `form = "componentwise"` is `-b_q |v_i| v_i`, its repaired form, for reproduction; it depends on the axes.
+    The thesis prints `v^2` per component ((4.13)-(4.14)), which adds energy for negative velocities (erratum).
+    `form = "componentwise"` is the corrected form `-b_q |v_i| v_i`, for reproduction; it depends on the axes.
     """
 
     name: ClassVar[str] = "quadratic_damping"
@@ -33,7 +33,7 @@ class QuadraticDamping(Effect):
         b_q, v = per_node(self.b_q, k.free), k.v
         if k.before is not None:
             v = still_drag_velocity(k, 2.0 * b_q * self._speed(k.before) / k.model.node_mass[:, None])
-            if self.form == "componentwise":  # each direction brakes by itself
+            if self.form == "componentwise":  # each direction is damped separately
                 v = jnp.where(v * k.v < 0.0, 0.0, v)
         return -b_q * self._speed(v) * v
 

@@ -1,4 +1,4 @@
-"""Held points that move as recorded, each along a path of its own."""
+"""Prescribed points that move as recorded, each along its own path."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from dropper_jax.scene import SceneData
 
 @component
 class RecordedMotion(Effect):
-    """Places of held points over time, as cameras or a vessel's log give them: a table of places for each point.
+    """Positions of prescribed points over time, as from cameras or a vessel's log: a table of positions for each point.
 
-    Between the rows quintics with the slopes and curvatures of a parabola through three rows (as `end_motion`), so that
-    velocity and acceleration are continuous; before and after it the points rest. `places` has the rows of the first
-    point, then those of the second, and so on: (points * k, 3) for k times.
+    Quintics between the rows have the slopes and curvatures of a parabola through three rows (as `end_motion`), so that
+    velocity and acceleration are continuous. Before and after the table the points rest. `places` has the rows of the
+    first point, then those of the second, and so on: (points * k, 3) for k times.
     """
 
     name: ClassVar[str] = "recorded_motion"
     time: jax.Array = parameter("times of the rows", unit="s", shape="table")
-    places: jax.Array = parameter("places, point after point", unit="m", shape="vectors")
-    home: jax.Array | None = None  # where the scene puts the points (points, 3) [m]
+    places: jax.Array = parameter("positions, point after point", unit="m", shape="vectors")
+    home: jax.Array | None = None  # positions of the points in the scene (points, 3) [m]
     points: tuple[str, ...] = option("names of the points that move", type=list, default=())
 
     @classmethod
@@ -38,11 +38,11 @@ class RecordedMotion(Effect):
         held = [p.name for p in scene.points if p.kind == "fixed"]
         for i, name in enumerate(values["points"]):
             if name not in held:
-                raise SceneError(f"{path}.points.{i}: {name!r} is not a held point; {nearest(name, held)}")
+                raise SceneError(f"{path}.points.{i}: {name!r} is not a fixed point; {nearest(name, held)}")
             if name in values["points"][:i]:
-                raise SceneError(f"{path}.points.{i}: {name!r} is there twice; allowed: every point once")
+                raise SceneError(f"{path}.points.{i}: {name!r} is a duplicate point; allowed: each point once")
         if not values["points"]:
-            raise SceneError(f"{path}.points: is empty; allowed: names of held points: {', '.join(held)}")
+            raise SceneError(f"{path}.points: is empty; allowed: names of fixed points: {', '.join(held)}")
         if len(values["time"]) < 2 or np.any(np.diff(values["time"]) <= 0):
             raise SceneError(f"{path}.time: needs at least 2 increasing times")
         rows = len(values["time"]) * len(values["points"])
@@ -64,7 +64,7 @@ class RecordedMotion(Effect):
         return replace(self, points=(name,), home=self.home[i : i + 1], places=self.places[i * count : (i + 1) * count])
 
     def displace(self, t: jax.Array) -> jax.Array:
-        """Displacement (3,) [m] of the first point from the scene's place at time t [s]."""
+        """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""
         return interpolate_quintic(t, self.time, self.places[: self.time.shape[0]]) - self.home[0]
 
     @property
@@ -73,5 +73,5 @@ class RecordedMotion(Effect):
 
     @property
     def corners(self) -> jax.Array | None:
-        """All rows, where the third derivative jumps."""
+        """All rows, at which the third derivative jumps."""
         return self.time

@@ -1,4 +1,4 @@
-"""Rigid bodies of six degrees of freedom: mass, inertia, centre of mass, weight, and the lines that sit on them."""
+"""Rigid bodies with six degrees of freedom: mass, inertia, centre of mass, weight, and the lines attached to them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from dropper_jax.base.numerics import cross, dot, upright
 from dropper_jax.base.scatter import scatter_add
 from dropper_jax.model import HolonomicConstraint, Kinematics, ModelView
 
-#: Pairs of corners of a body, whose distances stay.
+#: Pairs of corners of a body, whose distances are constant.
 FIRST, SECOND = np.triu_indices(4, 1)
-#: Part of a body's mass that each node on it carries: one that no line holds must not be without inertia.
+#: Fraction of a body's mass carried by each node on it: a node without a line must not be without inertia.
 CARRIED = 1e-3
-#: By which parts of a body's size residuals of forces and of gaps are sized: what a step leaves of them is energy,
-#: which tumbling bodies keep to 3e-10 in 6000 steps so (1e-9 with sizes of 1).
+#: Scales of force and gap residuals, as fractions of a body's size. A step leaves an energy error of their order: with
+#: these fractions tumbling bodies conserve energy to 3e-10 in 6000 steps (1e-9 with fractions of 1).
 MOVE, GAP = 0.001, 0.1
 #: Pairs of axes of the six moments and products of inertia.
 MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -30,31 +30,35 @@ MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 class RigidBodies(HolonomicConstraint):
     """Bodies of `[[body]]` as four nodes each, the corners of a tetrahedron whose six edges keep their length.
 
-    Every point s of a body (in its own axes) is a fixed mixture of its corners, `x = sum_i w_i(s) r_i` with
-    `sum w_i = 1`, `sum w_i s_i = s` (natural coordinates; Betsch and Steinmann 2001). The kinetic energy is then
-    `1/2 sum_ij M_ij r_i' . r_j'` with the constant `M_ij = int w_i w_j dm` of mass, centre of mass and inertia: exact
-    for any rigid body, and with the edges' constraints conserved by the energy-momentum step together with the angular
-    momentum. Points where lines sit are nodes of their own with `r = sum_i w_i r_i`. A body that is pinned keeps its
-    reference point where it is, `sum_i w_i r_i = pin`, and turns about it.
+    Every point s of a body (in its own axes) is a fixed weighted combination of its corners, `x = sum_i w_i(s) r_i`
+    with `sum w_i = 1`, `sum w_i s_i = s` (natural coordinates; Betsch and Steinmann 2001). The kinetic energy is then
+    `1/2 sum_ij M_ij r_i' . r_j'` with the constant `M_ij = int w_i w_j dm` of mass, centre of mass and inertia. This is
+    exact for any rigid body. With the constraints of the edges, the energy-momentum step conserves it together with the
+    angular momentum. Points at which lines are attached are separate nodes with `r = sum_i w_i r_i`. A pinned body
+    keeps its reference point fixed, `sum_i w_i r_i = pin`, and rotates about it.
     """
 
     name: ClassVar[str] = "rigid_bodies"
     mass: jax.Array = parameter("mass", unit="kg", shape="table", low=0.0, open_low=True)
     centre_of_mass: jax.Array = parameter("centre of mass in the body's axes", unit="m", shape="vectors")
-    moments: jax.Array = parameter("Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it", unit="kg m^2", shape="vectors")
+    moments: jax.Array = parameter(
+        "Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass", unit="kg m^2", shape="vectors"
+    )
     corner: jax.Array = parameter("corners in the body's axes (bodies, 4, 3)", unit="m", shape="vectors")
-    affine: jax.Array = parameter("[s, 1] @ affine: shares of a place s (bodies, 4, 4)", unit="-", shape="vectors")
-    seat: jax.Array = parameter("places of the seats in their body's axes", unit="m", shape="vectors")
+    affine: jax.Array = parameter("[s, 1] @ affine: weights of a position s (bodies, 4, 4)", unit="-", shape="vectors")
+    seat: jax.Array = parameter("positions of the attached points in their body's axes", unit="m", shape="vectors")
     velocity: jax.Array = parameter("velocity of the centre of mass at the start", unit="m/s", shape="vectors")
     spin: jax.Array = parameter("angular velocity at the start, in the body's axes", unit="rad/s", shape="vectors")
-    #: The mass matrix where it is at hand: in the equations of a step, which need it in many places.
+    #: The mass matrix if it has been computed: in the equations of a step, which use it many times.
     matrix: jax.Array | None = None
     gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
     first: int = option("number of the first corner among the points", type=int, default=0)
-    points: tuple[int, ...] = option("numbers of the points that are seats", type=tuple, default=())
-    owner: tuple[int, ...] = option("body of each seat", type=tuple, default=())
+    points: tuple[int, ...] = option("numbers of the points attached to bodies", type=tuple, default=())
+    owner: tuple[int, ...] = option("body of each attached point", type=tuple, default=())
     names: tuple[str, ...] = option("names of the bodies", type=list, default=())
-    pin: jax.Array = parameter("places of the pinned bodies' reference points", unit="m", shape="vectors", default=())
+    pin: jax.Array = parameter(
+        "positions of the pinned bodies' reference points", unit="m", shape="vectors", default=()
+    )
     pinned: tuple[int, ...] = option("numbers of the pinned bodies", type=tuple, default=())
 
     @property
@@ -68,7 +72,7 @@ class RigidBodies(HolonomicConstraint):
         return model.geometry.point_node[np.array(self.points, int)]
 
     def _seat_shares(self) -> jax.Array:
-        """Shares of the seats in the corners of their own body (seats, 4)."""
+        """Weights of the attached points in the corners of their body (seats, 4)."""
         return shares(self.affine[np.array(self.owner, int)], self.seat)
 
     def seat_shares(self) -> jax.Array:
@@ -76,9 +80,9 @@ class RigidBodies(HolonomicConstraint):
         return (one[:, :, None] * self._seat_shares()[:, None, :]).reshape(len(self.owner), -1)
 
     def pose(self, model: ModelView, r: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Reference points (bodies, 3) [m], and the bodies' axes (bodies, 3, 3), of places r (free nodes, 3).
+        """Reference points (bodies, 3) [m] and axes (bodies, 3, 3) of the bodies, from positions r (free nodes, 3).
 
-        The same of velocities: those of the reference points, and the axes' rates.
+        For velocities: the velocities of the reference points and the rates of the axes.
         """
         own = jnp.einsum("bki,bic->bck", self.affine, r[self.body_nodes(model)])
         return own[..., 3], own[..., :3]
@@ -87,7 +91,7 @@ class RigidBodies(HolonomicConstraint):
         return jnp.sum(self.affine[:, 3, :, None] * corners, axis=1)
 
     def initial_velocities(self, model: ModelView, r: jax.Array) -> jax.Array:
-        """Velocities (free nodes, 3) [m/s] of the bodies' corners and seats at the start, at places r."""
+        """Initial velocities (free nodes, 3) [m/s] of the bodies' corners and attached points, at positions r."""
         _, axes = self.pose(model, r)
 
         def body_velocity(body: np.ndarray, local: jax.Array) -> jax.Array:
@@ -109,7 +113,8 @@ class RigidBodies(HolonomicConstraint):
         return 6 * self.count + 3 * len(self.owner) + 3 * len(self.pinned)
 
     def gap(self, model: ModelView, r: jax.Array) -> jax.Array:
-        """`(|d|^2 - L^2)/(2 L)` of the edges, how far seats are from their places, and bodies from pins (rows,) [m]."""
+        """`(|d|^2 - L^2)/(2 L)` of the edges, distances of attached points from their positions and of bodies from pins
+        [m]."""
         corners, length = r[self.body_nodes(model)], self.lengths()
         edge = corners[:, SECOND] - corners[:, FIRST]
         stretch = (dot(edge, edge) - length**2) / (2.0 * length)
@@ -122,7 +127,7 @@ class RigidBodies(HolonomicConstraint):
         return jnp.concatenate(gaps)
 
     def gap_size(self, model: ModelView) -> jax.Array:
-        # nothing finer than rounding of places a kilometre away allows
+        # rounding of positions a kilometre away allows no finer tolerance
         return self._per_row(GAP * jnp.maximum(jnp.max(self.lengths(), axis=1), 1.0))
 
     def force_size(self, model: ModelView) -> jax.Array:
@@ -134,7 +139,7 @@ class RigidBodies(HolonomicConstraint):
         return jnp.concatenate([jnp.repeat(per_body, 6), jnp.repeat(per_body[others], 3)])
 
     def mass_matrix(self) -> jax.Array:
-        """M_ij (bodies, 4, 4) [kg], less what the seats carry."""
+        """M_ij (bodies, 4, 4) [kg], without the mass carried by the attached points."""
         if self.matrix is not None:
             return self.matrix
         products = jnp.zeros((self.count, 3, 3), self.mass.dtype)
@@ -189,7 +194,7 @@ class RigidBodies(HolonomicConstraint):
 
 
 def shares(affine: jax.Array, s: jax.Array) -> jax.Array:
-    """Shares (..., 4) of places s (..., 3) in a body's axes."""
+    """Weights (..., 4) of positions s (..., 3) in a body's axes."""
     return jnp.sum(s[..., :, None] * affine[..., :3, :], axis=-2) + affine[..., 3, :]
 
 
@@ -202,8 +207,8 @@ def scatter_rows(where: tuple[int, ...], values: jax.Array, size: int) -> jax.Ar
 def tetrahedron(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Corners (4, 3) [m] on which four equal masses have this mass, centre of mass and inertia (3, 3) about it.
 
-    With the principal second moments `E_i = (I_j + I_k - I_i)/2` they stand at `sqrt(E_i/m)` along the principal axes,
-    signs (+ + +), (+ - -), (- + -), (- - +). Of a thin body they are kept from lying in a plane.
+    With the principal second moments `E_i = (I_j + I_k - I_i)/2` the corners are at `sqrt(E_i/m)` along the principal
+    axes, signs (+ + +), (+ - -), (- + -), (- - +). For a thin body they are kept from lying in a plane.
     """
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
     value, axes = np.linalg.eigh(second)

@@ -1,4 +1,4 @@
-"""An end that follows the waves: a platform's or a buoy's."""
+"""An end that follows the waves, such as a platform or a buoy."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ from dropper_jax.sea import Sea
 
 @component
 class SeaFollowingEnd(HeldMotion):
-    """Displacement of a held point by the waves at its mean place: `heave * eta` up, `surge * xi` along each wave.
+    """Displacement of a prescribed point by the waves at its mean position: `heave * eta` up, `surge * xi` along each
+    wave.
 
     xi is the horizontal excursion of a particle at the mean surface, `-a (s/w) C(0) sin p`. `heave` and `surge` are
-    transfer factors: one number, or values at the frequencies `omega`, linear between. Surge lags the elevation as
-    the water itself does.
+    transfer factors: one number, or values at the frequencies `omega`, linear between. Surge lags the elevation as the
+    water itself does.
     """
 
     name: ClassVar[str] = "sea_following_end"
@@ -31,7 +32,7 @@ class SeaFollowingEnd(HeldMotion):
     surge: jax.Array = parameter("horizontal motion over the water's", unit="-", shape="numbers", default=1.0)
     omega: jax.Array | None = parameter("frequencies of the factors", unit="rad/s", shape="table", optional=True)
     place: jax.Array | None = None
-    settled: jax.Array | None = None  # when the sea's ramp begins and ends (2,) [s]
+    settled: jax.Array | None = None  # start and end of the sea's ramp (2,) [s]
     point: str = option("name of the point that moves", type=str, default="")
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
@@ -40,7 +41,7 @@ class SeaFollowingEnd(HeldMotion):
         path = "effects.sea_following_end"
         cls.check_points(values, scene)
         if scene.sea.waves is None or scene.sea.ramp is None:
-            raise SceneError(f"{path}: needs waves that rise from rest; allowed: [sea.waves] and `sea.ramp`")
+            raise SceneError(f"{path}: needs waves that rise from rest; needed: [sea.waves] and `sea.ramp`")
         count = 1 if values["omega"] is None else len(values["omega"])
         for key in ("heave", "surge"):
             if np.size(values[key]) not in (1, count):

@@ -1,4 +1,4 @@
-"""The seabed: a spring and damper under every node, along the normal of a flat bed or of a grid of depths."""
+"""The seabed: a spring and damper under every node, along the normal of a flat seabed or of a grid of depths."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 
-#: Part of a cell, on either side of a line between cells, over which the bed turns from one slope into the next.
+#: Part of a cell, on either side of a grid line, over which one slope of the seabed blends into the next.
 ROUNDED = 0.02
 
 
 @component
 class Seabed(Effect):
-    """Contact force `N = A (k p + clip(c p', -k p, k p))` along the normal of the bed, p how deep a node is in it.
+    """Contact force `N = A (k p + clip(c p', -k p, k p))` along the normal of the seabed, p the depth of a node in it.
 
-    `A = D L` is the plan area of the node's halves of its links, as in MoorDyn; p is measured along the normal and 0
-    above the bed. As in a rope the damper never gives more than the spring: the force is continuous where a node
-    touches down, never sticks, and takes energy only. Over a step the spring stands as `springs` says. Where `bed_x`,
-    `bed_y` and `bed_depth` are given the bed is that grid, bilinear between, its creases rounded: in the bottom of a
-    valley the force of either side alone would leave nothing at rest.
+    `A = D L` is the plan area of the node's halves of its links, as in MoorDyn; p is measured along the normal and is 0
+    above the seabed. As in a rope the damper force never exceeds the spring force. The contact force is therefore
+    continuous at touchdown, never sticks, and only takes energy. Over a step the spring is treated as in `springs`. If
+    `bed_x`, `bed_y` and `bed_depth` are given, the seabed is that grid, bilinear between the points, with rounded
+    creases: at the bottom of a sharp crease the force of one side alone would let no node rest.
     """
 
     name: ClassVar[str] = "seabed"
     stiffness: jax.Array = parameter("contact stiffness", unit="Pa/m", low=0.0, open_low=True, default=3e6)
     damping: jax.Array = parameter("contact damping", unit="Pa s/m", low=0.0, default=3e5)
     depth: jax.Array | None = parameter("depth of a flat bed", unit="m", low=0.0, open_low=True, optional=True)
-    bed_x: jax.Array | None = parameter("x of the grid of depths", unit="m", shape="table", optional=True)
-    bed_y: jax.Array | None = parameter("y of the grid of depths", unit="m", shape="table", optional=True)
+    bed_x: jax.Array | None = parameter("x of the depth grid", unit="m", shape="table", optional=True)
+    bed_y: jax.Array | None = parameter("y of the depth grid", unit="m", shape="table", optional=True)
     bed_depth: jax.Array | None = parameter(
-        "depths of the grid, x by x (all y of the first x first)", unit="m", shape="table", optional=True
+        "depths of the grid, ordered by x (all y of the first x first)", unit="m", shape="table", optional=True
     )
 
     @classmethod
@@ -56,7 +56,7 @@ class Seabed(Effect):
                 if len(values[key]) < 2 or np.any(np.diff(values[key]) <= 0):
                     raise SceneError(f"effects.seabed.{key}: needs at least 2 increasing numbers")
         elif values["depth"] is None and scene.sea is None:
-            raise SceneError("effects.seabed.depth: missing; needed: the depth of the bed, or a [sea] that has one")
+            raise SceneError("effects.seabed.depth: missing; needed: the depth of the seabed, or a [sea] with `depth`")
         if any(line.diameter is None for line in scene.lines):
             raise SceneError("line.diameter: missing; effects.seabed needs the diameter of every line [m]")
 
@@ -68,7 +68,7 @@ class Seabed(Effect):
         return cls(**values)
 
     def bed_height(self, r: jax.Array, rounded: float = ROUNDED) -> jax.Array:
-        """Height z of the bed (nodes,) [m] under places r (nodes, 3); with `rounded` = 0 its creases are sharp."""
+        """Height z of the seabed (nodes,) [m] at positions r (nodes, 3); with `rounded` = 0 its creases are sharp."""
         if self.bed_x is None:
             return -self.depth * jnp.ones_like(r[:, 2])
         grid = self.bed_depth.reshape(self.bed_x.shape[0], self.bed_y.shape[0])
@@ -77,7 +77,7 @@ class Seabed(Effect):
         return -jnp.sum(a[:, None] * b * grid[i[:, None], j], axis=(0, 1))
 
     def upward(self, r: jax.Array) -> jax.Array:
-        """Unit normals (nodes, 3) of the bed under places r (nodes, 3), or (3,) of a flat one."""
+        """Unit normals (nodes, 3) of the seabed at positions r (nodes, 3), or (3,) of a flat one."""
         if self.bed_x is None:
             return jnp.array([0.0, 0.0, 1.0], r.dtype)
         x, y = (
@@ -88,14 +88,14 @@ class Seabed(Effect):
         return n / jnp.sqrt(dot(n, n))[:, None]
 
     def tangents(self, r: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Two unit vectors (nodes, 3) along the bed, at right angles; (3,) of a flat one."""
+        """Two orthogonal unit vectors (nodes, 3) along the seabed; (3,) of a flat one."""
         n = self.upward(r)
         first = jnp.stack([n[..., 2], jnp.zeros_like(n[..., 2]), -n[..., 0]], axis=-1)
         first = first / jnp.sqrt(dot(first, first))[..., None]
         return first, cross(n, first)
 
     def prepare(self, k: Kinematics) -> jax.Array:
-        """How fast nodes go down at the beginning of the step (nodes,) [m/s]; k has the velocities of that time."""
+        """Downward speed of nodes at the start of the step (nodes,) [m/s]; k has the velocities of that time."""
         return -dot(k.v, self.upward(k.r))
 
     def normal(self, k: Kinematics) -> jax.Array:
@@ -122,13 +122,13 @@ class Seabed(Effect):
 
 
 def _shares(knots: jax.Array, x: jax.Array, rounded: float) -> tuple[jax.Array, jax.Array]:
-    """Three knots around each x and their shares, each (3, n): linear between, rounded at knots, level outside."""
+    """Three knots around each x and their weights, each (3, n): linear between, rounded at knots, level outside."""
     last = knots.shape[0] - 1
     i = jnp.clip(jnp.searchsorted(knots, x, side="right") - 1, 0, last - 1)
     near = jnp.where(2.0 * x > knots[i] + knots[i + 1], i + 1, i)
     before, after = jnp.maximum(near - 1, 0), jnp.minimum(near + 1, last)
     left, right = knots[near] - knots[before], knots[after] - knots[near]
-    width = rounded * jnp.minimum(left, right)  # none at the edges
+    width = rounded * jnp.minimum(left, right)  # no rounding at the edges
     one = jnp.ones_like(width)
     up = _ramp(x - knots[near], width) / jnp.where(right > 0.0, right, one)
     down = _ramp(knots[near] - x, width) / jnp.where(left > 0.0, left, one)
@@ -136,6 +136,6 @@ def _shares(knots: jax.Array, x: jax.Array, rounded: float) -> tuple[jax.Array, 
 
 
 def _ramp(x: jax.Array, width: jax.Array) -> jax.Array:
-    """`max(x, 0)`, a parabola within `width` of the corner."""
+    """`max(x, 0)`, replaced by a parabola within `width` of the corner."""
     inside = jnp.abs(x) < width
     return jnp.where(inside, (x + width) ** 2 / jnp.where(inside, 4.0 * width, 1.0), jnp.maximum(x, 0.0))

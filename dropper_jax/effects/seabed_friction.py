@@ -1,4 +1,4 @@
-"""Dry friction on the seabed: Coulomb's with true sticking, or laws that grow with speed."""
+"""Dry friction on the seabed: Coulomb friction with true sticking, or laws that grow with speed."""
 
 from __future__ import annotations
 
@@ -16,27 +16,29 @@ from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Kinematics, Law, Line
 from dropper_jax.scene import SceneData
 
-#: Speed below which a node that begins a step counts as at rest [m/s]: rounding, not creep.
+#: Speed below which a node at the start of a step counts as at rest [m/s]: rounding, not creep.
 AT_REST = 1e-10
 
 
 @component
 class SeabedFriction(Law):
-    """Coulomb friction `|z| <= mu N` on nodes on the bed, in its plane: mu static at rest, kinetic in motion.
+    """Coulomb friction `|z| <= mu N` on nodes on the seabed, in its plane: mu is static at rest, kinetic in motion.
 
     The friction z (nodes, 2) [N] is an unknown of the step, determined by `z = P(z - rho v_mid)`, P the projection on
-    the disc of radius mu N and rho the node's mass over the step (its value does not change the solutions): a node
-    slides against its mid-step velocity with |z| = mu N, or stays exactly where it is. A node that stayed has no
-    velocity left at the end of the step: what the midpoint rule would let ring is taken by the friction.
+    the disc of radius mu N and rho the node's mass over the step (its value does not change the solutions). A node
+    slides against its mid-step velocity with |z| = mu N, or stays exactly at rest. A node that stayed has zero velocity
+    at the end of the step: friction takes the oscillation that the midpoint rule would leave.
 
     (The paper's (19) is the same law, with the resultant of all other forces in place of the unknown.)
 
-    `law = "regularised"` is Coulomb's law without sticking, as codes with explicit schemes have it: `|z| = mu N` from
-    `speed` on, in proportion to |v| below it. What should rest creeps by less than `speed`. Explicit schemes run it.
+    `law = "regularised"` is Coulomb's law without sticking, as in codes with explicit schemes: `|z| = mu N` above
+    `speed`, proportional to |v| below it. Nodes that should rest creep at less than `speed`. Explicit schemes support
+    it.
 
-    `law = "moordyn"` is MoorDyn's: against the velocity v along the bed, `|z| = mu c |v|` up to the limit, `damping` c
-    its FricDamp [N s/m]. A node that starts the step with `mu c |v|` above the static limit has the kinetic one. c is
-    of a node, not of its weight: where the contact force is N the limit is reached at the speed N/c.
+    `law = "moordyn"` is MoorDyn's: against the velocity v along the seabed, `|z| = mu c |v|` up to the limit, with
+    `damping` c its FricDamp [N s/m]. A node that starts the step with `mu c |v|` above the static limit has the kinetic
+    one. c applies per node and does not depend on weight: where the contact force is N the limit is reached at the
+    speed N/c.
     """
 
     name: ClassVar[str] = "seabed_friction"
@@ -51,12 +53,12 @@ class SeabedFriction(Law):
         "speed at which regularised friction reaches mu N", unit="m/s", low=0.0, open_low=True, default=0.01
     )
     law: str = option(
-        "Coulomb's law, which sticks; the same regularised, or MoorDyn's: both creep, and explicit schemes take them",
+        "Coulomb's law with sticking; regularised or MoorDyn's: both creep, and explicit schemes support them",
         choices=("coulomb", "regularised", "moordyn"),
         default="coulomb",
     )
     statics: str = option(
-        "friction in static poses: none, or that of lines pulled outward from their first point",
+        "friction in static equilibrium: none, or that of lines pulled outward from their first point",
         choices=("none", "outward"),
         default="none",
     )
@@ -67,7 +69,7 @@ class SeabedFriction(Law):
             raise SceneError("effects.seabed_friction: needs the contact force of [effects.seabed]; it is missing")
         if "joint_friction" in scene.effects:
             raise SceneError(
-                "effects.seabed_friction: cannot be solved beside [effects.joint_friction]; allowed: one of them"
+                "effects.seabed_friction: cannot be combined with [effects.joint_friction]; allowed: one of them"
             )
         if values["static"] is not None and values["static"] < values["kinetic"]:
             raise SceneError(
@@ -98,7 +100,7 @@ class SeabedFriction(Law):
         return z[:, :1] * first + z[:, 1:] * second
 
     def prepare(self, k: Kinematics) -> jax.Array | None:
-        """Which nodes (nodes, 1) have the kinetic limit; k has the velocities of the beginning of the step."""
+        """Which nodes (nodes, 1) have the kinetic limit; k has the velocities of the start of the step."""
         if self.static is None:
             return None
         speed = _size(_along_bed(k, k.v))
@@ -107,14 +109,14 @@ class SeabedFriction(Law):
         return speed > AT_REST
 
     def _limit(self, k: Kinematics) -> jax.Array:
-        """Largest friction (nodes, 1) [N]."""
+        """Maximum friction (nodes, 1) [N]."""
         normal = _find_seabed(k).normal(k)[:, None]
         if self.static is None:
             return self.kinetic * normal
         return jnp.where(k.prepared(self), self.kinetic, self.static) * normal
 
     def _trial(self, k: Kinematics, z: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """`p = z - rho v_mid` (nodes, 2) [N], or in proportion to `-v_mid`, and its size (nodes, 1)."""
+        """`p = z - rho v_mid` (nodes, 2) [N], or proportional to `-v_mid`, and its magnitude (nodes, 1)."""
         p = self._creep(k) if self.of_state else z - (k.model.node_mass / h)[:, None] * _along_bed(k, k.v)
         return p, _size(p)
 
@@ -132,7 +134,7 @@ class SeabedFriction(Law):
         return _clip_to_limit(p, _size(p), self._limit(k))
 
     def admissible(self, z: jax.Array) -> jax.Array:
-        return z  # the bound is the contact force, which the step determines too
+        return z  # the bound is the contact force, which is an unknown of the step too
 
     def stop(self, k: Kinematics, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
         if self.of_state:
@@ -142,12 +144,12 @@ class SeabedFriction(Law):
         return v1 - jnp.where(stuck, self.law_force(k, _along_bed(k, v1)), 0.0)
 
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
-        """The size of force rows [N]: contact forces round as those do."""
+        """Scale of the force rows [N]: that of the contact forces, which have the same rounding."""
         return jnp.mean(line.mass) * jnp.maximum(GRAVITY, jnp.mean(line.length) / h**2)
 
 
 def _size(p: jax.Array) -> jax.Array:
-    """Size (nodes, 1) of plane vectors (nodes, 2), with a derivative at zero."""
+    """Magnitude (nodes, 1) of plane vectors (nodes, 2), with a derivative at zero."""
     return jnp.sqrt(jnp.sum(p * p, axis=1, keepdims=True) + 1e-30)
 
 
@@ -161,5 +163,5 @@ def _find_seabed(k: Kinematics) -> Seabed:
 
 
 def _along_bed(k: Kinematics, v: jax.Array) -> jax.Array:
-    """Components (nodes, 2) of vectors (nodes, 3) along the bed."""
+    """Components (nodes, 2) of vectors (nodes, 3) along the seabed."""
     return jnp.stack([dot(v, tangent) for tangent in _find_seabed(k).tangents(k.r)], axis=-1)

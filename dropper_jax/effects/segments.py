@@ -1,6 +1,6 @@
-"""Contact of round bars: the nearest places of two straight axes, and what pushes them apart.
+"""Contact of round bars: the nearest points of two straight axes, and the force that pushes them apart.
 
-Bars are pieces p of four places (..., 4, 3): the ends of the first axis and of the second.
+Bars are pieces p of four positions (..., 4, 3): the ends of the first axis and of the second.
 """
 
 from __future__ import annotations
@@ -12,20 +12,21 @@ import jax.numpy as jnp
 
 from dropper_jax.base.numerics import dot
 
-#: Rounding of the nearest place where axes are parallel, over the square of their lengths: parallel axes meet in their
-#: middles, and the place of the contact moves on evenly as they turn (by 0.3 degrees) to meet elsewhere.
+#: Rounding of the nearest point for parallel axes, relative to the square of their lengths. Parallel axes meet at their
+#: middles, and the contact point moves smoothly (over 0.3 degrees) as they turn away from parallel.
 SPREAD = 1e-5
-#: Distance over the reach below which axes count as this far apart: the direction of the push stays defined.
+#: Distance relative to the reach below which axes count as this far apart, so that the force direction stays defined.
 CORE = 1e-2
 
 
 class Nearest(NamedTuple):
-    """Where two axes are nearest.
+    """Nearest points of two axes.
 
     Attributes:
         distance: (...,) [m].
-        separation: gradient of the distance by the place on the first axis (..., 3): a unit vector from the second.
-        shares: what the ends of the axes have of the place on the first less that on the second (..., 4).
+        separation: gradient of the distance with respect to the point on the first axis (..., 3): a unit vector away
+            from the second.
+        shares: weights of the ends of the axes in the difference of the two nearest points (..., 4).
     """
 
     distance: jax.Array
@@ -34,11 +35,11 @@ class Nearest(NamedTuple):
 
 
 def nearest_points(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest:
-    """The least of `|p0 + s u - q0 - t w|^2 + spread ((s - 1/2)^2 + (t - 1/2)^2)` over s and t from 0 to 1.
+    """The minimum of `|p0 + s u - q0 - t w|^2 + spread ((s - 1/2)^2 + (t - 1/2)^2)` over s and t from 0 to 1.
 
-    Strictly convex in s and t, so that the places move continuously and the root of the least has the gradient of the
-    distance at fixed s and t. Found in three steps: s of the whole plane, t at that s, s at that t, each held between
-    0 and 1 (Ericson 2005, 5.1.9, which is exact for any such function).
+    The function is strictly convex in s and t, so the points move continuously, and the root of the minimum has the
+    gradient of the distance at fixed s and t. It is found in three steps: s without the limits on t, t at that s, s at
+    that t, each clipped to 0 to 1 (Ericson 2005, 5.1.9, which is exact for any such function).
 
     Args:
         p: ends of the axes (..., 4, 3) [m]; reach: sum of the radii (...,) [m]; spread: (...,) [m^2].
@@ -56,7 +57,7 @@ def nearest_points(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest
 
 
 def contact_force(distance: jax.Array, reach: jax.Array, stiffness: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Energy [J] and force [N] of bars pressed together: `V = k/2 p^2 R/d`, `N = k p (R/d) (1 + p/(2 d))`, p = R - d.
+    """Energy [J] and force [N] of compressed bars: `V = k/2 p^2 R/d`, `N = k p (R/d) (1 + p/(2 d))`, p = R - d.
 
     A spring k at first touch; with d of at least `CORE` R the axes meet at 49 k R^2.
     """
@@ -65,7 +66,7 @@ def contact_force(distance: jax.Array, reach: jax.Array, stiffness: jax.Array) -
 
 
 def relative_motion(before: jax.Array, after: jax.Array) -> jax.Array:
-    """Largest motion (...,) [m] of any place of one axis against any of the other."""
+    """Maximum motion (...,) [m] of any point of one axis relative to any point of the other."""
     moved = after - before
     each = moved[..., :2, None, :] - moved[..., None, 2:, :]
     return jnp.sqrt(jnp.max(dot(each, each), axis=(-2, -1)))

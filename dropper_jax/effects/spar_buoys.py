@@ -1,4 +1,4 @@
-"""Upright cylinders that do not turn: spar buoys at points, up to the actual surface."""
+"""Upright cylinders that do not rotate: spar buoys at points, up to the actual surface."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dropper_jax.base.scatter import scatter_add
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.sea import Sea
 
-#: Gauss-Legendre points and weights over the draught: three integrate what a wave does over 10 m to 1e-4.
+#: Gauss-Legendre points and weights over the draught: three integrate a wave over 10 m to 1e-4.
 NODES, WEIGHTS = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)]), np.array([5.0, 8.0, 5.0]) / 18.0
 #: Part of the height over which the buoy's ends enter and leave the water smoothly.
 EDGE = 0.02
@@ -37,15 +37,15 @@ class SparBuoys(Effect):
 
     With the draught `w = eta - z_base`, between 0 and the height H, and means <> over it:
 
-    - weight `-m g`; buoyancy `rho g A w` (A = pi D^2/4) to the actual surface, and `rho A w <u'_z>`: together, to first
-      order on a fixed buoy, the pressure on its base, `rho g A a cosh(k(d + z_base))/cosh(kd)`; the dynamic pressure is
-      not added again;
-    - across: `1/2 rho Cdn D w <|u| u>` and `rho A w (1 + Can) <u'>`, u relative; drag works on D w, the wet part of the
-      projected area D H;
+    - weight `-m g`; buoyancy `rho g A w` (A = pi D^2/4) to the actual surface, and `rho A w <u'_z>`. Together, to first
+    order on a fixed buoy, these are the pressure on its base, `rho g A a cosh(k(d + z_base))/cosh(kd)`; the dynamic
+    pressure is not added again;
+    - across: `1/2 rho Cdn D w <|u| u>` and `rho A w (1 + Can) <u'>`, u relative; drag acts on D w, the wet part of the
+    projected area D H;
     - along: `1/2 rho Cdt A |u_z| u_z` at the base;
-    - added mass `rho A w Can` across. Along it belongs to the end: `Cat` times the water of a half sphere on the base,
-      `rho (2/3) pi (D/2)^3`, or of the wet volume with `end_added_mass = "volume"` as in the paper (66 kg against
-      793 kg for its buoy); its force on the right is `M_a u'_z` at the base.
+    - added mass `rho A w Can` across. Along the axis it belongs to the end: `Cat` times the water of a half sphere on
+    the base, `rho (2/3) pi (D/2)^3`. With `end_added_mass = "volume"` it is that of the submerged volume, as in the
+    paper (66 kg against 793 kg for its buoy). Its force on the right is `M_a u'_z` at the base.
     """
 
     name: ClassVar[str] = "spar_buoys"
@@ -78,7 +78,7 @@ class SparBuoys(Effect):
         return scatter_add(self.nodes(model), self.area, model.free_nodes)
 
     def draught(self, base: jax.Array, elevation: jax.Array) -> jax.Array:
-        """Wet height (buoys,) [m], smooth at either end."""
+        """Submerged height (buoys,) [m], smooth at either end."""
         return _between((elevation - base) / self.height) * self.height
 
     def prepare(self, k: Kinematics) -> Around:
@@ -141,7 +141,7 @@ class SparBuoys(Effect):
 
 
 def _between(s: jax.Array) -> jax.Array:
-    """s held between 0 and 1, rounded off over `EDGE` at either end (quadratic there, exact elsewhere)."""
+    """s clipped to 0 to 1, rounded off over `EDGE` at either end (quadratic there, exact elsewhere)."""
     low = jnp.where(s < EDGE, jnp.clip(s + EDGE, 0.0, 2 * EDGE) ** 2 / (4 * EDGE), s)
     high = 1.0 - jnp.clip(1.0 + EDGE - s, 0.0, 2 * EDGE) ** 2 / (4 * EDGE)
     return jnp.where(s > 1.0 - EDGE, high, low)

@@ -1,4 +1,4 @@
-"""The wave force of the thesis, with all its simplifications, to compare with."""
+"""The wave force of the thesis, with all its simplifications, for comparison."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ VELOCITIES = ("absolute", "relative")
 class ThesisWaveForce(Effect):
     """Force `L (pi/4 rho D^2 C_M u' + 1/2 rho D C_D |u_i| u_i)` per component i, thesis (C.22)-(C.24).
 
-    u is the water's velocity at the origin for all nodes; the nodes' own velocity, buoyancy, the surface and the
-    directions of the links do not come in, so that the water does not damp the line. The printed force is per metre of
-    cylinder and is multiplied by the link's length here, with the absolute value that (6.12)-(6.13) lack (errata).
-    `velocity = "relative"` takes (6.13) before that is dropped: see `RelativeThesisWaveForce`.
+    u is the water's velocity at the origin for all nodes. The nodes' own velocity, buoyancy, the surface and the
+    directions of the links are ignored, so the water does not damp the line. The printed force is per metre of
+    cylinder; here it is multiplied by the link's length and has the absolute value that (6.12)-(6.13) lack (errata).
+    `velocity = "relative"` uses (6.13) before that simplification: see `RelativeThesisWaveForce`.
     """
 
     name: ClassVar[str] = "thesis_wave_force"
@@ -37,20 +37,20 @@ class ThesisWaveForce(Effect):
     c_a: jax.Array | None = parameter(
         "added mass coefficient, with relative velocity", unit="-", low=0.0, optional=True
     )
-    velocity: str = option("of the water: its own, or relative to the node", choices=VELOCITIES, default="absolute")
+    velocity: str = option(
+        "velocity of the water: absolute, or relative to the node", choices=VELOCITIES, default="absolute"
+    )
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         if values["c_a"] is not None and values["velocity"] == "absolute":
-            raise SceneError(
-                "effects.thesis_wave_force.c_a: is not used with velocity 'absolute'; allowed: with 'relative'"
-            )
+            raise SceneError("effects.thesis_wave_force.c_a: is only used with velocity 'relative'")
 
     @classmethod
     def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
         if values["velocity"] == "absolute":
             return cls(**values)
-        # without added mass every scheme can take it
+        # without added mass every scheme supports it
         kind = RelativeThesisWaveForce if values["c_a"] is None else RelativeThesisWaveForceWithAddedMass
         return kind(**values)
 
@@ -73,8 +73,8 @@ class RelativeThesisWaveForce(ThesisWaveForce):
 
         L (pi/4 rho D^2 (C_M u' - C_A v') + 1/2 rho D C_D |w_i| w_i),    w = u - v
 
-    w is the velocity of the water at the origin relative to the node; of (6.12)-(6.13) the absolute value and the split
-    of `C_M (u' - v')` are corrected (errata).
+    w is the velocity of the water at the origin relative to the node. The absolute value and the split of
+    `C_M (u' - v')` in (6.12)-(6.13) are corrected (errata).
     """
 
     name: ClassVar[str] = "thesis_wave_force"

@@ -1,4 +1,4 @@
-"""Torsion of lines, and the tension that twist brings."""
+"""Torsion of lines, and the tension caused by twist."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ Twist = tuple[jax.Array, jax.Array]
 
 @component
 class Torsion(Effect):
-    """Twist phi about the axis of each line, its own state: `i_p phi'' = (GJ phi_s + c phi_s' + k_tt e)_s`.
+    """Twist phi about the axis of each line, a separate state: `i_p phi'' = (GJ phi_s + c phi_s' + k_tt e)_s`.
 
-    Every node turns about the line with half of the polar inertia of its links; a link carries the torque
-    `Q = GJ tau/l + c tau'/l + k_tt e`, tau the twist between its ends, e its strain. An end is held, at a given turn,
-    or free with a moment on it. The tension has `k_tt tau/l` beside it (paper, (20)): the same constant both ways, from
-    the energy `k_tt e tau`. One midpoint step per step of the lines: no energy is lost in it, and it is second order;
-    the lines see the twist at the beginning of the step, which is first order.
+    Every node turns about the line with half of the polar inertia of its links. A link carries the torque
+    `Q = GJ tau/l + c tau'/l + k_tt e`, tau the twist between its ends, e its strain. An end is held at a given angle,
+    or is free with a moment on it. The tension gains the term `k_tt tau/l` (paper, (20)): the same constant in both
+    equations, from the energy `k_tt e tau`. Each step of the lines includes one midpoint step of the twist, which loses
+    no energy and is second order. The lines use the twist at the start of the step, which is first order.
 
-    Left out, as the paper leaves it out: bending does not twist and twist does not bend (no writhe, no hockles), no
-    torque goes from line to line, water does not hold the twist.
+    Not modelled, as in the paper: bending does not cause twist and twist does not cause bending (no writhe, no
+    hockles), no torque is passed between lines, and water does not resist twist.
     """
 
     name: ClassVar[str] = "torsion"
@@ -48,13 +48,13 @@ class Torsion(Effect):
         "k_tt, tension per twist per length, and torque per strain", unit="N m", shape="link", optional=True
     )
     torque: jax.Array = parameter("moment on last points that are free to turn", unit="N m", default=0.0)
-    turn: jax.Array = parameter("angle to which held last points are turned", unit="rad", default=0.0)
-    turn_time: jax.Array = parameter("time that it takes, evenly", unit="s", low=0.0, default=0.0)
+    turn: jax.Array = parameter("angle to which last points that are held are turned", unit="rad", default=0.0)
+    turn_time: jax.Array = parameter("duration of the turn, at a constant rate", unit="s", low=0.0, default=0.0)
     lines: tuple[str, ...] = option("lines that twist; all if not given", type=list, default=())
     first: str = option("first points of the lines", choices=("held", "free"), default="held")
     last: str = option("last points of the lines", choices=("held", "free"), default="free")
     begins: str = option("twist at the start", choices=("at_rest", "untwisted"), default="at_rest")
-    #: What the run has made of it.
+    #: The state of the twist during a run.
     twist: Twist | None = None
 
     @classmethod
@@ -62,14 +62,14 @@ class Torsion(Effect):
         names = [line.name for line in scene.lines]
         for i, name in enumerate(values["lines"]):
             if name not in names:
-                raise SceneError(f"effects.torsion.lines.{i}: {name!r} is no line; {nearest(name, names)}")
+                raise SceneError(f"effects.torsion.lines.{i}: {name!r} is not a line; {nearest(name, names)}")
         if values["first"] == values["last"] == "free":
             raise SceneError(
-                "effects.torsion.last: 'free' leaves lines to spin, as `first` is 'free' too; allowed: held"
+                "effects.torsion.last: 'free' lets lines spin freely, as `first` is 'free' too; allowed: 'held'"
             )
         for key, last, other in (("torque", "free", "held"), ("turn", "held", "free")):
             if values[key] != 0.0 and values["last"] == other:
-                what = f"{values[key]:g} is on last points that are {last}"
+                what = f"{values[key]:g} only applies to last points that are {last}"
                 raise SceneError(f"effects.torsion.{key}: {what}; allowed: 0 where `last` is {other!r}")
 
     @classmethod
@@ -96,7 +96,7 @@ class Torsion(Effect):
         return phi + h * mean, jnp.where(where.held, mean, 2.0 * mean - rate)
 
     def at_rest(self, model: ModelView) -> jax.Array:
-        """Twist (nodes,) [rad] under the moments at the ends, at the start."""
+        """Twist (nodes,) [rad] at the start, under the moments at the ends."""
         where = Where.of(model.geometry, self)
         _, stiffness, _ = self._along(model)
         zero = jnp.zeros(where.held.shape, stiffness.dtype)
@@ -114,13 +114,13 @@ class Torsion(Effect):
         return where.sums(half, half), self.GJ / length, self.damping / length
 
     def _strain_torque(self, before: Kinematics, after: Kinematics) -> jax.Array:
-        """Torque (n,) [N m] of the strain, over the step."""
+        """Torque (n,) [N m] due to the strain, over the step."""
         return jnp.zeros_like(after.line.length)
 
 
 @component
 class CoupledTorsion(Torsion):
-    """The same with tension by twist and torque by strain."""
+    """The same with tension due to twist and torque due to strain."""
 
     def _strain_torque(self, before: Kinematics, after: Kinematics) -> jax.Array:
         length = after.line.length
@@ -128,7 +128,7 @@ class CoupledTorsion(Torsion):
         return Where.of(after.model.geometry, self).twists * self.coupling * strain
 
     def twist_tension(self, model: ModelView) -> jax.Array:
-        """Tension (n,) [N] of the twist."""
+        """Tension (n,) [N] due to the twist."""
         phi = self.at_rest(model) if self.twist is None else self.twist[0]
         where = Where.of(model.geometry, self)
         return where.twists * self.coupling * where.differences(phi) / model.line.length
@@ -152,8 +152,8 @@ class Where:
     """Nodes line after line, both ends of each included: static arrays.
 
     Attributes:
-        twists: of links, 1.0 where the line twists.
-        held, turned, last: of nodes: those whose angle is given, those that `turn` turns, those that `torque` is on.
+        twists: of links, 1.0 if the line twists.
+        held, turned, last: of nodes: those whose angle is given, those that `turn` turns, those that `torque` acts on.
     """
 
     @classmethod
@@ -182,16 +182,17 @@ class Where:
         return phi[self.node + 1] - phi[self.node]
 
     def sums(self, first: jax.Array, last: jax.Array) -> jax.Array:
-        """What links (n,) put on their first and last nodes, on the nodes (nodes,)."""
+        """Values of links (n,) at their first and last nodes, summed on the nodes (nodes,)."""
         empty = jnp.zeros(len(self.held), first.dtype)
         return empty.at[self.node].add(first) + empty.at[self.node + 1].add(last)
 
     def at_nodes(self, torque: jax.Array) -> jax.Array:
-        """Sums of torques (n,) that act on the last nodes of links, and with the other sign on the first."""
+        """Sums of torques (n,) that act on the last nodes of links, and with the opposite sign on the first."""
         return self.sums(-torque, torque)
 
     def solve(self, diagonal: jax.Array, between: jax.Array, right: jax.Array, goal: jax.Array) -> jax.Array:
-        """x of `(diagonal + K) x = right`, K of springs `between` the nodes of links (n,), x = goal at held nodes."""
+        """x of `(diagonal + K) x = right`, K of springs `between` the nodes of links (n,), with x = goal at prescribed
+        nodes."""
         between = self.twists * between
         low, up = self.sums(jnp.zeros_like(between), -between), self.sums(-between, jnp.zeros_like(between))
         free = ~self.held

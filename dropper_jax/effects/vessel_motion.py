@@ -1,4 +1,4 @@
-"""Points on barges and vessels that move in waves, or by a table, whatever lines do."""
+"""Points on barges and vessels that move in waves, or by a table, regardless of the lines."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from dropper_jax.sea import Sea
 
 
 def rigid_displacement(motion: jax.Array, arm: jax.Array, heading: jax.Array) -> jax.Array:
-    """Displacement (3,) [m] of a place `arm` (3,) on a vessel by its motion (6,): moves [m] and turns [rad].
+    """Displacement (3,) [m] of a position `arm` (3,) on a vessel by its motion (6,): translations [m] and rotations
+    [rad].
 
-    `x = d + R s - s` with `R = Rz(yaw) Ry(pitch) Rx(roll)`, all in the vessel's axes, then turned by its heading.
+    `x = d + R s - s` with `R = Rz(yaw) Ry(pitch) Rx(roll)`, all in the vessel's axes, then rotated by its heading.
     """
     sx, sy, sz = jnp.sin(motion[3:])
     cx, cy, cz = jnp.cos(motion[3:])
@@ -33,18 +34,18 @@ def rigid_displacement(motion: jax.Array, arm: jax.Array, heading: jax.Array) ->
 class VesselInWaves(Effect):
     """First-order motion of a point on a vessel: `q_j = sum_c a_c |H_jc| cos(p_c - phi_jc)`, phi leading.
 
-    p are the phases of the waves at the vessel's mean place (its reference point): it does not drift, and its motion
-    does not depend on the lines.
+    p are the phases of the waves at the vessel's mean position (its reference point). The vessel does not drift, and
+    its motion does not depend on the lines.
     """
 
     name: ClassVar[str] = "vessel_motion"
     needs_sea: ClassVar[bool] = True
     real: jax.Array = parameter("H of each component, in phase (c, 6)", unit="-", shape="vectors")
-    imaginary: jax.Array = parameter("H of each component, a quarter ahead (c, 6)", unit="-", shape="vectors")
-    place: jax.Array = parameter("mean place of the reference point", unit="m", shape="vector")
+    imaginary: jax.Array = parameter("H of each component, a quarter period ahead (c, 6)", unit="-", shape="vectors")
+    place: jax.Array = parameter("mean position of the reference point", unit="m", shape="vector")
     arm: jax.Array = parameter("the point in the vessel's axes", unit="m", shape="vector")
     heading: jax.Array = parameter("direction of the vessel's x-axis", unit="rad")
-    settled: jax.Array = parameter("when the sea's ramp begins and ends", unit="s", shape="table")
+    settled: jax.Array = parameter("start and end of the sea's ramp", unit="s", shape="table")
     point: str = option("name of the point", type=str, default="")
 
     @property
@@ -66,7 +67,8 @@ class VesselInWaves(Effect):
 
 @component
 class VesselByTable(Effect):
-    """Motion of a point on a vessel by a table (k, 6) at times (k,), between them quintics as in `end_motion`."""
+    """Motion of a point on a vessel by a table (k, 6) at times (k,), with quintics between the rows as in
+    `end_motion`."""
 
     name: ClassVar[str] = "vessel_motion"
     time: jax.Array = parameter("times", unit="s", shape="table")

@@ -17,9 +17,9 @@ from dropper_jax.model import Effect, Kinematics, Line
 class Weight(Effect):
     """Weight `F = -w z` on each node.
 
-    In air `w = m g`. In water give `wet_weight` [N] per link: neither source has buoyancy in its equations
-    (erratum: 14 kg/m at 0.05 m diameter would be 7130 kg/m^3), so it is never guessed. A link's weight acts
-    in its centre of mass, which lies on the link: the share of its two nodes is exact.
+    In air `w = m g`. In water give `wet_weight` [N] per link. Neither source has buoyancy in its equations (erratum: 14
+    kg/m at 0.05 m diameter would be 7130 kg/m^3), so it is never guessed. A link's weight acts at its centre of mass,
+    which lies on the link, so that distributing it to the two nodes is exact.
     """
 
     name: ClassVar[str] = "weight"

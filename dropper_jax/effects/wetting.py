@@ -1,4 +1,4 @@
-"""How much of a link's part is wet."""
+"""The submerged fraction of a link's part."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ def parts(k: Kinematics) -> Iterator[Part]:
 
 
 def wet_share(k: Kinematics, part: Part, tangents: jax.Array, elevation: jax.Array) -> jax.Array:
-    """Wet part of each row (rows,), 0 to 1."""
+    """Submerged fraction of each row (rows,), 0 to 1."""
     line = k.line
     height = part.take(line.diameter * jnp.ones_like(line.length) + line.length * jnp.abs(tangents[:, 2]))
-    # a free end has no next link: its near part has no height, and its share is zero
+    # a free end has no next link: its near part has no height and its share is zero
     height = jnp.where(height > 0.0, height, 1.0)
     s = jnp.clip(0.5 + part.at(elevation - k.r[:, 2]) / height, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)
 
 
 def split(u: jax.Array, tangent: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Parts of u (nodes, 3) across and along the tangents."""
+    """Components of u (nodes, 3) across and along the tangents."""
     along = jnp.sum(u * tangent, axis=-1, keepdims=True) * tangent
     return u - along, along

@@ -50,7 +50,7 @@ def _options() -> dict[str, Mapping[str, Any]]:
     return found
 
 
-#: What `[run]` may hold beside its own keys; each scheme checks its own range.
+#: Keys that `[run]` may contain in addition to its own; each scheme checks its own range.
 OPTIONS = _options()
 
 __all__ = ["INTEGRATORS", "OPTIONS"]

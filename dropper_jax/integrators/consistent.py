@@ -1,12 +1,13 @@
-"""Velocities that agree with rigid links: the smallest change, in the mass metric, after which none of them stretches.
+"""Velocities that are consistent with rigid links: the smallest change, in the mass metric, after which no link
+stretches.
 
     M x = G' y,    d/L . (rate of the links at v + x) = aim  (y = 0 of links that stretch)
 
-y are the impulses [N s] that do it. A midpoint scheme holds lengths, not their rates: a velocity along a link that
-comes in by a jump of a held point (its velocity or its acceleration) changes its sign at every step and never decays,
-and tensions alternate by `2 m w/h`. So steps that contain a jump end with this projection. A smooth motion of the
-scheme has `d . d' = h^2 d' . d''/4` at the ends of its steps, as `w1 = -w0 + h^2 d' . d''/2` leaves unchanged; that,
-rather than zero, is what the links are to have.
+y are the impulses [N s] that cause the change. A midpoint scheme enforces lengths, not their rates. A velocity along a
+link, caused by a jump of a prescribed point (its velocity or acceleration), therefore changes sign at every step and
+never decays, and tensions alternate by `2 m w/h`. Steps that contain a jump end with this projection. A
+smooth motion of the scheme has `d . d' = h^2 d' . d''/4` at the ends of its steps, which `w1 = -w0 + h^2 d' . d''/2`
+leaves unchanged. The target rate of the links is this value rather than zero.
 """
 
 from __future__ import annotations
@@ -18,22 +19,22 @@ from dropper_jax.model import AddedMass, Graph, Kinematics, Model
 from dropper_jax.residual import CondensedParts, StepProblem, Unknowns, couples_inertia, node_blocks
 from dropper_jax.solvers import SOLVERS
 
-#: Step [s] over which the inertia of added mass is taken at an instant, where it is a difference over a step: what this
-#: leaves out is of second order, what rounds off 1e-12 of its inverse.
+#: Step [s] over which the inertia of added mass is evaluated at an instant, because it is a difference over a step. The
+#: truncation error is of second order, the rounding error is 1e-12 of its inverse.
 BRIEF = 1e-4
 
 
 class ProjectionProblem(StepProblem):
     """Unknowns: x, the change of velocities (nodes, 3) [m/s], and impulses y (n,) [N s]; linear."""
 
-    pieces = ()  # no force in the rows depends on the unknowns
+    pieces = ()  # the forces in the rows do not depend on the unknowns
 
     def __init__(self, k: Kinematics, added: bool) -> None:
         self.model, self.h = k.model, jnp.ones((), k.r.dtype)
         self.k, self.added = k.over(BRIEF) if added else k, added
         self.link_direction = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)
-        #: Rate of stretch per length that rigid links are to have, and impulses of others.
+        #: Target rate of stretch per length of rigid links, and impulses of others.
         self.aim = self.law = jnp.zeros((), k.r.dtype)
 
     def _inertia(self, x: jax.Array) -> jax.Array:
@@ -93,9 +94,9 @@ def consistent(k: Kinematics, added: bool = False, aim: jax.Array | None = None)
     """Velocities (nodes, 3) [m/s] on the constraints, and the impulses (n,) [N s] that lead there.
 
     Args:
-        k: places, velocities and held points of one instant; with `added` prepared, as added mass asks for it.
-        added: whether added mass counts.
-        aim: rate of stretch per length that rigid links are to have, (n,) [1/s]; default none.
+        k: positions, velocities and fixed points of one instant; with `added` prepared, as added mass requires.
+        added: whether added mass is included.
+        aim: target rate of stretch per length of rigid links, (n,) [1/s]; default zero.
     """
     problem = ProjectionProblem(k, added and bool(k.model.having(AddedMass)))
     if aim is not None:
@@ -105,11 +106,11 @@ def consistent(k: Kinematics, added: bool = False, aim: jax.Array | None = None)
 
 
 def instant(k: Kinematics, end_acceleration: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
-    """Accelerations (nodes, 3) [m/s^2] and tensions (n,) [N] at one instant, laws with unknowns of their own aside.
+    """Accelerations (nodes, 3) [m/s^2] and tensions (n,) [N] at one instant, without laws that have their own unknowns.
 
     Args:
         k: prepared (`Model.instant`).
-        end_acceleration: of moving ends, (held, 3) [m/s^2].
+        end_acceleration: accelerations of moving ends, (held, 3) [m/s^2].
     """
     a, tension, _ = _solve_projection(InstantProblem(k, end_acceleration))
     return a, tension
@@ -125,7 +126,7 @@ def _solve_projection(problem: ProjectionProblem) -> Unknowns:
 
 
 def jumps(model: Model, t: jax.Array, h: jax.Array) -> jax.Array | None:
-    """Whether held points jump in a step from t: within it or at either end; None where they never do."""
+    """Whether prescribed points jump in a step from t: within it or at either end; None if they never do."""
     kinks = model.kinks
     if kinks is None or model.line.axial.elastic:
         return None
@@ -135,16 +136,16 @@ def jumps(model: Model, t: jax.Array, h: jax.Array) -> jax.Array | None:
 
 
 def sawtooth_grows(model: Model) -> bool:
-    """Whether something may feed velocities along rigid links that change their sign at every step.
+    """Whether something may excite velocities along rigid links that change sign at every step.
 
-    Added mass of Morison's form turns with its link and gives `1/2 v' M_a' v`: such a velocity grew from rounding to
-    ten times all others within ten minutes of a regular wave, whatever the step.
+    Added mass of Morison's form turns with its link and contributes `1/2 v' M_a' v`. Such a velocity grew from rounding
+    error to ten times all others within ten minutes of a regular wave, for any step.
     """
     return not model.line.axial.elastic and bool(_turning(model))
 
 
 def feeds_sawtooth(model: Model) -> jax.Array:
-    """Whether it does so, by its coefficients."""
+    """Whether it actually does so, according to its coefficients."""
     return jnp.any(jnp.stack([e.differs for e in _turning(model)]))
 
 
@@ -153,7 +154,7 @@ def _turning(model: Model) -> list[AddedMass]:
 
 
 def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Velocities (nodes, 3) [m/s] with which midpoint steps of h go on smoothly, and impulses (n,) [N s] to them."""
+    """Velocities (nodes, 3) [m/s] from which midpoint steps of h continue smoothly, and impulses (n,) [N s] to them."""
     v, first = consistent(k, added=True)
     k = k.with_velocity(v)
     a, _ = instant(k, end_acceleration)
@@ -163,7 +164,7 @@ def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tupl
 
 
 def consistent_velocity(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
-    """Velocities (nodes, 3) [m/s] at the start of a run: with ends that move at once, those that links can have."""
+    """Velocities (nodes, 3) [m/s] at the start of a run: if ends move at once, velocities that the links can have."""
     if model.line.axial.elastic:
         return v
     return consistent(model.instant(r, v, t), added=True)[0]

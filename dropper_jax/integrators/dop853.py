@@ -1,7 +1,7 @@
 """Dormand and Prince's scheme of eighth order with error estimates of fifth and third order, for smooth, rigid lines.
 
-The cheapest below errors of about 1e-5 m. Coefficients: Hairer, Norsett and Wanner, Solving Ordinary Differential
-Equations I (1993), program DOP853.
+The most efficient scheme for errors below about 1e-5 m. Coefficients: Hairer, Norsett and Wanner, Solving Ordinary
+Differential Equations I (1993), program DOP853.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
     v_mid = (r1 - r0)/h,  v1 = v0 + (v_mid - v0)/gamma,  r_gamma = (1 - gamma) r0 + gamma r1
     M (v1 - v0)/h - F(r_gamma, v_mid, t + gamma h) - sum T_j d_gamma/length = 0,    axial law at r1 = 0
 
-With gamma = 1/2 the tensions do exactly `T (|d1| - |d0|)` of work and constant forces and weights exactly that of
-their potential, so energy is kept to rounding error with no numerical damping (Gonzalez 1996; Simo and Tarnow 1992).
+With gamma = 1/2 the work of the tensions is exactly `T (|d1| - |d0|)`, and that of constant forces and weights exactly
+the change of their potential. Energy is therefore conserved to rounding error with no numerical damping (Gonzalez 1996;
+Simo and Tarnow 1992).
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
 from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Forces, Kinematics, Model, State, Works, book_works, turning
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks
 
-#: Share of a node's geometric stiffness kept in its condensed block. Measured on the lab dropper at 0.01 s: the
-#: residual falls fastest between 0.4 and 0.6 (neighbours' share cancels about half of it for smooth motions).
+#: Fraction of a node's geometric stiffness kept in its condensed block. Measured on the lab dropper at 0.01 s: the
+#: residual falls fastest between 0.4 and 0.6 (the neighbours' part cancels about half of it for smooth motions).
 GEOMETRIC_SHARE = 0.5
-#: Square of the sawtooth's speed over that of the fastest link, beyond which a step ends with the projection.
+#: Square of the sawtooth's speed divided by that of the fastest link, above which a step ends with the projection.
 SAWTOOTH = 1e-3**2
 
 
@@ -45,7 +46,7 @@ class EnergyMomentum(Implicit):
         return 0.5
 
     def begin(self, model: Model, s: State) -> State:
-        """The state with velocities that links between moving ends can have."""
+        """The state with velocities that are consistent with links between moving ends."""
         return replace(s, v=consistent_velocity(model, s.r, s.v, s.t)) if model.moving else s
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
@@ -55,8 +56,8 @@ class EnergyMomentum(Implicit):
 class MidpointProblem(StepProblem):
     """Unknowns: x = r1 - r0 - h v0 (so that rounding stays relative to the acceleration), tensions, law unknowns.
 
-    `alone` says that steps follow each other with one length, which those of a composition do not: the rate of stretch
-    that a smooth motion has at their ends is another one there.
+    `alone` means that steps of equal length follow each other. The steps of a composition do not, and a smooth motion
+    has a different rate of stretch at their ends.
     """
 
     def __init__(self, model: Model, s: State, h: jax.Array, gamma: float, alone: bool = True) -> None:
@@ -92,7 +93,7 @@ class MidpointProblem(StepProblem):
         return self.model.kinematics(r, v, self.t_mid, self.ends, **over)
 
     def _local(self, x: jax.Array, middle: Kinematics, forces: Forces | None = None) -> jax.Array:
-        """Inertia minus forces (nodes, 3) [N], tensions and laws aside; `forces` are those known already."""
+        """Inertia minus forces (nodes, 3) [N], without tensions and laws; `forces` are those already computed."""
         a = x / (self.gamma * self.h**2)
         return self.model.inertia(middle, a, self.end_acceleration) - self.model.force(middle, forces)
 
@@ -109,7 +110,7 @@ class MidpointProblem(StepProblem):
         return self._rows(u, {})
 
     def evaluate(self, u: Unknowns) -> tuple[Unknowns, Forces]:
-        """The rows, and the forces (nodes, 3) [N] whose work is booked."""
+        """The rows, and the forces (nodes, 3) [N] whose work is recorded."""
         working = self.model.working_forces(self._middle(u.x)) if self.s.work.size else {}
         return self._rows(u, working), working
 
@@ -124,7 +125,7 @@ class MidpointProblem(StepProblem):
         return Unknowns(force - laws, axial, rows)
 
     def _laws(self, mid: Kinematics, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        """Forces (nodes, 3) [N] of the unknowns of laws and ties, and the rows that determine them."""
+        """Forces (nodes, 3) [N] of the unknowns of laws and constraints, and the rows that determine them."""
         model = self.model
         pairs = tuple(zip(model.laws, z, strict=False))
         constraints = tuple(zip(model.constraints, z[len(pairs) :], strict=True))
@@ -187,7 +188,7 @@ class MidpointProblem(StepProblem):
         )
 
     def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, Works]:
-        """Velocity (nodes, 3) [m/s] at the end, and what stopping held joints or nodes took, by name [J]."""
+        """Velocity (nodes, 3) [m/s] at the end, and the energy taken by stopping stuck joints or nodes, by name [J]."""
         s, h, model = self.s, self.h, self.model
         v1 = s.v + u.x / (self.gamma * h)
         if not model.laws:
@@ -198,7 +199,8 @@ class MidpointProblem(StepProblem):
         return v1, {model.laws[0].name: taken}
 
     def _after_jumps(self, r1: jax.Array, v1: jax.Array) -> tuple[jax.Array, jax.Array | None, Works]:
-        """End velocities that rigid links can have, where held points jumped; impulses (n,) [N s] and work of that."""
+        """End velocities consistent with rigid links, if prescribed points jumped; impulses (n,) [N s] and their
+        work."""
         model = self.model
         jumped = jumps(model, self.s.t, self.h)
         if self.alone and self.gamma == 0.5 and sawtooth_grows(model):  # a shifted midpoint damps it
@@ -218,13 +220,13 @@ class MidpointProblem(StepProblem):
         return v, impulse, {self._booked_as(): gained}
 
     def _booked_as(self) -> str:
-        """Where projections are booked: as work of moving ends, else of what feeds the sawtooth."""
+        """Name under which projections are recorded: as work of moving ends, otherwise of what excites the sawtooth."""
         if self.model.moving:
             return MOVING_ENDS
         return next(turning(e) for e in self.model.having(AddedMass))
 
     def _sawtooth(self, r1: jax.Array, v1: jax.Array) -> jax.Array:
-        """Largest rate of stretch that changes its sign at every step, over the fastest link's speed, a scalar."""
+        """Maximum rate of stretch that changes sign at every step, divided by the fastest link's speed, a scalar."""
         model, h = self.model, self.h
         k = model.kinematics(r1, v1, self.s.t + h, self.ends1)
         change = model.geometry.differences((v1 - self.s.v) / h, self.end_acceleration)
@@ -233,11 +235,12 @@ class MidpointProblem(StepProblem):
         return jnp.max((rate / k.line.length) ** 2) / jnp.maximum(fastest, jnp.finfo(v1.dtype).tiny)
 
     def _work(self, u: Unknowns, stopped: Works, struck: Works, evaluated: Forces | None) -> jax.Array:
-        """Work (k,) [J] over the step, as `work_names` names it; `evaluated` are the forces whose work is booked."""
+        """Work (k,) [J] over the step, in the order of `work_names`; `evaluated` are the forces whose work is
+        recorded."""
         model, line, h = self.model, self.model.line, self.h
         k, links1 = self._middle(u.x), self._links1(u.x)
         forces = model.working_forces(k) if evaluated is None else dict(evaluated)
-        for law, z in zip(model.laws, u.z, strict=False):  # multipliers of ties do no work
+        for law, z in zip(model.laws, u.z, strict=False):  # multipliers of constraints do no work
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
         turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}
@@ -247,9 +250,9 @@ class MidpointProblem(StepProblem):
         )
 
     def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> jax.Array:
-        """What added mass gains by turning [J]: change of its kinetic energy less the work against its inertia.
+        """Energy [J] that added mass gains by turning: change of its kinetic energy minus the work against its inertia.
 
-        `1/2 v' M_a' v` over the step, in the form that closes the balance to rounding.
+        `1/2 v' M_a' v` over the step, in the form that closes the balance to rounding error.
         """
         model, s, h = self.model, self.s, self.h
         x = u.x
@@ -259,13 +262,14 @@ class MidpointProblem(StepProblem):
         return effect.kinetic(after) - effect.kinetic(before) - spent
 
     def _end_powers(self, u: Unknowns, directions: jax.Array, k: Kinematics) -> dict[str, jax.Array]:
-        """Power of moving ends by name, scalar [W]: what holds each end (own weight aside) times its velocity."""
+        """Power of moving ends by name, scalar [W]: the force that holds each end (own weight aside) times its
+        velocity."""
         model, line = self.model, self.model.line
         powers = model.end_powers(u.y[:, None] * directions, self.ends, k)
         if not (line.compound and powers):
             return powers
-        # what accelerates the links' shares of mass, times the mean of the end's velocities: that is exactly the
-        # change of the kinetic energy, while tensions work along the end's path
+        # the force that accelerates the links' masses at the end, times the mean of the end's velocities: exactly the
+        # change of their kinetic energy, while tensions work along the end's path
         first, coupling, last = line.blocks()
         a = u.x / (self.gamma * self.h**2)
         acc, mean, free = self.end_acceleration, self.end_mean_velocity, model.free_nodes

@@ -13,11 +13,12 @@ _P = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
 
 @dataclass(frozen=True)
 class EnergyMomentum4(EnergyMomentum):
-    """Five energy-momentum steps per step, the middle one backwards; fourth order, conserves what one step does."""
+    """Five energy-momentum steps per step, the middle one backwards; fourth order, with the same conserved
+    quantities."""
 
     name: ClassVar[str] = "energy_momentum_4"
     order: ClassVar[int] = 4
-    #: Backwards, friction that is solved as a law would drive: a dry pendulum lost 2.3 times what it should.
+    #: Backwards, friction solved as a law would drive the motion: a dry pendulum lost 2.3 times the correct energy.
     takes_laws: ClassVar[bool] = False
     stages: ClassVar[tuple[float, ...]] = (_P, _P, 1.0 - 4.0 * _P, _P, _P)
     tension_time: ClassVar[float] = 1.0 - 0.5 * _P

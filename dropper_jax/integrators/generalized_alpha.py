@@ -1,14 +1,14 @@
-"""Generalised-alpha on lines that stretch: second order, and what the step cannot resolve dies out.
+"""Generalised-alpha on lines that stretch: second order, with damping of what the step cannot resolve.
 
     M ((1 - am) a1 + am a0) = F + sum T_j d_j/|d_j|   at   r_f = (1 - af) r1 + af r0, v_f and t_f alike,
     r1 = r0 + h v0 + h^2 ((1/2 - beta) a0 + beta a1),    v1 = v0 + h ((1 - gamma) a0 + gamma a1),
 
     am = (2 rho - 1)/(rho + 1), af = rho/(rho + 1), gamma = 1/2 - am + af, beta = (1 - am + af)^2/4
 
-(Chung and Hulbert 1993). A vibration of `h omega >> 1` shrinks to `rho` of itself at every step. One of `h omega << 1`
-loses a share of the order of `(h omega)^4` per step (1/54 of that with rho = 0.5), where `energy_momentum` with its law
-at the end of the step takes `(h omega)^2/4`: axial ringing after a snap is followed at larger steps. In turn energy is
-kept only as well as the motion is.
+(Chung and Hulbert 1993). A vibration of `h omega >> 1` is multiplied by `rho` at every step. One of `h omega << 1`
+loses a fraction of the order of `(h omega)^4` per step (1/54 of that with rho = 0.5), whereas `energy_momentum` with
+its law at the end of the step takes `(h omega)^2/4`. Axial ringing after a snap is therefore resolved with larger
+steps. In turn, energy is conserved only as accurately as the motion is computed.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from dropper_jax.residual import Implicit, StepProblem, Unknowns, couples_inerti
 
 @dataclass(frozen=True)
 class GeneralizedAlpha(Implicit):
-    """For snapping lines. `rho_infinity` is what one step leaves of the fastest vibrations, 0 to 1.
+    """For snapping lines. `rho_infinity` is the amplitude ratio of the fastest vibrations over one step, 0 to 1.
 
-    With 1 nothing is lost, and unresolved ringing stays for ever; 0.5 is the default, OrcaFlex takes 0.4.
+    With 1 nothing is damped, and unresolved ringing continues indefinitely. The default is 0.5; OrcaFlex uses 0.4.
     """
 
     name: ClassVar[str] = "generalized_alpha"
@@ -39,7 +39,7 @@ class GeneralizedAlpha(Implicit):
     networkable: ClassVar[bool] = True
     takes_laws: ClassVar[bool] = True
     rho_infinity: float = parameter(
-        "what a step leaves of the fastest vibrations", unit="-", low=0.0, high=1.0, default=0.5
+        "amplitude ratio of the fastest vibrations over one step", unit="-", low=0.0, high=1.0, default=0.5
     )
 
     @property
@@ -60,14 +60,14 @@ class GeneralizedAlpha(Implicit):
         return super().refuse(model)
 
     def begin(self, model: Model, s: State) -> State:
-        """The state with the accelerations of its start, which this scheme carries along."""
+        """The state with the accelerations at its start, which this scheme carries along."""
         k = model.instant(s.r, s.v, s.t)
         line = model.line
         tension = line.axial.tension(k.links, k.link_velocities, line.length)
         force = model.force(k) + model.tension_force(tension, k.tangents)
         a = accelerations(model, k, force, s.t)
         for law, z in zip(model.laws, s.law, strict=True):
-            a = law.stop(k, a, z, jnp.ones((), a.dtype))  # what is held at rest does not accelerate
+            a = law.stop(k, a, z, jnp.ones((), a.dtype))  # nodes at rest have zero acceleration
         return replace(s, acceleration=a)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> GeneralizedAlphaProblem:
@@ -87,7 +87,7 @@ class GeneralizedAlphaProblem(StepProblem):
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
         self.links0 = model.links(s.r, self.ends0)
         at_f = model.ends(self.t_f)
-        # held ends on the straight line between their places, as all nodes are, so that links are blends of links
+        # fixed ends on the straight line between their positions, as for all nodes, so that links are blends of links
         before, after = self.ends0.positions, self.ends1.positions
         self.ends = Ends(before + self.new_f * (after - before), at_f.velocities)
         self.end_acceleration = model.end_acceleration(s.t + self.new_a * h) if model.moving else None
@@ -121,7 +121,7 @@ class GeneralizedAlphaProblem(StepProblem):
         return self._at_f(x)
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        """Inertia minus forces (nodes, 3) [N], tensions aside, and the rows of laws."""
+        """Inertia minus forces (nodes, 3) [N], without tensions, and the rows of laws."""
         k, old = self._at_f(x), self.s.acceleration
         a = old + self.new_a * (self._acceleration(x) - old)
         rows = self.model.inertia(k, a, self.end_acceleration) - self.model.force(k)
@@ -162,9 +162,10 @@ class GeneralizedAlphaProblem(StepProblem):
     def _stop_held(
         self, u: Unknowns, r1: jax.Array, v1: jax.Array, a1: jax.Array
     ) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """End velocities and accelerations with nodes that friction held at rest, and what stopping took [J].
+        """End velocities and accelerations with nodes that friction held at rest, and the energy taken by stopping them
+        [J].
 
-        A law on the velocity at t_f holds a node by `v_f = 0`, which sends its velocity v0 to `-rho v0`.
+        A law on the velocity at t_f holds a node by `v_f = 0`, which turns its velocity v0 into `-rho v0`.
         """
         if not self.model.laws:
             return v1, a1, jnp.zeros((), v1.dtype)
@@ -176,7 +177,7 @@ class GeneralizedAlphaProblem(StepProblem):
         return v1, a1, taken
 
     def _powers(self, u: Unknowns, stopping: jax.Array) -> jax.Array:
-        """Mean powers (k,) [W] over the step: what acts at t_f along what the nodes move, and stopping those held."""
+        """Mean powers (k,) [W] over the step: forces at t_f times the nodes' motion, and the stopping of nodes."""
         k, old = self._at_f(u.x), self.s.acceleration
         a = old + self.new_a * (self._acceleration(u.x) - old)
         k = k.with_velocity(self.s.v + u.x / self.h)

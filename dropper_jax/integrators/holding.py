@@ -1,13 +1,13 @@
-"""What friction does at the end of a step to joints that it held in the middle: it stops them.
+"""Friction at the end of a step, on joints that were stuck at its middle: it stops them.
 
-A law on the mid-step rate holds a joint by `w_mid = 0`, which sends its rate w0 to `-w0`, for ever. So the end
-velocities of such a step are changed by impulses P of the held joints (and of the tensions pi), within what friction
-may give in a step:
+A law on the mid-step rate holds a joint by `w_mid = 0`, which turns its rate w0 into `-w0` at every step. The end
+velocities of such a step are therefore changed by impulses P of the stuck joints (and pi of the tensions), within the
+limit of friction over the step:
 
-    M delta = B' P + G' pi,    B (v1 + delta) = 0 on held joints,    |h z + P| <= h tau
+    M delta = B' P + G' pi,    B (v1 + delta) = 0 on stuck joints,    |h z + P| <= h tau
 
-In the mass metric that is a projection, so it takes kinetic energy and never gives any (Moreau 1988); what it takes
-is work of the law. Where the bound is met the impulse stays on it, and the joint moves on.
+In the mass metric this is a projection, so it takes kinetic energy and never adds any (Moreau 1988). The energy that it
+takes is work of the law. If the bound is reached, the impulse stays on it and the joint keeps moving.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from dropper_jax.residual import Unknowns
 
 #: One array per law.
 Joints = tuple[jax.Array, ...]
-#: Newton corrections: the first is exact where no impulse meets its bound. A joint that comes to its bound in the last
-#: one keeps more than its share of one step, which costs accuracy of that event, never energy.
+#: Newton corrections: the first is exact if no impulse reaches its bound. A joint that reaches its bound in the last
+#: one keeps more than its part of one step. That affects the accuracy of this event, never the energy.
 PASSES = 3
-#: Compliance of the impulses, relative: held joints may be more than the motions they stop (8 joints, 5 motions of a
-#: plane loop of 7 links), and then share the load in any way.
+#: Relative compliance of the impulses: there may be more stuck joints than motions that they stop (8 joints, 5 motions
+#: of a plane loop of 7 links), and the distribution of the load is then arbitrary.
 SHARING = 1e-10
 
 
 def stop_held_joints(
     model: Model, z: tuple[jax.Array, ...], middle: Kinematics, after: Kinematics, h: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """End velocities (nodes, 3) [m/s] with held joints at rest, and the work of that (<= 0) [J].
+    """End velocities (nodes, 3) [m/s] with stuck joints at rest, and the work of that (<= 0) [J].
 
     Args:
         z: the laws' unknowns over the step.
@@ -46,14 +46,14 @@ def stop_held_joints(
     """
     held = tuple(law.holding(middle, torque, h) for law, torque in zip(model.laws, z, strict=True))
     some = jnp.any(jnp.stack([jnp.any(one) for one in held]))
-    # most steps hold no joint, and then none of this is run
+    # most steps have no stuck joint, and then none of this is executed
     stopped = partial(_stop_nodes, model, held, z, after.with_velocity(after.v), h)
     return jax.lax.cond(some, stopped, lambda: (after.v, jnp.zeros((), after.v.dtype)))
 
 
 def _stop_nodes(model: Model, held: Joints, z: Joints, after: Kinematics, h: jax.Array) -> tuple[jax.Array, jax.Array]:
     # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
-    # derivative of the solution, at the price of a few operations
+    # derivative of the solution, at the cost of a few operations
     u, factor, over, aim = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))
     rows = ravel_pytree(_rows(model, held, after, z, h, over, aim, u))[0]
     flat, unravel = ravel_pytree(u)
@@ -63,18 +63,19 @@ def _stop_nodes(model: Model, held: Joints, z: Joints, after: Kinematics, h: jax
 def stop_held_nodes(
     model: Model, z: tuple[jax.Array, ...], middle: Kinematics, after: Kinematics, h: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """The same for laws that hold nodes one by one (`node_local`): each simply stops, as its `stop` says."""
+    """The same for laws that hold nodes individually (`node_local`): each simply stops, as its `stop` defines."""
     v1 = after.v
     for law, held in zip(model.laws, z, strict=True):
         v1 = law.stop(middle, v1, held, h)
     return v1, model.kinetic_energy(after.with_velocity(v1)) - model.kinetic_energy(after)
 
 
-@jax.jit  # traced once, not at each of the half dozen places of a differentiated step
+@jax.jit  # traced once, not at each of the half dozen positions of a differentiated step
 def _solve(
     model: Model, held: Joints, v: jax.Array, r: jax.Array, t: jax.Array, z: Joints, h: jax.Array
 ) -> tuple[Unknowns, Joints, Joints, Joints]:
-    """Unknowns, factors of their matrix, the joints whose impulse is on its bound, and which way theirs point."""
+    """Unknowns, factors of their matrix, the joints whose impulse is on its bound, and the direction of their
+    impulses."""
     after = model.kinematics(r, v, t)
     zero = Unknowns(jnp.zeros_like(v), jnp.zeros_like(model.line.length), tuple(jnp.zeros_like(q) for q in z))
     flat, unravel = ravel_pytree(zero)
@@ -86,7 +87,7 @@ def _solve(
         x = x - lu_solve(factor, plain(x))
         found = tuple(zip(model.laws, held, over, unravel(x).z, z, strict=True))
         beyond = tuple(one & ~o & _beyond(law, p, q, h) for law, one, o, p, q in found)
-        # twice as far out, so that its nearest allowed torque is on the bound whatever rounding does
+        # doubled, so that its nearest allowed torque is on the bound despite rounding
         aim = tuple(jnp.where(b, 2.0 * (p / h + q), a) for b, a, (*_, p, q) in zip(beyond, aim, found, strict=True))
         return (x, factor, tuple(o | b for o, b in zip(over, beyond, strict=True)), aim), None
 
@@ -97,14 +98,14 @@ def _solve(
 
 
 def _bound_impulse(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
-    """The impulse nearest to p that keeps `h q + p`, friction's impulse over the whole step, within its bound."""
+    """The impulse nearest to p that keeps `h q + p`, friction's impulse over the full step, within its bound."""
     return h * law.admissible(p / h + q) - h * q
 
 
 def _beyond(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
-    """Joints (joints, 1) whose impulse is over its bound; within it both differ by rounding of p and h q.
+    """Joints (joints, 1) whose impulse exceeds its bound; within the bound both differ by rounding of p and h q.
 
-    A joint taken for over its bound when it is not would have a row of zeros.
+    A joint wrongly classified as exceeding its bound would have a row of zeros.
     """
     size = jnp.max(jnp.abs(p) + jnp.abs(h * q), axis=-1, keepdims=True)
     return jnp.max(jnp.abs(p - _bound_impulse(law, p, q, h)), axis=-1, keepdims=True) > 1e-9 * size
@@ -115,8 +116,8 @@ def _rows(
 ) -> Unknowns:
     """Rows of the system above for velocity changes, impulses of tensions and of joints.
 
-    An impulse over its bound stays on it and points where it did then: all points of the bound would do as well, so
-    that a row that left the direction open would be singular.
+    An impulse that exceeds its bound stays on it and keeps its direction. Otherwise all points of the bound would be
+    solutions, and a row with free direction would be singular.
     """
     line = model.line
     scale = jnp.mean(line.mass * line.length**2)
@@ -138,7 +139,7 @@ def _rows(
 
 
 def _both_held(model: Model, held: tuple[jax.Array, ...]) -> jax.Array:
-    """Links (n,) whose two joints are held by one law: they stop whole, their rate of length too."""
+    """Links (n,) whose two joints are stuck by one law: they stop completely, including their rate of length."""
     links = model.line.links
     both = jnp.zeros(links, bool)
     for one in held:
@@ -148,10 +149,10 @@ def _both_held(model: Model, held: tuple[jax.Array, ...]) -> jax.Array:
 
 
 def _falling(model: Model, after: Kinematics, delta: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """`v + s delta` with the s in [0, 1] of least kinetic energy (1 where delta is a projection), and its change."""
+    """`v + s delta` with the s in [0, 1] of minimum kinetic energy (1 if delta is a projection), and its change."""
     weight = jnp.sum(delta * model.inertia(after, delta))
     slope = jnp.sum(delta * model.inertia(after, after.v))
-    # below the normal numbers a quotient is 0/0 where the processor flushes them, and nothing moves any more
+    # below the normal numbers a quotient is 0/0 if the processor flushes them; nothing moves any more at that scale
     moves = weight > 1e3 * jnp.finfo(weight.dtype).tiny
     share = jnp.clip(-slope / jnp.where(moves, weight, 1.0), 0.0, 1.0)
     share = jnp.where(moves, share, 0.0)

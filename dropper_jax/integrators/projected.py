@@ -1,10 +1,10 @@
-"""Explicit Runge-Kutta schemes of high order for rigid lines of point masses, an estimate of their error beside.
+"""Explicit Runge-Kutta schemes of high order for rigid lines of point masses, with an error estimate.
 
     k_i = f(t + c_i h, y + h sum_j a_ij k_j),    y1 = P(y + h sum_i b_i k_i),    error = h sum_i e_i k_i
 
-y are places, velocities and the work done, f the motion with its index reduced (`reduced.moving`), and P brings places
-and velocities back to the lengths of the links (`reduced.on_links`), without which these drift and errors grow.
-Stable while h b/m stays below `stable`, b/m the rate at which damping would stop a node.
+y contains positions, velocities and the work done. f is the motion with reduced index (`reduced.moving`). P projects
+positions and velocities back onto the lengths of the links (`reduced.on_links`); without it these drift and errors
+grow. Stable while h b/m stays below `stable`, b/m the rate at which damping would stop a node.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from dropper_jax.residual import Explicit, point_masses_only
 
 
 class Knot(NamedTuple):
-    """An instant that steps end at: time, y = (places, velocities, work) and its rate, flat, and tensions (n,) [N]."""
+    """An instant at which a step ends: time, y = (positions, velocities, work) and its rate, flat, and tensions (n,)
+    [N]."""
 
     t: jax.Array
     y: jax.Array
@@ -38,14 +39,14 @@ class ProjectedRungeKutta(Explicit):
     #: Rows of the tableau below the first stage, each (i,), and the weights (s,).
     a: ClassVar[tuple[tuple[float, ...], ...]]
     b: ClassVar[tuple[float, ...]]
-    #: Weights of the estimates of the error, each (s,), or (s + 1,) with the rate at the end of the step.
+    #: Weights of the error estimates, each (s,), or (s + 1,) with the rate at the end of the step.
     errors: ClassVar[tuple[tuple[float, ...], ...]]
-    #: Knots through which a motion is interpolated: the error of (places, velocities, accelerations) at two is of order
-    #: 6 in the step, at three of order 9.
+    #: Knots for interpolation of a motion: the error of (positions, velocities, accelerations) is of order 6 in the
+    #: step for two knots, of order 9 for three.
     knots: ClassVar[int]
-    #: h b/m beyond which damping makes the scheme unstable.
+    #: h b/m above which damping makes the scheme unstable.
     stable: ClassVar[float]
-    #: Error of a step in places [m] and velocities [m/s], unless a run names another.
+    #: Error of a step in positions [m] and velocities [m/s], unless a run specifies another.
     tolerance: ClassVar[float] = 1e-6
 
     def refuse(self, model: Model) -> str | None:
@@ -54,7 +55,7 @@ class ProjectedRungeKutta(Explicit):
         if model.line.failures is not None:
             return "it has no links that break; use energy_momentum"
         if model.initial_internal_state():
-            return "it has no effects that change as the run goes on; use energy_momentum"
+            return "it does not support effects with internal state; use energy_momentum"
         if model.laws:
             return f"effect {model.laws[0].name!r} brings a set-valued law, which is not smooth; use energy_momentum"
         return point_masses_only(model)
@@ -69,15 +70,15 @@ class ProjectedRungeKutta(Explicit):
         return at_knot(s, self.attempt(model, knot, h, track)[0])
 
     def start(self, model: Model, s: State, track: bool) -> Knot:
-        """The knot that a run begins at, or goes on from after a jump."""
+        """The knot at which a run starts, or continues after a jump."""
         return self.knot(model, s.t, _flat(s.r, s.v, s.work), track)
 
     def knot(self, model: Model, t: jax.Array, y: jax.Array, track: bool) -> Knot:
-        """The knot of y at t, its rate that of the motion after t."""
+        """The knot of y at t, with the rate of the motion after t."""
         return Knot(t, y, *_rate(model, time_just_after(t), y, track))
 
     def attempt(self, model: Model, knot: Knot, h: jax.Array, track: bool) -> tuple[Knot, jax.Array]:
-        """The knot a step later, and estimates (k, 2, nodes, 3) of the error of places and velocities."""
+        """The knot one step later, and estimates (k, 2, nodes, 3) of the error of positions and velocities."""
         stages, dtype = len(self.b), knot.y.dtype
         table = np.zeros((stages, stages))
         for i, row in enumerate(self.a, start=1):
@@ -87,12 +88,12 @@ class ProjectedRungeKutta(Explicit):
 
         def stage(i: jax.Array, slopes: jax.Array) -> jax.Array:
             y = knot.y + h * _combine_slopes(jax.lax.dynamic_index_in_dim(rows, i, keepdims=False), slopes)
-            # what jumps at either end of the step has jumped before it, or will after it
+            # a jump at the start of the step has already happened, one at its end happens after it
             rate, _ = _rate(model, jnp.clip(knot.t + times[i] * h, low, high), y, track)
             return jax.lax.dynamic_update_index_in_dim(slopes, rate, i, axis=0)
 
-        # A loop, not twelve stages one after another: XLA would fuse each into all that read it and compute it again
-        # for every one (1.8 times as slow, and 20 s to compile).
+        # A loop, not twelve successive stages: XLA would fuse each stage into all that use it and recompute it for
+        # every one (1.8 times as slow, and 20 s to compile).
         rest = jnp.zeros((stages - 1, *knot.y.shape), dtype)
         slopes = jax.lax.fori_loop(1, stages, stage, jnp.concatenate([knot.rate[None], rest]))
         r, v, work = _parts(model, knot.y + h * _combine_slopes(jnp.asarray(self.b, dtype), slopes))
@@ -109,8 +110,11 @@ class ProjectedRungeKutta(Explicit):
         return found if len(weights) == stages else found + weights[stages] * last
 
     def estimate(self, errors: jax.Array, v: jax.Array, tolerance: jax.Array) -> jax.Array:
-        """Error of a step over what is allowed: RMS of places over `tolerance` [m] and of velocities over the same
-        [m/s], relative to those that are faster than 1 m/s; of two estimates `E5^2/(E5^2 + 0.01 E3^2)^(1/2)`."""
+        """Error of a step divided by the allowed error.
+
+        RMS of positions over `tolerance` [m] and of velocities over the same [m/s], relative to speeds above 1 m/s. For
+        two estimates `E5^2/(E5^2 + 0.01 E3^2)^(1/2)`.
+        """
         size = tolerance * jnp.stack([jnp.ones_like(v), 1.0 + jnp.abs(v)])
         squares = jnp.mean(jnp.square(errors / size), axis=(1, 2, 3))
         if len(squares) == 1:
@@ -118,7 +122,7 @@ class ProjectedRungeKutta(Explicit):
         return squares[0] / jnp.sqrt(squares[0] + 0.01 * squares[1] + jnp.finfo(v.dtype).tiny)
 
     def after_jump(self, model: Model, knot: Knot, track: bool) -> Knot:
-        """The same instant after what jumps there has jumped; the impulse of held points is booked."""
+        """The same instant after its jumps; the impulse of prescribed points is recorded."""
         r, v, work = _parts(model, knot.y)
         if model.moving:
             v, impulse = apply_jump(model, r, v, time_just_after(knot.t))
@@ -131,7 +135,7 @@ class ProjectedRungeKutta(Explicit):
 
 
 def time_just_after(t: jax.Array, side: float = 1.0) -> jax.Array:
-    """An instant just after t (before it, with side -1): where something jumps at t its value there is that side's."""
+    """An instant just after t (before it with side -1): a quantity that jumps at t has its value on that side."""
     return t + 8.0 * side * jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0)
 
 
@@ -155,12 +159,12 @@ def _flat(*parts: jax.Array) -> jax.Array:
 
 
 def _parts(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Places and velocities (nodes, 3), and work (w,), of y."""
+    """Positions and velocities (nodes, 3), and work (w,), of y."""
     nodes = model.free_nodes
     r, v, work = jnp.split(y, (3 * nodes, 6 * nodes))
     return r.reshape(nodes, 3), v.reshape(nodes, 3), work
 
 
 def _combine_slopes(weights: jax.Array, slopes: jax.Array) -> jax.Array:
-    """The sum of slopes (s, k) by their weights (s,), not as a product of matrices, which may call a library."""
+    """The weighted sum of slopes (s, k) with weights (s,), not as a matrix product, which may call a library."""
     return jnp.sum(weights[:, None] * slopes, axis=0)

@@ -31,7 +31,7 @@ def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -
 def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -> jax.Array:
     """Accelerations (nodes, 3) [m/s^2] under nodal forces (nodes, 3) [N]; not where `couples_inertia`."""
     line, free = model.line, model.free_nodes
-    if model.having(AddedMass):  # each node has a mass matrix of its own
+    if model.having(AddedMass):  # each node has its own mass matrix
         blocks = node_blocks(lambda a: model.inertia(k, a), free, force.dtype)
         return jnp.sum(inverse3(blocks) * force[:, None, :], axis=-1)
     diagonal = model.node_mass
@@ -45,7 +45,7 @@ def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -
 
 
 def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array, laws: Works | None = None) -> jax.Array:
-    """Power (k,) [W] of what `work_names` lists; `laws` are those of set-valued laws."""
+    """Power (k,) [W] in the order of `work_names`; `laws` are those of set-valued laws."""
     line = model.line
     forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
     turned = {turning(e): _turning(model, e, k, a) for e in model.having(AddedMass)}
@@ -56,7 +56,7 @@ def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array, laws: 
 
 
 def _turning(model: Model, effect: AddedMass, k: Kinematics, a: jax.Array) -> jax.Array:
-    """What added mass gains by turning [W]: rate of its kinetic energy less the power of its inertia."""
+    """Power [W] that added mass gains by turning: rate of its kinetic energy minus the power of its inertia."""
 
     def energy(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
         return effect.kinetic(model.kinematics(r, v, t))

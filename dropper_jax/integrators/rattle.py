@@ -1,10 +1,10 @@
-"""RATTLE: half kick, drift, half kick, with position and velocity constraints (Andersen 1983). The cheap one.
+"""RATTLE: half kick, drift, half kick, with position and velocity constraints (Andersen 1983). The fastest scheme.
 
     2 M (v_h - v0)/h = F(r0, v_h, t0) + G(r0)' lambda,    r1 = r0 + h v_h,    constraint at r1
     2 M (v1 - v_h)/h = F(r1, v_h, t1) + G(r1)' mu,        velocity constraint at r1
 
-The second half is the adjoint of the first (forces take the same v_h), so the scheme is symmetric and second order
-with velocity-dependent forces too, and symplectic without them. Its energy error is bounded while h omega < 1.
+The second half is the adjoint of the first (forces use the same v_h), so the scheme is symmetric and second order with
+velocity-dependent forces too, and symplectic without them. Its energy error is bounded while h omega < 1.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Rattle(Implicit):
     condensable: ClassVar[bool] = True
     exact: ClassVar[bool] = True
     iterations: ClassVar[int] = 4
-    condensed_iterations: ClassVar[int] = 2  # steps that need more get it
+    condensed_iterations: ClassVar[int] = 2  # steps that need more iterations get them
 
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)
@@ -87,7 +87,7 @@ class RattleProblem(StepProblem):
         loose = u.x + 0.5 * h * model.force(after) / self.mass[:, None]
         mu = self._velocity_tensions(pull1, loose)
         v1 = loose + 0.5 * h * model.tension_force(mu, pull1) / self.mass[:, None]
-        # the next half step has the same nodal forces, and tensions that go on as these did
+        # the next half step has the same nodal forces, and tensions that continue from these
         onward = 2 * (v1 - u.x) / h + model.tension_force(mu - u.y, pull1) / self.mass[:, None]
         return self.end_state(
             r=after.r,

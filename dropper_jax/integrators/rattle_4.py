@@ -1,7 +1,8 @@
-"""RATTLE composed to fourth order: what makes the simulator's own error small beside the data's, at a fit's price.
+"""RATTLE composed to fourth order: its numerical error is small compared with that of data, at a cost that a fit can
+afford.
 
-Measured on the lab dropper, angle error after 1 s: rattle at 1/120 s 1.5e-2 rad, this at 1/60 s 3.6e-4 rad and at
-1/120 s 1.6e-5 rad, for five times the work of a rattle step.
+Measured on the lab dropper, angle error after 1 s: rattle at 1/120 s 1.5e-2 rad, this at 1/60 s 3.6e-4 rad and at 1/120
+s 1.6e-5 rad, for five times the work of a rattle step.
 """
 
 from __future__ import annotations

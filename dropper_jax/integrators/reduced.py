@@ -1,13 +1,13 @@
-"""A rigid line of point masses as an ordinary differential equation: tensions from "no link's length accelerates".
+"""A rigid line of point masses as an ordinary differential equation: tensions from zero acceleration of link lengths.
 
     M a = F(r, v, t) + G' T,    d . d'' + |d'|^2 = 0 of every link
 
-With u = d/L the tensions follow from one symmetric tridiagonal system a line long (index reduction):
+With u = d/L the tensions follow from one symmetric tridiagonal system with a row per link (index reduction):
 
-    (G M^-1 G') T = u . (difference of F/m over the link, of held points their acceleration) + |d'|^2/L
+    (G M^-1 G') T = u . (difference of F/m over the link, of prescribed points their acceleration) + |d'|^2/L
 
-Lengths and their rates are then invariants of the motion, which a scheme leaves by its error: `on_links` brings the
-state back, each by the smallest change in the mass metric.
+Lengths and their rates are then invariants of the motion, from which a scheme drifts by its error. `on_links` restores
+both, each by the smallest change in the mass metric.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from dropper_jax.model import Kinematics, Model, book_works, work_names
 
 
 class Moving(NamedTuple):
-    """One instant: accelerations (nodes, 3) [m/s^2], tensions (n,) [N], power of what `work_names` lists (w,) [W]."""
+    """One instant: accelerations (nodes, 3) [m/s^2], tensions (n,) [N], powers (w,) [W] in the order of
+    `work_names`."""
 
     acceleration: jax.Array
     tension: jax.Array
@@ -44,7 +45,7 @@ def moving(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) 
 
 
 def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Places after one Newton correction of the lengths, and velocities (nodes, 3) that stretch no link there."""
+    """Positions after one Newton correction of the lengths, and velocities (nodes, 3) that stretch no link there."""
     ends, length, inverse = model.ends(t), model.line.length, 1.0 / model.node_mass
     unit = model.links(r, ends) / length[:, None]
     gap = 0.5 * length * (dot(unit, unit) - 1.0)
@@ -53,7 +54,8 @@ def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[ja
 
 
 def apply_jump(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Velocities (nodes, 3) after held points have taken theirs of t, and the impulses in the links (n, 3) [N s]."""
+    """Velocities (nodes, 3) after prescribed points take their velocities at t, and impulses in the links (n, 3) [N
+    s]."""
     change, impulse = _impact_change(model, r, v, t)
     return v + change, impulse
 

@@ -34,7 +34,7 @@ class RungeKutta(Explicit):
 
 
 def _weigh_slopes(weights: tuple[float, ...], slopes: list[tuple[jax.Array, ...]]) -> tuple[jax.Array, ...]:
-    """The sum of slopes by their weights; what has none is left out."""
+    """The weighted sum of slopes; zero weights are skipped."""
     used = [(weight, slope) for weight, slope in zip(weights, slopes, strict=True) if weight]
     kept = [weight for weight, _ in used]
     return jax.tree.map(lambda *k: sum(map(operator.mul, kept, k)), *(slope for _, slope in used))

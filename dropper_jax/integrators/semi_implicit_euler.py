@@ -2,9 +2,9 @@
 
     M (v1 - v0)/h = F(r0, v0, t0) + G(r0)' T,    r1 = r0 + h v1,    constraint at r1
 
-(The thesis prints explicit Euler in (2.36)-(2.37) where this is meant; erratum.)
+(The thesis prints explicit Euler in (2.36)-(2.37) where this scheme is meant; erratum.)
 
-On lines that stretch, tensions follow from lengths and nothing has to be solved (the paper's section on its schemes):
+On lines that stretch, tensions follow from lengths and no system has to be solved (the paper's section on its schemes):
 
     M (v1 - v0)/h = F(r0, v0, t0) + tensions at (r0, v0),    r1 = r0 + h v1
 """
@@ -32,7 +32,7 @@ from dropper_jax.residual import (
 
 @dataclass(frozen=True)
 class SemiImplicitEuler(Implicit):
-    """First order; forces explicit, tensions hold the new lengths."""
+    """First order; explicit forces, tensions that enforce the new lengths."""
 
     name: ClassVar[str] = "semi_implicit_euler"
     order: ClassVar[int] = 1

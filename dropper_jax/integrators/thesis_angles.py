@@ -1,15 +1,15 @@
-"""The thesis' own scheme, kept as the baseline of comparisons: angles, rates and tensions of every link.
+"""The thesis' own scheme, retained as the baseline of comparisons: angles, rates and tensions of every link.
 
 Unknowns per link (theta, phi, their rates, T), rows (C.32)-(C.41) with the weighting (5.4):
 
     (theta1 - theta0)/h = gamma theta'1 + (1 - gamma) theta'0, the same for phi
     m_n [A_n + gamma B_n1 + (1 - gamma) B_n0] = gamma F_n1 + (1 - gamma) F_n0        (free nodes)
-    end of the last link = held point                                                (closed loop)
+    end of the last link = fixed point                                               (closed loop)
 
 A_n sums the links' terms in theta'', phi'' (differences of the rates, at the new angles), B_n those in theta'^2,
 phi'^2, theta' phi', both from the links before node n. Corrected: the sign of B and of its Coriolis part, the missing
-m_n, z downwards positive angle (errata on (4.19), (C.8)-(C.17), (C.33)-(C.36)). Angles are from the horizontal; a
-vertical link has no azimuth, and the Jacobian is singular there: that is the point of keeping it.
+m_n, z downwards positive angle (errata on (4.19), (C.8)-(C.17), (C.33)-(C.36)). Angles are from the horizontal. A
+vertical link has no azimuth, and the Jacobian is singular there; the scheme is kept to demonstrate this.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class ThesisAngles(Implicit):
         return AnglesProblem(model, s, h, self.gamma)
 
     def begin(self, model: Model, s: State) -> State:
-        """The state with the angles that its positions and velocities mean."""
+        """The state with the angles that correspond to its positions and velocities."""
         if s.angles is not None:
             return s
         ends = model.ends(s.t)
@@ -72,7 +72,7 @@ def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
     polar = jnp.stack([-jnp.sin(theta) * jnp.cos(phi), -jnp.sin(theta) * jnp.sin(phi), -jnp.cos(theta)], -1)
     round_ = jnp.stack([-jnp.sin(phi), jnp.cos(phi), jnp.zeros_like(phi)], -1)
     flat = jnp.cos(theta)
-    # a vertical link has no azimuth: its rate is left at zero, which is the scheme's own blind spot
+    # a vertical link has no azimuth: its rate is left at zero, which is an inherent defect of the scheme
     safe = jnp.where(jnp.abs(flat) > 1e-9, flat, 1.0)
     azimuth_rate = jnp.where(jnp.abs(flat) > 1e-9, jnp.sum(rate * round_, -1) / (length * safe), 0.0)
     return theta, phi, jnp.sum(rate * polar, -1) / length, azimuth_rate
@@ -83,8 +83,11 @@ def _unit(theta: jax.Array, phi: jax.Array) -> jax.Array:
 
 
 class Motion(NamedTuple):
-    """One instant: kinematics, the last link's end (3,) [m], centripetal and Coriolis accelerations (n, 3) [m/s^2] of
-    the links' ends, forces with tensions (nodes, 3) [N]."""
+    """One instant of the scheme.
+
+    Kinematics, the last link's end (3,) [m], centripetal and Coriolis accelerations (n, 3) [m/s^2] of the links' ends,
+    forces with tensions (nodes, 3) [N].
+    """
 
     k: Kinematics
     end: jax.Array
@@ -138,7 +141,7 @@ class AnglesProblem(StepProblem):
         rows = self.mass * (a + b)[:free] - gamma * new.force - (1 - gamma) * self.old.force
         if model.end_held:
             rows = jnp.concatenate([rows, (new.end - self.ends1.end)[None] * self._closing()])
-        # kinematic rows are rates times the force scale over a rate, so that one tolerance serves all rows
+        # kinematic rows are rates times the ratio of the force scale to a rate, so that one tolerance serves all rows
         return Unknowns(jnp.concatenate([kinematic * h * self._force(), rows[:, :2]], 1), rows[:, 2])
 
     def _force(self) -> jax.Array:

@@ -2,9 +2,9 @@
 
     M (v1 - v0)/h = gamma (F1 + G1' T1) + (1 - gamma) (F0 + G0' T0),    r1 = r0 + h (gamma v1 + (1 - gamma) v0)
 
-with the constraint at r1. Gamma = 1 is implicit Euler, 0.51 the thesis (5.4). For gamma = 0, explicit Euler, T1 and
-r1 do not meet: the tension of the old time is then the one that makes the new velocity agree with the constraint at
-r1 (half-explicit Euler; Hairer and Wanner), and link lengths drift.
+with the constraint at r1. Gamma = 1 is implicit Euler, 0.51 the thesis (5.4). For gamma = 0, explicit Euler, r1 does
+not depend on T1. The tension of the old time is then the one that makes the new velocity consistent with the constraint
+at r1 (half-explicit Euler; Hairer and Wanner), and link lengths drift.
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ from dropper_jax.integrators.energy_momentum import EnergyMomentum
 class ThetaMidpoint(EnergyMomentum):
     """`r_gamma = (1 - gamma) r0 + gamma r1` for forces and tension directions, gamma from 0.5 to 1.
 
-    One of the two schemes that "gamma = 0.51" may mean; the thesis' own is `theta`. Gamma = 0.5 is
-    `energy_momentum`; above it the scheme is of first order, stable and takes energy.
+    One of the two schemes that "gamma = 0.51" may mean; the thesis' own is `theta`. Gamma = 0.5 is `energy_momentum`.
+    Above it the scheme is first order, stable and dissipative.
     """
 
     name: ClassVar[str] = "theta_midpoint"

@@ -1,9 +1,9 @@
 """Many members of one function side by side: `jax.vmap` with the member axis last in memory, for batches on the CPU.
 
-`vmap` puts members first, and the loops over 3 components and some nodes innermost: too short for vector registers.
-Here members come last, so that every kernel runs over them. A function is traced once for one member; its operations
-are then carried out on arrays (..., members). What has no rule (`rules`) falls back on JAX's own batching rule between
-two moves of the axis: slower, never wrong, and told by `Fallbacks`.
+`vmap` puts members first, and the loops over 3 components and a few nodes innermost, which is too short for vector
+registers. Here members come last, so that every kernel runs over them. A function is traced once for one member; its
+operations are then evaluated on arrays (..., members). Operations without a rule (`rules`) use JAX's own batching rule
+between two moves of the axis. That is slower, still correct, and recorded in `Fallbacks`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def lanes(
     Args:
         f: a pure function of pytrees of arrays.
         in_axes: 0 (mapped) or None (shared) for all arguments, or one of them for each.
-        fallbacks: is told what has no rule here, whenever the function is traced.
+        fallbacks: records the operations without a rule whenever the function is traced.
 
     Returns:
         A function whose results have the members first, all of them mapped.

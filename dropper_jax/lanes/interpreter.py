@@ -1,4 +1,4 @@
-"""Carrying out a traced function on arrays whose member axis comes last."""
+"""Evaluating a traced function on arrays whose member axis comes last."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from dropper_jax.lanes.rules import ELEMENTWISE, STRUCTURAL, Value, lined_up, sp
 
 @dataclass
 class Fallbacks:
-    """What went through `jax.vmap`; filled while a function is traced.
+    """Record of what ran through `jax.vmap`; filled while a function is traced.
 
     Attributes:
-        operations: names of those without a rule, each between two moves of the member axis.
-        operation: the operation, written otherwise by this JAX, because of which the whole function did.
+        operations: names of operations without a rule, each between two moves of the member axis.
+        operation: the operation whose form in this JAX is unknown, so that the whole function ran through `vmap`.
     """
 
     operations: set[str] = field(default_factory=set)
     operation: str | None = None
 
     def join(self, other: Fallbacks) -> None:
-        """Add what another function left to `vmap`."""
+        """Add the operations that another function passed to `vmap`."""
         self.operations |= other.operations
         self.operation = self.operation or other.operation
 
     def warnings(self) -> list[str]:
-        """A line for the user where nothing is left of the gain."""
+        """A line for the user if nothing is gained any more."""
         if self.operation is None:
             return []
         return [
@@ -47,21 +47,21 @@ class Unreadable(Exception):
 
 
 class Interpreter:
-    """Operations of a function of one member, done for `members` of them."""
+    """Operations of a function of one member, evaluated for `members` of them."""
 
     def __init__(self, members: int, fallbacks: Fallbacks) -> None:
         self.members, self.fallbacks = members, fallbacks
         self.control = {"scan": self._scan, "while": self._while, "cond": self._cond}
 
     def with_member_axis(self, values: Sequence[Value], many: Sequence[bool]) -> list[jax.Array]:
-        """Arrays with the member axis where `many` asks for it."""
+        """Arrays with the member axis where `many` requires it."""
         return [spread(v, self.members) if m else v.array for v, m in zip(values, many, strict=True)]
 
     def run(self, program: core.ClosedJaxpr, inputs: Sequence[Value]) -> list[Value]:
         """The results of a traced function.
 
         Raises:
-            Unreadable: an operation of a JAX that names its parameters otherwise.
+            Unreadable: an operation of a JAX that names its parameters differently.
         """
         jaxpr = program.jaxpr
         known = dict(zip(jaxpr.constvars, (Value(c, False) for c in program.consts), strict=True))
@@ -134,7 +134,7 @@ class Interpreter:
 
     def _cond(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
         index, given = inputs[0], inputs[1:]
-        if index.many:  # members go different ways: all branches are run
+        if index.many:  # members take different branches: all branches are run
             found = [
                 self.with_member_axis(out, [True] * len(out)) for out in (self.run(b, given) for b in p["branches"])
             ]
@@ -151,7 +151,8 @@ class Interpreter:
 
 
 def choice(on: jax.Array, x: jax.Array) -> jax.Array:
-    """A choice (..., members) for arrays (..., more, members): a loop that `vmap` made has one for each of its own."""
+    """A choice (..., members) for arrays (..., more, members): a loop made by `vmap` has one for each of its
+    members."""
     return on.reshape(*on.shape[:-1], *(1,) * (x.ndim - on.ndim), on.shape[-1])
 
 

@@ -1,4 +1,4 @@
-"""Which values of a traced function have a member axis, found without carrying it out."""
+"""Which values of a traced function have a member axis, found without evaluating it."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _which_of(eqn: core.JaxprEqn, many: list[bool]) -> list[bool]:
 
 
 def scan_parts(p: dict[str, Any]) -> tuple[int, int]:
-    """How many inputs of a scan are constants, and how many are carried."""
+    """Number of constants and of carried values among the inputs of a scan."""
     if "num_consts" in p:
         return p["num_consts"], p["num_carry"]
     consts, carry, _ = p["ft_in"].unpack()  # JAX 0.12
@@ -62,7 +62,7 @@ def scan_parts(p: dict[str, Any]) -> tuple[int, int]:
 
 
 def which_scanned(p: dict[str, Any], many: list[bool]) -> list[bool]:
-    """Of the carry and of what is saved: a carry that gets members in one turn has them from the start."""
+    """For the carry and the saved values: a carry that gets members in one iteration has them from the start."""
     consts, carried = scan_parts(p)
     carry = many[consts : consts + carried]
     while True:
@@ -74,7 +74,7 @@ def which_scanned(p: dict[str, Any], many: list[bool]) -> list[bool]:
 
 
 def which_looped(p: dict[str, Any], many: list[bool]) -> tuple[list[bool], bool]:
-    """Of the carry, and of the test: where members disagree on when to stop, all of the carry has members."""
+    """For the carry and the test: if members disagree on when to stop, the whole carry has members."""
     tests, bodies = p["cond_nconsts"], p["body_nconsts"]
     carry = many[tests + bodies :]
     while True:
@@ -87,5 +87,5 @@ def which_looped(p: dict[str, Any], many: list[bool]) -> tuple[list[bool], bool]
 
 
 def which_branched(p: dict[str, Any], many: list[bool]) -> list[bool]:
-    """Of the results: where any branch has members."""
+    """For the results: those for which any branch has members."""
     return [any(found) for found in zip(*(_which(b, many) for b in p["branches"]), strict=True)]

@@ -1,6 +1,7 @@
-"""Operations on arrays whose member axis comes last: what a batch does with each, besides loops and branches.
+"""Operations on arrays whose member axis comes last: rules for all operations except loops and branches.
 
-Elementwise ones need their arrays lined up; those on axes leave the member axis alone, as one more.
+Elementwise operations need aligned arrays. Operations on axes treat the member axis as one more axis and leave it
+unchanged.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-#: Longest tridiagonal system that is eliminated row by row in line; LAPACK, one member at a time, beyond.
+#: Maximum size of a tridiagonal system that is eliminated row by row inline; larger ones use LAPACK, one member at a
+#: time.
 UNROLLED_ROWS = 32
-#: Longest reduction done as a tree of elementwise operations.
+#: Maximum length of a reduction done as a tree of elementwise operations.
 UNROLLED_REDUCTION = 128
 
 ELEMENTWISE = frozenset(
@@ -33,18 +35,18 @@ class Value(NamedTuple):
     many: bool
 
 
-#: Parameters, number of members, inputs -> the result; None where the rule does not hold.
+#: Parameters, number of members, inputs -> the result; None if the rule does not apply.
 Rule = Callable[[dict[str, Any], int, list[Value]], jax.Array | None]
 
 
 def spread(v: Value, members: int) -> jax.Array:
-    """The array with the member axis, repeated where it had none."""
+    """The array with the member axis, repeated if it had none."""
     x = jnp.asarray(v.array)
     return x if v.many else jnp.broadcast_to(x[..., None], (*x.shape, members))
 
 
 def lined_up(v: Value, shape: tuple[int, ...], members: int) -> jax.Array:
-    """The array in the result's shape, members last; scalars and axes of one may stand in for whole ones."""
+    """The array in the result's shape, members last; scalars and axes of length one may be used unexpanded."""
     x = jnp.asarray(v.array)
     x = x if v.many else x[..., None]
     x = x.reshape((1,) * (len(shape) + 1 - x.ndim) + x.shape)
@@ -85,7 +87,7 @@ def _transpose(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Arra
 
 
 def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
-    """Reduction over some axes as a tree of elementwise operations, which keep running over the members."""
+    """Reduction over some axes as a tree of elementwise operations, which still run over the members."""
 
     def rule(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
         x, axes = inputs[0].array, tuple(p["axes"])
@@ -104,12 +106,12 @@ def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
 
 
 def _tridiagonal(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
-    """Elimination without pivoting, row by row: the systems of rods have no small pivots, and a step is checked."""
+    """Elimination without pivoting, row by row: the systems of rods have no small pivots, and every step is checked."""
     lower, diagonal, upper, b = (spread(v, members) for v in inputs)
     rows = diagonal.shape[0]
     if b.shape[1] != 1 or diagonal.ndim != 2 or rows > UNROLLED_ROWS:
         return None
-    # divided, not multiplied by an inverse: the compiler keeps quotients, and does products anew wherever they are used
+    # divided, not multiplied by an inverse: the compiler keeps quotients but recomputes products at every use
     ahead, y = [upper[0] / diagonal[0]], [b[0, 0] / diagonal[0]]
     for i in range(1, rows):
         pivot = diagonal[i] - lower[i] * ahead[-1]

@@ -1,1 +1,1 @@
-"""Where scenes come from: packaged names, TOML and MoorDyn files, plain values."""
+"""Sources of scenes: packaged names, TOML and MoorDyn files, plain values."""

@@ -1,4 +1,4 @@
-"""Arithmetic in scenes: `= loops * spacing + 1`. Numbers, names and a few functions; no code is run."""
+"""Arithmetic in scenes: `= loops * spacing + 1`. Numbers, names and a few functions; no code is executed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BINARY: dict[type[ast.operator], Callable[[Number, Number], Number]] = {
     ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv,
     ast.Mod: operator.mod,
-    ast.Pow: math.pow,  # of floats: no powers of whole numbers that fill the memory
+    ast.Pow: math.pow,  # for floats: prevents powers of whole numbers that exhaust the memory
 }
 UNARY: dict[type[ast.unaryop], Callable[[Number], Number]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
 #: Angles are in radians; `radians` turns degrees into them.
@@ -39,29 +39,29 @@ FUNCTIONS: dict[str, Callable[..., Number]] = {
     "radians": math.radians,
 }
 CONSTANTS = {"pi": math.pi}
-#: Longest expression [characters].
+#: Maximum length of an expression [characters].
 LONGEST = 500
 ALLOWED = f"numbers, names, + - * / // % **, brackets and {', '.join(FUNCTIONS)}"
 
 
 def evaluate(text: str, names: Mapping[str, Number], path: str) -> Number:
-    """The number that an expression stands for.
+    """The value of an expression.
 
     Args:
-        names: what its names stand for; looked up when they are met.
-        path: where it stands in the scene, for errors.
+        names: values of its names; looked up when they occur.
+        path: its path in the scene, for errors.
 
     Raises:
-        SceneError: no arithmetic, an unknown name (with the nearest), or a result that is not finite.
+        SceneError: not an arithmetic expression, an unknown name (with the nearest), or a result that is not finite.
     """
     if len(text) > LONGEST:
         raise SceneError(f"{path}: an expression of {len(text)} characters; allowed: at most {LONGEST}")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SyntaxWarning)  # of `1if`: refused below
+            warnings.simplefilter("ignore", SyntaxWarning)  # such as `1if`: rejected below
             tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise SceneError(f"{path}: {text.strip()!r} is no expression; allowed: {ALLOWED}") from None
+        raise SceneError(f"{path}: {text.strip()!r} is not a valid expression; allowed: {ALLOWED}") from None
     try:
         found = _value(tree, names, path)
     except (ZeroDivisionError, OverflowError, ValueError, TypeError, RecursionError) as error:

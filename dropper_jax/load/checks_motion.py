@@ -1,4 +1,4 @@
-"""Warnings of a scene about ends that start to move at once."""
+"""Warnings about ends that start to move abruptly."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.scene import SceneData
 
-#: Starting speed [m/s] that is taken for rest.
+#: Starting speed [m/s] that counts as rest.
 REST = 1e-6
-#: Tension of a shock beside the friction of the whole line below which it does not matter what friction keeps of it.
+#: Tension of a shock relative to the friction of the full line below which the tension retained by friction is
+#: negligible.
 NEGLIGIBLE = 0.01
 
 
 def motion_warnings(scene: SceneData) -> tuple[str, ...]:
-    """One line where an end starts at speed while friction on the bed may keep what that shock leaves, for good."""
+    """A warning if an end starts with a velocity jump, whose tension seabed friction may retain permanently."""
     motion = scene.effects.get("end_motion")
     if motion is None or motion["ramp"] is not None or "seabed_friction" not in scene.effects:
         return ()
@@ -22,8 +23,8 @@ def motion_warnings(scene: SceneData) -> tuple[str, ...]:
     if speed <= REST or not _matters(scene, speed, {motion["point"], *motion["also"]}):
         return ()
     return (
-        f"effects.end_motion: {motion['point']} starts at {speed:.3g} m/s at once; friction on the bed may hold the "
-        "tension of that shock for the whole run: give `ramp`",
+        f"effects.end_motion: {motion['point']} starts abruptly at {speed:.3g} m/s; friction on the seabed may retain "
+        "the tension of that shock for the whole run. Use `ramp`",
     )
 
 
@@ -36,7 +37,8 @@ def _first_speed(motion: dict[str, object]) -> float:
 
 
 def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
-    """Whether the tension that a start at `speed` sends, speed times `sqrt(EA m)`, counts beside friction `mu w`."""
+    """Whether the tension caused by a start at `speed`, speed times `sqrt(EA m)`, is significant compared with
+    `mu w`."""
     friction = scene.effects["seabed_friction"]
     mu = friction["kinetic"] if friction["static"] is None else friction["static"]
     gravity = scene.effects.get("weight", {}).get("gravity", GRAVITY)
@@ -44,7 +46,7 @@ def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
         if line.start not in moved and line.end not in moved:
             continue
         if line.EA is None:
-            return True  # rigid: the shock has no bound
+            return True  # rigid: the shock is unbounded
         weight = float(np.sum(line.mass)) * gravity
         shock = speed * float(np.max(np.sqrt(line.EA * line.mass / line.length)))
         if shock > NEGLIGIBLE * float(np.max(mu)) * weight:

@@ -1,4 +1,4 @@
-"""What lines and points must agree on: ends that exist, and what a system of lines needs beyond a single one."""
+"""Consistency of lines and points: ends that exist, and the requirements of a system of several lines."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from dropper_jax.effects import EFFECTS
 from dropper_jax.load.surroundings import bed_height
 from dropper_jax.scene import BuoySpec, LineSpec, PointSpec, SceneData, point_named
 
-#: How far below the bed a point may be for rounding [m].
+#: Depth below the seabed at which a point may be due to rounding [m].
 ROUNDING = 1e-9
 
 
 def check_names(section: str, items: Sequence[PointSpec | LineSpec | BuoySpec]) -> None:
-    """Every item of a section has a name of its own."""
+    """Check that every item of a section has a unique name."""
     names = [item.name for item in items]
     for i, name in enumerate(names):
         if name in names[:i]:
-            raise refuse(f"{section}.{i}.name", name, "is used twice", "a name of its own")
+            raise refuse(f"{section}.{i}.name", name, "is used twice", "a unique name")
 
 
 def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> None:
-    """Every line ends at points that exist, every point is an end of a line."""
+    """Check that every line ends at points that exist, and that every point is an end of a line."""
     names = [point.name for point in points]
     for i, line in enumerate(lines):
         for key, name in (("from", line.start), ("to", line.end)):
@@ -38,7 +38,7 @@ def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> No
 
 
 def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]) -> None:
-    """Unique names, elastic lines of one law, every point hung from a fixed one, buoys on free points."""
+    """Check for unique names, elastic lines of one law, every point connected to a fixed one, buoys on free points."""
     check_ends(lines, points)
     check_names("line", lines)
     check_names("buoy", buoys)
@@ -49,11 +49,13 @@ def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buo
             if start.kind == end.kind == "fixed":
                 check_span(line, path, start, end)
         if line.centre_of_mass is not None:
-            raise SceneError(f"{path}.centre_of_mass: compound links are for single lines; allowed: leave it out")
+            raise SceneError(
+                f"{path}.centre_of_mass: compound links are for single lines only. Remove `centre_of_mass`"
+            )
         if line.start == line.end and line.links < 2:
-            raise refuse(f"{path}.links", line.links, "leaves nothing free in a loop", "a whole number >= 2")
+            raise refuse(f"{path}.links", line.links, "leaves no free node in a loop", "a whole number >= 2")
     if all(point.kind == "fixed" for point in points) and all(line.links == 1 for line in lines):
-        raise refuse("line.0.links", lines[0].links, "leaves nothing free between held points", "a whole number >= 2")
+        raise refuse("line.0.links", lines[0].links, "leaves no free node between fixed points", "a whole number >= 2")
     _check_connected(points, lines)
     kinds = {point.name: point.kind for point in points}
     for i, buoy in enumerate(buoys):
@@ -68,7 +70,7 @@ def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buo
 
 
 def check_span(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> float:
-    """The distance [m] of two held ends, which rigid links must be able to span."""
+    """The distance [m] between two fixed ends, which rigid links must be able to span."""
     distance = float(np.linalg.norm(end.position - start.position))
     if line.total <= distance:
         raise SceneError(
@@ -98,7 +100,7 @@ def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...])
 
 
 def _check_masses(scene: SceneData) -> None:
-    """Every free point has mass: that of a link, a body or a buoy."""
+    """Check that every free point has mass: that of a link, a body or a buoy."""
     nodes = scene.link_mass_nodes
     heavy = {line.end for line in scene.lines} | {line.start for line in scene.lines if nodes[line.name] != "far"}
     heavy |= {buoy.point for buoy in scene.buoys} | {p.name for p in scene.points if p.mass or p.on}
@@ -110,22 +112,23 @@ def _check_masses(scene: SceneData) -> None:
 
 
 def check_system_effects(scene: SceneData) -> None:
-    """Effects that need one line, bodies that need water, and free points that need mass."""
+    """Check effects that need one line, bodies that need water, and free points that need mass."""
     _check_masses(scene)
     for name in scene.effects:
         if EFFECTS[name].single_line:
-            raise SceneError(f"effects.{name}: follows the nodes of one line; allowed: scenes of one line")
+            raise SceneError(f"effects.{name}: acts on the nodes of one line; allowed: scenes with one line")
     for i, buoy in enumerate(scene.buoys):
         if scene.sea is None:
             raise SceneError(
-                f"buoy.{i}: {buoy.name!r} needs water, but the scene has no [sea]; allowed: [sea] with `depth`"
+                f"buoy.{i}: {buoy.name!r} needs water, but the scene has no [sea]; needed: [sea] with `depth`"
             )
 
 
 def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> None:
-    """No point, and no node of a given pose (its path, and places (n, 3) [m]), starts below the seabed.
+    """Check that no point, and no node of a given configuration (its path, and positions (n, 3) [m]), starts below the
+    seabed.
 
-    Nodes may lie as deep in the bed as the line is thick: a pose taken from a run is pressed in a little.
+    Nodes may be as deep in the seabed as the line is thick: a configuration taken from a run has a small penetration.
     """
     positions = np.array([point.position for point in scene.points])
     bed = bed_height(scene, positions)
@@ -133,7 +136,8 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> None:
         return
     for i in np.flatnonzero(positions[:, 2] < bed - ROUNDING):
         raise SceneError(
-            f"point.{i}.position: z = {positions[i, 2]:g} m is below the bed; allowed: >= {bed[i]:g} m at its x and y"
+            f"point.{i}.position: z = {positions[i, 2]:g} m is below the seabed; "
+            f"allowed: >= {bed[i]:g} m at its x and y"
         )
     if pose is None:
         return
@@ -141,5 +145,5 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> None:
     bed = bed_height(scene, nodes)
     for i in np.flatnonzero(nodes[:, 2] < bed - np.max(scene.lines[0].diameter)):
         raise SceneError(
-            f"{path}: node {i} is at z = {nodes[i, 2]:g} m, below the bed; allowed: >= {bed[i]:g} m at its x and y"
+            f"{path}: node {i} is at z = {nodes[i, 2]:g} m, below the seabed; allowed: >= {bed[i]:g} m at its x and y"
         )

@@ -1,4 +1,4 @@
-"""What a scene with water must agree on, and what is worth a warning."""
+"""Consistency of a scene with water, and warnings."""
 
 from __future__ import annotations
 
@@ -11,40 +11,42 @@ from dropper_jax.sea import Sea
 from dropper_jax.sea.bound import BoundWaves
 from dropper_jax.sea.steady import STOKES_HEIGHT, STOKES_LENGTH, highest
 
-#: Steepest waves before they break: `H = 0.142 L tanh(kd)` (Miche 1944), 0.89 of the depth where it is shallow.
+#: Steepest waves before breaking: `H = 0.142 L tanh(kd)` (Miche 1944), 0.89 of the depth in shallow water.
 BREAKING = 0.142
 
 
-#: Share of the highest wave from which a wave of finite height is said to be next to breaking.
+#: Fraction of the maximum wave height above which a wave of finite height is reported as close to breaking.
 NEARLY = 0.9
-#: Largest diameter over wavelength for Morison's equation (thesis (6.11)).
+#: Maximum ratio of diameter to wavelength for Morison's equation (thesis (6.11)).
 SLENDER = 0.05
-#: Share of the waves' energy that a wavelength is judged by; the rest is the tail of a spectrum.
+#: Fraction of the wave energy used to determine a wavelength; the rest is the tail of a spectrum.
 COUNTS = 0.95
-#: Largest significant height over depth of irregular waves, as observed on flat beds (about 0.6 of single waves' 0.78).
+#: Maximum ratio of significant height to depth of irregular waves, as observed on flat seabeds (about 0.6 of single
+#: waves' 0.78).
 SHALLOW = 0.6
-#: Least cosine between a current and the way along which lines shelter each other, about 60 degrees.
+#: Minimum cosine between a current and the direction in which lines shelter each other, about 60 degrees.
 WITH = 0.5
 
 
 def check_water(effect: str, scene: SceneData) -> None:
-    """An effect of the water needs a sea, a diameter, and held points above the bed."""
+    """Check that an effect of the water has a sea, a diameter, and fixed points above the seabed."""
     if scene.sea is None:
-        raise SceneError(f"effects.{effect}: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
+        raise SceneError(f"effects.{effect}: needs water, but the scene has no [sea]; needed: [sea] with `depth`")
     line = scene.line
     if effect in ("morison_drag", "morison_inertia", "thesis_wave_force") and displaced_diameter(line, scene) is None:
         raise SceneError(f"line.0.diameter: missing; effects.{effect} needs it, > 0 m")
     if scene.effects.get("seabed", {}).get("bed_x") is not None:
-        return  # a bed that is not level has its own depth everywhere, see `check_bed`
+        return  # a sloping seabed has a different depth everywhere, see `check_bed`
     for i, point in enumerate(scene.points):
         if point.kind == "fixed" and point.position[2] < -scene.sea.depth:
             raise SceneError(
-                f"point.{i}.position: z = {point.position[2]:g} m is below the bed; allowed: >= {-scene.sea.depth:g} m"
+                f"point.{i}.position: z = {point.position[2]:g} m is below the seabed; "
+                f"allowed: >= {-scene.sea.depth:g} m"
             )
 
 
 def sea_warnings(scene: SceneData, sea: Sea) -> tuple[str, ...]:
-    """One line for each thing about the sea that a user should know; `sea` is what `make_sea` made."""
+    """Warnings about the sea, one line each; `sea` is the result of `make_sea`."""
     if scene.sea is None:
         return ()
     found = _reach(scene) + _check_shelter(scene)
@@ -54,7 +56,7 @@ def sea_warnings(scene: SceneData, sea: Sea) -> tuple[str, ...]:
 
 
 def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
-    """A ball that the line cannot leave while its points stay: its middle (3,) [m] and radius [m]."""
+    """A ball that the line cannot leave while its points are fixed: its centre (3,) [m] and radius [m]."""
     if scene.branched:
         carriers = (*scene.bodies, *scene.vessels)
         positions = np.array([item.position for item in (*scene.points, *carriers)])
@@ -70,7 +72,7 @@ def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
 
 
 def _reach(scene: SceneData) -> list[str]:
-    """A line that can hang below the bed, since there is no seabed in the scene."""
+    """A warning if a line can hang below the seabed because the scene has no seabed effect."""
     if "seabed" in scene.effects:
         return []
     depth = scene.sea.depth
@@ -78,11 +80,13 @@ def _reach(scene: SceneData) -> list[str]:
     low = middle[2] - radius
     if low >= -depth:
         return []
-    return [f"sea.depth: the line can reach down to z = {low:.4g} m, the bed is at {-depth:.4g} m and is not felt"]
+    return [
+        f"sea.depth: the line can reach down to z = {low:.4g} m, but the seabed at {-depth:.4g} m has no contact force"
+    ]
 
 
 def _check_shelter(scene: SceneData) -> list[str]:
-    """Factors that shelter lines from a current that comes from elsewhere: they do not turn with it."""
+    """A warning for shelter factors if the current comes from another direction, because they do not turn with it."""
     factor = scene.effects.get("morison_drag", {}).get("shelter")
     current = scene.sea.current
     if factor is None or current is None or not np.ndim(factor):
@@ -104,13 +108,13 @@ def _check_shelter(scene: SceneData) -> list[str]:
     if size == 0.0 or along > WITH * size:
         return []
     return [
-        f"line.shelter: the factors fall towards {scene.lines[least].name!r}, but the current flows at "
+        f"line.shelter: the factors decrease towards {scene.lines[least].name!r}, but the current flows at "
         f"{np.degrees(current.direction):.4g} degrees from x; they do not turn with it"
     ]
 
 
 def _breaking(scene: SceneData, sea: Sea) -> list[str]:
-    """Waves steeper than they can be: single ones, or the significant height at the mean energy frequency."""
+    """A warning for waves that are too steep: single ones, or the significant height at the mean energy frequency."""
     if sea.waves.bound:
         return _finite(scene, sea.waves)
     amplitude, k = np.asarray(sea.waves.amplitude, float), np.asarray(sea.waves.wave_number, float)
@@ -135,8 +139,10 @@ def mean_period(sea: Sea) -> float:
 
 
 def steepest_sea(tz: float, gravity: float) -> float:
-    """Significant height [m] of the steepest seas of a mean period [s] in deep water: `2 pi Hs/(g Tz^2)` = 1/10 up to
-    Tz = 6 s, 1/15 from 12 s, linear between (DNV-RP-C205, October 2010)."""
+    """Significant height [m] of the steepest seas of a mean period [s] in deep water.
+
+    `2 pi Hs/(g Tz^2)` = 1/10 up to Tz = 6 s, 1/15 from 12 s, linear between (DNV-RP-C205, October 2010).
+    """
     steepness = float(np.interp(tz, [6.0, 12.0], [1.0 / 10.0, 1.0 / 15.0]))
     return steepness * gravity * tz**2 / (2 * np.pi)
 
@@ -153,18 +159,22 @@ def _too_steep(scene: SceneData, sea: Sea, height: float) -> list[str]:
 
 
 def _finite(scene: SceneData, waves: BoundWaves) -> list[str]:
-    """A wave of finite height next to breaking (those beyond are refused), or outside of its theory."""
+    """A warning for a wave of finite height close to breaking (higher ones are rejected), or outside its theory."""
     height, length, depth = float(waves.height), float(waves.shortest), scene.sea.depth
     limit = highest(length, depth)
     found = []
     if height > NEARLY * limit:
-        found.append(f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the highest, {limit:.4g} m")
+        found.append(f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the maximum, {limit:.4g} m")
     long = length >= STOKES_LENGTH * depth
     if waves.theory == "stokes5" and (long or height > STOKES_HEIGHT * limit):
-        why = f"its length is {length / depth:.3g} depths" if long else f"it is {height / limit:.2g} of the highest"
+        why = (
+            f"its length is {length / depth:.3g} depths"
+            if long
+            else f"it is {height / limit:.2g} of the maximum height"
+        )
         found.append(
-            f"sea.waves.theory: 'stokes5' is off for this wave, {why} (at most {STOKES_LENGTH:g} depths and "
-            f"{STOKES_HEIGHT:g} of the highest); 'stream' holds"
+            f"sea.waves.theory: 'stokes5' is inaccurate for this wave, {why} (at most {STOKES_LENGTH:g} depths and "
+            f"{STOKES_HEIGHT:g} of the maximum height). Use 'stream'"
         )
     return found
 
@@ -175,7 +185,7 @@ def _mean_frequency(sea: Sea) -> float:
 
 
 def repeat_time(omega: np.ndarray) -> float:
-    """After how long [s] evenly spaced frequencies repeat; infinity where they are not evenly spaced."""
+    """Time [s] after which evenly spaced frequencies repeat; infinity if they are not evenly spaced."""
     steps = np.diff(np.sort(omega))
     steps = steps[steps > 1e-9 * np.max(omega)]
     if steps.size < 2:
@@ -191,8 +201,8 @@ def _interpolation(sea: Sea) -> list[str]:
         return []
     velocity, acceleration = (float(x) for x in error)
     return [
-        f"sea.interpolation: the grid errs by at most {velocity:.1g} of the rms velocity and {acceleration:.1g} of the "
-        "rms acceleration (measured at 400 places and times)"
+        f"sea.interpolation: the error of the grid is at most {velocity:.1g} of the rms velocity and "
+        f"{acceleration:.1g} of the rms acceleration (measured at 400 positions and times)"
     ]
 
 
@@ -206,7 +216,7 @@ def _repetition(scene: SceneData, sea: Sea) -> list[str]:
 
 
 def _shortest(sea: Sea) -> float:
-    """Wavelength [m] than which all but a tail of the waves' energy is longer."""
+    """Wavelength [m] such that all but a tail of the wave energy has longer waves."""
     k = np.asarray(sea.waves.wave_number, float)
     longest_first = np.argsort(k)
     energy = np.cumsum(np.broadcast_to(np.asarray(sea.waves.amplitude, float), k.shape)[longest_first] ** 2)
@@ -227,8 +237,8 @@ def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
         buoy = max(scene.buoys, key=lambda buoy: buoy.diameter)
         sizes[f"buoy.{buoy.name}"] = buoy.diameter
     return [
-        f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m, than which {COUNTS:.0%} of the waves' energy is "
-        f"longer; Morison's equation needs at most {SLENDER}"
+        f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m ({COUNTS:.0%} of the wave energy is "
+        f"longer); Morison's equation needs at most {SLENDER}"
         for path, size in sizes.items()
         if size > SLENDER * shortest
     ]

@@ -1,4 +1,4 @@
-"""Points of types, and floats by their volume."""
+"""Points with types, and floats given by their volume."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, check_keys, field_keys, read_list, read_number, read_table, read_text
 from dropper_jax.scene import PointSpec
 
-#: Foam and shell of a float over its volume [kg/m^3], and its coefficients as a sphere: drag on its frontal area
-#: (subcritical: Hoerner 1965, Fluid-dynamic drag), added mass of a sphere (Lamb 1932, article 92).
+#: Density of foam and shell of a float over its volume [kg/m^3], and its coefficients as a sphere: drag on its frontal
+#: area (subcritical: Hoerner 1965, Fluid-dynamic drag), added mass of a sphere (Lamb 1932, article 92).
 DENSITY, DRAG, ADDED_MASS = 80.0, 0.5, 0.5
 
 
 def with_types(table: dict[str, Any], types: Plain) -> dict[str, Any]:
-    """The scene with what its points take from types and from `float` written out; what a point gives itself stays."""
+    """The scene with the values that its points take from types and from `float` written out; a point's own values
+    win."""
     known = {}
     keys = [key for key in field_keys(PointSpec) if key not in ("position",)]
     for i, item in enumerate(read_list(types, "point_type", None, "one or more [[point_type]] tables")):
@@ -37,7 +38,7 @@ def _written_out(point: Plain, types: Mapping[str, Mapping[str, Any]], path: str
         found = {**types[read_text(found.pop("type"), f"{path}.type", types)], **found}
     if "float" not in found:
         if "float_density" in found:
-            raise SceneError(f"{path}.float_density: is of no float; allowed: with `float`, its volume [m^3]")
+            raise SceneError(f"{path}.float_density: is only used together with `float`, its volume [m^3]")
         return found
     volume = read_number(found.pop("float"), f"{path}.float", {"low": 0.0, "open_low": True, "unit": "m^3"})
     density = read_number(found.pop("float_density", DENSITY), f"{path}.float_density", {"low": 0.0, "unit": "kg/m^3"})

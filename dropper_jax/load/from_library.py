@@ -1,4 +1,4 @@
-"""What a scene takes from the library: `type = "library:NAME"` of lines, their sections and points."""
+"""Parts that a scene takes from the library: `type = "library:NAME"` of lines, their sections and points."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from dropper_jax.load.library import PREFIX, part
 
 
 def with_library(table: Mapping[str, Any]) -> dict[str, Any]:
-    """The scene with the types that its lines take from the library among its `[[line_type]]`.
+    """The scene with the types that its lines take from the library added to its `[[line_type]]`.
 
     Raises:
-        SceneError: an unknown part, or one that is no line.
+        SceneError: an unknown part, or a part that is not a line.
     """
     own = {name for item in _tables(table.get("line_type")) if isinstance(name := item.get("name"), str)}
     wanted = {}
@@ -31,16 +31,18 @@ def with_library(table: Mapping[str, Any]) -> dict[str, Any]:
     for name, path in wanted.items():
         section, values = _at(path, name)
         if section != "line_type":
-            raise SceneError(f"{path}: {name!r} is a part for points; allowed: a rope, a chain or a crop")
+            raise SceneError(
+                f"{path}: {name!r} is a part for points, not for lines; allowed: a rope, a chain or a crop"
+            )
         found.append(values)
     return {**table, "line_type": [*_tables(table.get("line_type")), *found]}
 
 
 def with_library_points(table: Mapping[str, Any]) -> dict[str, Any]:
-    """The scene, its points and those of its units with what they take from the library written out.
+    """The scene, its points and those of its units with the values that they take from the library written out.
 
     Raises:
-        SceneError: an unknown part, or one that is no point.
+        SceneError: an unknown part, or a part that is not a point.
     """
     found = dict(table)
     if "point" in found:
@@ -67,7 +69,9 @@ def _point(item: Plain, path: str) -> Plain:
         return item
     section, values = _at(path, name)
     if section != "point":
-        raise SceneError(f"{path}: {name!r} is a part for lines; allowed: a float, such as library:float-0.2")
+        raise SceneError(
+            f"{path}: {name!r} is a part for lines, not for points; allowed: a float, such as library:float-0.2"
+        )
     rest = {key: value for key, value in item.items() if key != "type"}
     return {**{key: value for key, value in values.items() if key != "name"}, **rest}
 
@@ -80,5 +84,5 @@ def _at(path: str, name: str) -> tuple[str, dict[str, Any]]:
 
 
 def _tables(items: Plain) -> list[Any]:
-    """The tables of a list; what is none is refused by name later."""
+    """The tables of a list; entries that are not tables are rejected later, with their names."""
     return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []

@@ -1,4 +1,4 @@
-"""A start of one line whose pose is given: its nodes, and whether they fit the line and its ends."""
+"""A start of one line with given configuration: its nodes, and whether they fit the line and its ends."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.scene import SceneData, StartSpec, directions
 
-#: Relative mismatch of a given pose with lengths and held ends that is still taken for rounding.
+#: Relative mismatch of a given configuration with lengths and fixed ends that is still attributed to rounding.
 POSE_TOLERANCE = 1e-6
-#: The same of angles that are closed on loading: files hold angles with four or five decimals.
+#: The same for angles that are closed on loading: files contain angles with four or five decimals.
 CLOSED_TOLERANCE = 1e-4
-#: Newton steps that close angles; from `CLOSED_TOLERANCE` off two reach rounding.
+#: Newton steps that close angles; starting from a mismatch of `CLOSED_TOLERANCE`, two reach rounding error.
 CLOSING_STEPS = 4
 
 
 def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
-    """The path of a given start of one line, and its nodes (n + 1, 3) [m]; None for the static one."""
+    """The path of a given start of one line, and its nodes (n + 1, 3) [m]; None for a static start."""
     line, start = scene.lines[0], scene.start
     if start.kind == "static":
         return None
@@ -30,10 +30,10 @@ def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
 
 
 def closed_start(scene: SceneData) -> StartSpec:
-    """The start of one line between fixed points with angles that close, where rounding kept them from it.
+    """The start of one line between fixed points with angles that close, if only rounding prevented it.
 
-    The smallest change of the polar and azimuth angles is taken. Other starts, and angles that are further off, are
-    returned unchanged, for `check_pose` to refuse.
+    The smallest change of the polar and azimuth angles is used. Other starts, and angles with a larger mismatch, are
+    returned unchanged and rejected by `check_pose`.
     """
     line, start = scene.lines[0], scene.start
     end = scene.point(line.end)
@@ -44,7 +44,7 @@ def closed_start(scene: SceneData) -> StartSpec:
     if not POSE_TOLERANCE * line.total < np.linalg.norm(missing(start)) <= CLOSED_TOLERANCE * line.total:
         return start
     for _ in range(CLOSING_STEPS):
-        # a quarter of a turn on is the derivative of a direction, by its azimuth without z
+        # a quarter turn further is the derivative of a direction with respect to its azimuth, without z
         by_polar = directions(start.polar + np.pi / 2, start.azimuth, start.zero)
         by_azimuth = directions(start.polar, start.azimuth + np.pi / 2, start.zero) * [1.0, 1.0, 0.0]
         slope = np.concatenate([line.length[:, None] * by_polar, line.length[:, None] * by_azimuth])
@@ -54,7 +54,8 @@ def closed_start(scene: SceneData) -> StartSpec:
 
 
 def check_pose(scene: SceneData, path: str, nodes: np.ndarray) -> None:
-    """A given pose must start and end where the line is held, and have the lengths of rigid links."""
+    """Check that a given configuration starts and ends at the line's fixed points and has the lengths of rigid
+    links."""
     line = scene.lines[0]
     first, last = scene.point(line.start), scene.point(line.end)
     ends = [(0, first)] + ([(line.links, last)] if last.kind == "fixed" else [])
@@ -62,7 +63,7 @@ def check_pose(scene: SceneData, path: str, nodes: np.ndarray) -> None:
         if np.linalg.norm(nodes[i] - point.position) > POSE_TOLERANCE * line.total:
             raise SceneError(
                 f"{path}: node {i} is at {_point_text(nodes[i])} m; allowed: {_point_text(point.position)} m, "
-                f"where {point.name!r} holds it"
+                f"the position of {point.name!r}"
             )
     sizes = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     wrong = np.flatnonzero(np.abs(sizes - line.length) > POSE_TOLERANCE * line.length)

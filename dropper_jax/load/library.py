@@ -1,7 +1,7 @@
 """Ropes, chains, floats and crops by name and size: `library:chain-studless-0.03`; needs no JAX.
 
-A name is that of a family and one number: the nominal diameter [m] of ropes and chains, the volume [m^3] of floats, the
-age [months] of mussel socks, the biomass [kg/m] of kelp, the diameter [m] of lantern nets. Sizes d in m below.
+A name consists of a family and one number: the nominal diameter [m] of ropes and chains, the volume [m^3] of floats,
+the age [months] of mussel socks, the biomass [kg/m] of kelp, the diameter [m] of lantern nets. Sizes d in m below.
 
     chain, studless   m = 19.9e3 d^2 kg/m, EA = 0.854e11 d^2 N, displaced diameter 1.80 d   Orcina, OrcaFlex help, Chain
     chain, studlink   m = 21.9e3 d^2 kg/m, EA = 1.010e11 d^2 N, displaced diameter 1.89 d   the same
@@ -24,10 +24,11 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.floats import float_of
 
 PREFIX = "library:"
-#: Internal damping of a link over critical: numerical, not of the part; that of the packaged scenes.
+#: Damping ratio of a link (internal damping over critical): numerical, not a property of the part; as in packaged
+#: scenes.
 DAMPING = 0.1
-#: The paper's sock of fully grown mussels [kg/m], the density assumed in `edulis-longline` [kg/m^3], and
-#: the months until then: the cycle with thinning-out of Galician ropes.
+#: The paper's sock of fully grown mussels [kg/m], the density assumed in `edulis-longline` [kg/m^3], and the months to
+#: full growth: the cycle with thinning-out of Galician ropes.
 SOCK, SOCK_DENSITY, SOCK_MONTHS = 21.8, 1300.0, 15.0
 #: Bare rope in a sock [kg/m] and [m] (assumed).
 CORE, CORE_DIAMETER = 0.1, 0.012
@@ -44,12 +45,12 @@ class Family:
     """Parts of a kind.
 
     Attributes:
-        section: of the scene it goes to, `line_type` or `point`.
-        size, unit: what the number of its name is.
-        low, high: between which it holds.
-        example: a size of it.
-        source: where its numbers are from, and what of them is assumed.
-        make: plain values of a size.
+        section: section of the scene for it, `line_type` or `point`.
+        size, unit: meaning of the number in its name.
+        low, high: valid range of the size.
+        example: an example size.
+        source: sources of its numbers, and which of them are assumed.
+        make: plain values for a size.
     """
 
     section: str
@@ -65,7 +66,7 @@ class Family:
 def _chain(
     mass: float, stiffness: float, volume: float, across: float, along: float, strength: float
 ) -> Callable[[float], dict[str, Any]]:
-    """Chain of bar diameter d; drag given over d (across) and d/pi (along) becomes that over the displaced diameter."""
+    """Chain of bar diameter d; drag given over d (across) and d/pi (along) is converted to the displaced diameter."""
 
     def make(d: float) -> dict[str, Any]:
         return {
@@ -86,7 +87,8 @@ def _chain(
 def _rope(
     mass: float, density: float, strength: tuple[float, float], stiffness: float
 ) -> Callable[[float], dict[str, Any]]:
-    """Fibre rope of diameter d: breaking load `a d^2 + b d^3`, stiffness over it; drag 1.6 over d (DNV-OS-E301)."""
+    """Fibre rope of diameter d: breaking load `a d^2 + b d^3`, stiffness relative to it; drag 1.6 over d
+    (DNV-OS-E301)."""
 
     def make(d: float) -> dict[str, Any]:
         load = strength[0] * d**2 + strength[1] * d**3
@@ -107,7 +109,7 @@ def _rope(
 
 
 def _multiplait(mass: float, volume: float, stiffness: float, strength: float) -> Callable[[float], dict[str, Any]]:
-    """Rope of eight strands of diameter d, everything by d^2; drag as of the other ropes."""
+    """Rope of eight strands of diameter d, all values proportional to d^2; drag as for the other ropes."""
 
     def make(d: float) -> dict[str, Any]:
         return {
@@ -130,7 +132,7 @@ def _float(volume: float) -> dict[str, Any]:
 
 
 def _crop(mass: float, density: float, drag: float, along: float) -> dict[str, Any]:
-    """A crop of a mass [kg/m] and density as it displaces water, on a rope that is as stiff as the Edulis sock's."""
+    """A crop of a mass [kg/m] and density as it displaces water, on a rope with the stiffness of the Edulis sock."""
     return {
         "mass": mass,
         "diameter": math.sqrt(4.0 * mass / (math.pi * density)),
@@ -243,10 +245,10 @@ FAMILIES: dict[str, Family] = {
 
 
 def part(name: str) -> tuple[str, dict[str, Any]]:
-    """Section of the scene and plain values of a part, its name without `library:`.
+    """Section of the scene and plain values of a part, from its name without `library:`.
 
     Raises:
-        SceneError: no such family (with the nearest), no size, or one outside of what its source covers.
+        SceneError: an unknown family (with the nearest), no size, or a size outside the range of its source.
     """
     family, size = _split_name(name)
     kind = FAMILIES[family]
@@ -276,5 +278,5 @@ def _split_name(name: str) -> tuple[str, float]:
         size = math.nan
     if not math.isfinite(size):
         kind = FAMILIES[family]
-        raise SceneError(f"library: {name!r}: {text!r} is no number; needed: {kind.size} [{kind.unit}]")
+        raise SceneError(f"library: {name!r}: {text!r} is not a number; needed: {kind.size} [{kind.unit}]")
     return family, size

@@ -1,12 +1,12 @@
-"""Line types, sections and attached points: from what a user writes to lines with one value per link.
+"""Line types, sections and attached points: from the user's input to lines with one value per link.
 
-    [[line_type]]                      a rope or chain by the metre: EA, or tension tabulated over strain
+    [[line_type]]                      a rope or chain, values per metre: EA, or tension tabulated over strain
     [[line]] type, length, links       one section of one type, or
     [[line]] sections = [{type, length, links}, ...]
     [[line]] attach = [{point, at}]    points along the line, by arc length from its first end
     [[line]] shelter                   factor on the current that reaches the line (`effects.morison_drag.shelter`)
 
-A line with attached points becomes as many lines as it has pieces, named `NAME-1`, `NAME-2`, ...
+A line with attached points is split into one line per piece, named `NAME-1`, `NAME-2`, ...
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from dropper_jax.base.read import (
 )
 from dropper_jax.scene.line import MOST_LINKS
 
-#: Attached points nearer than this part of the line's length would leave a piece without length.
+#: Spacing of attached points, relative to the line's length, below which a piece would have no length.
 SAME = 1e-9
 LENGTH = {"low": 0.0, "open_low": True, "unit": "m"}
-#: Keys of a line by the link that a line by the metre has from its type.
+#: Keys of a line defined by the link that a line with a type takes from its type.
 OF_TYPES = ("mass", "diameter", "axial", "centre_of_mass", "inertia")
-#: Effect and key that take a coefficient of the line types where the scene leaves it out.
+#: Effect and key that take a coefficient of the line types if the scene omits it.
 COEFFICIENTS = {"cdn": "morison_drag", "cdt": "morison_drag", "can": "morison_inertia", "cat": "morison_inertia"}
 
 
 @dataclasses.dataclass(frozen=True)
 class LineType:
-    """`[[line_type]]`: a rope or chain by the metre; coefficients where the scene's effects ask for them."""
+    """`[[line_type]]`: a rope or chain, values per metre; coefficients if the scene's effects require them."""
 
     name: str = option("name", type=str)
     mass: float = parameter("mass per metre", unit="kg/m", low=0.0, open_low=True)
@@ -58,7 +58,7 @@ class LineType:
     law: str = option("axial law", choices=("rope", "damped_rope", "elastic", "tabulated", "rigid"), default="rope")
     damping: float | None = parameter("internal damping BA", unit="N s", low=0.0, optional=True)
     damping_ratio: float | None = parameter(
-        "internal damping over critical, per link", unit="-", low=0.0, optional=True
+        "damping ratio (internal damping over critical), per link", unit="-", low=0.0, optional=True
     )
     EI: float | None = parameter("bending stiffness", unit="N m^2", low=0.0, optional=True)
     breaking_load: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, optional=True)
@@ -75,7 +75,7 @@ class LineType:
     def internal_damping(self, link: float) -> float:
         """BA [N s] of links of this length [m]: as given, or `ratio * link * sqrt(EA m)`, m per metre (as MoorDyn).
 
-        EA of a table is its largest slope.
+        For a table, EA is its maximum slope.
         """
         if self.damping is not None:
             return self.damping
@@ -83,7 +83,8 @@ class LineType:
         return (self.damping_ratio or 0.0) * link * float(np.sqrt(stiffness * self.mass))
 
     def check(self, path: str) -> None:
-        """`EA`, or a table where the law is `tabulated`, or nothing where it is `rigid`; one kind of damping."""
+        """Check for `EA`, a table if the law is `tabulated`, or neither if it is `rigid`; at most one kind of
+        damping."""
         wanted = {"tabulated": ("strain", "tension"), "rigid": ()}.get(self.law, ("EA",))
         damped = () if self.law == "rigid" else ("damping", "damping_ratio")
         for key in ("EA", "strain", "tension", "damping", "damping_ratio"):
@@ -100,14 +101,14 @@ class LineType:
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """A stretch of a line: its type, unstretched length [m] and number of links."""
+    """A section of a line: its type, unstretched length [m] and number of links."""
 
     type: LineType
     length: float
     links: int
 
     def cut(self, length: float) -> Section:
-        """A part of it, with as many links as belong to that part, at least one."""
+        """A part of it, with a proportional number of links, at least one."""
         return dataclasses.replace(self, length=length, links=max(1, round(self.links * length / self.length)))
 
 
@@ -115,17 +116,17 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
     """The scene's plain values without line types, sections and attached points; a table without them is unchanged.
 
     Raises:
-        SceneError: an unknown type, a type without a coefficient that the scene's effects need, a point attached
+        SceneError: an unknown type, a type without a coefficient that the scene's effects need, or a point attached
             outside its line.
     """
     table = dict(table)
     types = _types(table.pop("line_type", []))
     lines = table.get("line", [])
     if not all(isinstance(part, list | tuple) for part in (lines, table.get("point", []))):
-        return table  # refused by name later
+        return table  # rejected by name later
     if not any(isinstance(line, Mapping) and {"type", "sections", "attach"} & set(line) for line in lines):
         if types:
-            raise SceneError("line_type: no line uses a type; allowed: lines with `type` or `sections`")
+            raise SceneError("line_type: no line uses a type. Use `type` or `sections` in a line")
         return table
     table["point"] = [dict(p) if isinstance(p, Mapping) else p for p in table.get("point", [])]
     pieces: list[dict[str, Any]] = []
@@ -135,11 +136,9 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
         line = dict(read_table(line, f"line.{i}"))
         for key in OF_TYPES:
             if key in line and {"type", "sections"} & set(line):
-                raise SceneError(f"line.{i}.{key}: is that of the line's type; allowed: in its [[line_type]]")
+                raise SceneError(f"line.{i}.{key}: belongs to the line's type. Set it in its [[line_type]]")
         if not {"type", "sections"} & set(line):
-            raise SceneError(
-                f"line.{i}: no type; allowed: where one line has a type, all lines have `type` or `sections`"
-            )
+            raise SceneError(f"line.{i}: no type. If one line has a type, all lines need `type` or `sections`")
         sections = _sections(line, f"line.{i}", types)
         factor = read_number(line.pop("shelter", 1.0), f"line.{i}.shelter", {"low": 0.0})
         for piece, part in _split(line, f"line.{i}", sections, table["point"]):
@@ -160,18 +159,18 @@ def _types(items: Plain) -> dict[str, LineType]:
     for i, item in enumerate(read_list(items, "line_type", None, "one or more [[line_type]] tables")):
         kind = LineType(**read_fields(LineType, item, f"line_type.{i}", {}))
         if kind.name in found:
-            raise refuse(f"line_type.{i}.name", kind.name, "is used twice", "a name of its own")
+            raise refuse(f"line_type.{i}.name", kind.name, "is used twice", "a unique name")
         kind.check(f"line_type.{i}")
         found[kind.name] = kind
     return found
 
 
 def _sections(line: dict[str, Any], path: str, types: dict[str, LineType]) -> list[Section]:
-    """The sections of a line; takes their keys out of it."""
+    """The sections of a line; removes their keys from it."""
     if "sections" in line:
         for key in ("type", "length", "links"):
             if key in line:
-                raise SceneError(f"{path}.{key}: given beside `sections`; allowed: inside each section")
+                raise SceneError(f"{path}.{key}: cannot be combined with `sections`. Set it inside each section")
         items = read_list(line.pop("sections"), f"{path}.sections", None, "a list of {type, length, links}")
         paths = [f"{path}.sections.{i}" for i in range(len(items))]
     else:
@@ -195,7 +194,7 @@ def _section(item: Plain, path: str, types: dict[str, LineType]) -> Section:
 
 
 def _read_position(value: Plain) -> np.ndarray | None:
-    """A place (3,) [m]; None where it is none, which is refused as the point is read."""
+    """A position (3,) [m]; None if it is invalid, which is rejected when the point is read."""
     value = plain(value)
     good = isinstance(value, list) and len(value) == 3
     if not good or not all(isinstance(x, int | float) and not isinstance(x, bool) for x in value):
@@ -206,7 +205,8 @@ def _read_position(value: Plain) -> np.ndarray | None:
 def _split(
     line: dict[str, Any], path: str, sections: list[Section], points: list[Any]
 ) -> list[tuple[dict[str, Any], list[Section]]]:
-    """The pieces between attached points. A point that the scene does not have is made, free, on the straight line."""
+    """The pieces between attached points. A point that the scene does not have is created, free, on the straight
+    line."""
     attached = line.pop("attach", None)
     if attached is None:
         return [(line, sections)]
@@ -228,7 +228,7 @@ def _split(
     for (at, name), (further, other) in pairwise(stops):
         if further - at <= SAME * total:
             raise SceneError(
-                f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point at one place"
+                f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point per position"
             )
     known = [p for p in points if isinstance(p, Mapping) and isinstance(p.get("name"), str)]
     positions = {p["name"]: p.get("position") for p in known}
@@ -263,12 +263,12 @@ def _each(sections: list[Section], value: Plain) -> list[float]:
 
 
 def _axial(sections: list[Section], path: str) -> dict[str, Any]:
-    """The axial law with one value per link; beside sections that are `tabulated`, ropes are tables as well."""
+    """The axial law with one value per link; together with `tabulated` sections, ropes become tables as well."""
     laws = {s.type.law for s in sections}
     if laws == {"rigid"}:
         return {"law": "rigid"}
     if len(laws) > 1 and not laws <= {"rope", "tabulated"}:
-        raise SceneError(f"{path}.sections: the types have different axial laws; allowed: one law in a line")
+        raise SceneError(f"{path}.sections: the types have different axial laws; allowed: one law per line")
     damping = _each(sections, lambda s: s.type.internal_damping(s.length / s.links))
     if "tabulated" in laws:
         tables = [s.type.table or ForceTable.straight(s.type.EA) for s in sections for _ in range(s.links)]
@@ -291,14 +291,14 @@ def _per_link(sections: list[Section], path: str) -> dict[str, Any]:
 
 
 def _with_coefficients(effects: Plain, used: list[list[Section]]) -> Plain:
-    """Effects with the coefficients of the line types where the scene leaves them out."""
+    """Effects with the coefficients of the line types if the scene omits them."""
     if not isinstance(effects, Mapping):
         return effects
     effects = {name: dict(values) if isinstance(values, Mapping) else values for name, values in effects.items()}
     sections = [s for part in used for s in part]
     stiff = next((s.type.name for s in sections if s.type.EI), None)
     if stiff is not None and "bending" not in effects:
-        raise SceneError(f"line_type.{stiff}.EI: is for [effects.bending], which is missing")
+        raise SceneError(f"line_type.{stiff}.EI: needs [effects.bending], which is missing")
     if stiff is not None and isinstance(effects["bending"], dict):
         effects["bending"].setdefault("EI", _each(sections, lambda s: s.type.EI or 0.0))
     for key, effect in COEFFICIENTS.items():
@@ -309,6 +309,6 @@ def _with_coefficients(effects: Plain, used: list[list[Section]]) -> Plain:
             effects[effect][key] = plain(_each(sections, lambda s, key=key: getattr(s.type, key)))
         elif len(lacking) < len(sections):
             raise SceneError(
-                f"line_type.{lacking[0]}.{key}: missing; other types have it, and effects.{effect} takes it"
+                f"line_type.{lacking[0]}.{key}: missing; other types have it, and effects.{effect} uses it"
             )
     return effects

@@ -1,4 +1,4 @@
-"""A scene's plain values by name or file; needs no JAX, so that a typing error is told at once."""
+"""A scene's plain values by name or file; needs no JAX, so that a typing error is reported at once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dropper_jax.moordyn.reading.sections import looks_like_moordyn
 
 
 def find_scene(source: str | Path) -> tuple[dict[str, Any] | Path, str]:
-    """Plain values and name of a packaged scene or a TOML file; of MoorDyn or YAML, still unread, the path and name.
+    """Plain values and name of a packaged scene or a TOML file; for MoorDyn or YAML, path and name, not yet read.
 
     Raises:
         SceneError: unknown name (with the nearest), missing file, or a syntax error (with the line number).

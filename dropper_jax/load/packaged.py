@@ -12,11 +12,11 @@ from typing import Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_read import parsed_toml
 
-#: Effects that an undamped scene is without.
+#: Effects that an undamped scene lacks.
 DAMPING = ("linear_damping", "quadratic_damping")
-#: How fast the force of the thesis (E.1)-(E.3) rises [N/s], by release; (E.2) and (E.3) print the node of (E.1).
+#: Rate at which the force of thesis (E.1)-(E.3) rises [N/s], by release; (E.2) and (E.3) print the node of (E.1).
 RAMPS = {"dropper-release-a": 0.094, "dropper-release-b": 0.065, "dropper-release-c": 0.065}
-#: When it starts, and when the node is released [s].
+#: Start of the force, and release of the node [s].
 RAMP = 3.0, 15.0
 #: Farms of other sizes are packaged too, but not listed.
 FARM = "dropper-farm"
@@ -27,7 +27,7 @@ MOST_DROPPERS = 200
 CENTRE = 1.0
 #: Height of the ballast above the base [m]; the hull's mass is spread over its height.
 BALLAST = 0.25
-#: Slices of a spar.
+#: Number of slices of a spar.
 SLICES = 12
 
 
@@ -35,7 +35,7 @@ def parse_toml(data: bytes, label: str) -> dict[str, Any]:
     """Plain values of a TOML file.
 
     Raises:
-        SceneError: no UTF-8, a syntax error (with the line number), tables within tables beyond measure.
+        SceneError: not UTF-8, a syntax error (with the line number), or excessively nested tables.
     """
     try:
         return parsed_toml(data.decode())
@@ -58,7 +58,7 @@ def scene_names() -> tuple[str, ...]:
 
 
 def is_packaged(name: str) -> bool:
-    """Whether a packaged scene has this name, farms of any size included."""
+    """Whether a packaged scene has this name, including farms of any size."""
     return is_farm(name) or name in scene_names()
 
 
@@ -66,7 +66,7 @@ def packaged_scene(name: str) -> dict[str, Any]:
     """Plain values of a packaged scene.
 
     Raises:
-        SceneError: a farm of a size that there is not.
+        SceneError: a farm size that does not exist.
         KeyError: not `is_packaged`.
     """
     if is_farm(name):
@@ -90,19 +90,22 @@ def _without_damping(table: dict[str, Any], file: str) -> dict[str, Any]:
 
 
 def _table_6(table: dict[str, Any], file: str) -> dict[str, Any]:
-    note = "It starts from the poses of Table 6: the buoy is held where they put it until the chain rests, then let go."
+    note = (
+        "It starts from the configurations of Table 6: the buoy is held at that position until the chain settles, "
+        "then released."
+    )
     return _variant(table, note, start={"kind": "points"})
 
 
 def _ramp(table: dict[str, Any], file: str) -> dict[str, Any]:
     (begin, release), start = RAMP, table["start"]
-    force, of = start["release_force"], "the packaged release, since the thesis gives none"
+    force, of = start["release_force"], "the packaged release, because the thesis gives none"
     if file in RAMPS:
         force, of = [[0.0, 0.0, RAMPS[file] * (release - begin)]], "thesis appendix E"
     ramp = {"nodes": start["release_nodes"], "force_n": force, "start": begin, "rise": release - begin}
     return _variant(
         table,
-        f"As the thesis does it: from rest a force rises from {begin:g} s on to that of {of}, until {release:g} s.",
+        f"As in the thesis: starting from rest, a force rises from {begin:g} s to that of {of}, until {release:g} s.",
         run={"dt": 0.0065, "duration": 65.0},
         effects={**table["effects"], "nodal_force": {**ramp, "release": release}},
         start={"kind": "static"},
@@ -113,13 +116,13 @@ def _relative(table: dict[str, Any], file: str) -> dict[str, Any]:
     force = {**table["effects"]["thesis_wave_force"], "velocity": "relative"}
     return _variant(
         table,
-        "With the velocity relative to the nodes, thesis (6.13), which (C.22)-(C.24) drop.",
+        "With the velocity relative to the nodes, thesis (6.13), which (C.22)-(C.24) omit.",
         run={**table["run"], "dt": 0.0025},
         effects={**table["effects"], "thesis_wave_force": force},
     )
 
 
-#: Scenes made of packaged ones: what is appended to their names, which have it, and how the scene is changed.
+#: Scenes derived from packaged ones: the suffix of their names, which scenes have it, and how the scene is changed.
 VARIANTS = {
     "-undamped": (re.compile("dropper-release-.*"), _without_damping),
     "-ramp": (re.compile("dropper-release-[a-e]"), _ramp),
@@ -152,10 +155,10 @@ def farm_table(name: str, table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def pitching(table: dict[str, Any], centre: float = CENTRE) -> dict[str, Any]:
-    """The scene with each `[[buoy]]` as a `[[body]]`, its line at the same place.
+    """The scene with each `[[buoy]]` as a `[[body]]`, with its line at the same position.
 
-    Hull and ballast, `m_h H/2 + m_b z_b = m z_G`, give the moments of inertia: `m_h (H^2/12 + (H/2 - z_G)^2) +
-    m_b (z_G - z_b)^2` across, `m D^2/8` about the axis.
+    Hull and ballast, `m_h H/2 + m_b z_b = m z_G`, give the moments of inertia:
+    `m_h (H^2/12 + (H/2 - z_G)^2) + m_b (z_G - z_b)^2` across, `m D^2/8` about the axis.
     """
     positions = {point["name"]: point["position"] for point in table["point"]}
     bodies = [_body(buoy, positions[buoy["point"]], centre) for buoy in table["buoy"]]

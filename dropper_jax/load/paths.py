@@ -26,14 +26,14 @@ from dropper_jax.scene import (
 from dropper_jax.sea.spec import SeaSpec
 
 AXIAL = ("law", "EA", "damping", "strain", "tension")
-#: Sections that are lists of tables, whose items go by number or name.
+#: Sections that are lists of tables, whose items are selected by number or name.
 LISTED = ("point", "line", "buoy", "body", "vessel", "failure", "anchor")
-#: Longest list of valid paths in an error line.
+#: Maximum number of valid paths listed in an error line.
 SHOWN = 20
 
 
 def paths(table: Mapping[str, Any]) -> list[str]:
-    """All paths that a value of this scene may have, list entries aside."""
+    """All paths of values that this scene may have, except list entries."""
     found = ["name", "description"]
     found += [f"run.{key}" for key in (*field_keys(RunSpec), *OPTIONS)]
     found += [f"start.{key}" for key in field_keys(StartSpec)]
@@ -66,13 +66,13 @@ def _body_keys(item: Mapping[str, Any]) -> list[str]:
 
 
 def set_value(table: dict[str, Any], path: str, value: Plain, candidates: Iterable[str] = ()) -> None:
-    """Put a value at a path of plain values; numbers at the end of the path are entries of a list.
+    """Set a value at a path of plain values; numbers at the end of the path are entries of a list.
 
     Args:
-        candidates: further paths that the error line may name.
+        candidates: further paths that the error line may suggest.
 
     Raises:
-        SceneError: there is no such path (with the nearest), or no such entry.
+        SceneError: the path (with the nearest) or the entry does not exist.
     """
     parent, key = _find_parent(table, path, candidates)
     parent[key] = value
@@ -82,7 +82,7 @@ def get(table: dict[str, Any], path: str) -> Plain:
     """The plain value at a path.
 
     Raises:
-        SceneError: there is no such path or entry, or nothing is given there.
+        SceneError: the path or entry does not exist, or no value is given there.
     """
     parent, key = _find_parent(copy.deepcopy(table), path, ())
     if isinstance(parent, dict) and key not in parent:
@@ -91,7 +91,7 @@ def get(table: dict[str, Any], path: str) -> Plain:
 
 
 def _find_parent(table: dict[str, Any], path: str, candidates: Iterable[str]) -> tuple[Any, Any]:
-    """What holds the value of a path, and its key in it; tables that are missing are made."""
+    """The container of the value at a path, and its key in it; missing tables are created."""
     own = paths(table)
     field = next((p for p in sorted(own, key=len, reverse=True) if path == p or path.startswith(p + ".")), None)
     entries = [] if field is None else path[len(field) :].strip(".").split(".")
@@ -105,7 +105,7 @@ def _find_parent(table: dict[str, Any], path: str, candidates: Iterable[str]) ->
 
 
 def _hint(path: str, candidates: set[str]) -> str:
-    """The nearest path, else those of the same section, else the sections."""
+    """The nearest path, otherwise those of the same section, otherwise the sections."""
     hint = nearest(path, candidates)
     if not hint.startswith("known:") or len(candidates) <= SHOWN:
         return hint
@@ -117,7 +117,7 @@ def _hint(path: str, candidates: set[str]) -> str:
 
 
 def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
-    """The table that holds a known field, and the field's key in it; tables that are missing are made."""
+    """The table that contains a known field, and the field's key in it; missing tables are created."""
     section, _, rest = field.partition(".")
     if not rest:
         return table, section
@@ -142,7 +142,7 @@ def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
 def entry(items: Plain, index: int, path: str) -> tuple[list[Any], int, str]:
     """A list that has an entry of that number, the number and the path."""
     if not isinstance(items, list):
-        raise SceneError(f"{path}: has no entries, it is {items!r}; allowed: the path without a number at its end")
+        raise SceneError(f"{path}: has no entries, its value is {items!r}; use the path without a number at its end")
     if index >= len(items):
         raise SceneError(f"{path}: entry {index} does not exist; allowed: 0 to {len(items) - 1}")
     return items, index, path

@@ -1,7 +1,7 @@
-"""Every key of a scene, generated from where it is declared: meaning, unit, range, default, source.
+"""Every key of a scene, generated from its declaration: meaning, unit, range, default, source.
 
-The declarations (`base.fields.parameter`, `option`, `base.read.count`) are what the reader of scenes checks against, so
-that a key is described once. What is read by hand has its rows in `BY_HAND`.
+The scene reader checks against the same declarations (`base.fields.parameter`, `option`, `base.read.count`), so each
+key is described once. Keys that are read by hand have their rows in `BY_HAND`.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ SHAPES = {
     "numbers": "number, or a list",
 }
 TYPES = {int: "whole number", bool: "truth value", tuple: "list of whole numbers", list: "list of texts"}
-#: A sentence of a docstring that says where something comes from.
+#: A sentence of a docstring that gives a source.
 SOURCE = re.compile(
     r"[^.;]*\b(?:[Tt]hesis|[Pp]aper|MoorDyn|[Ee]quation|Table|DNV|1[89]\d\d|20[012]\d)\b[^;]*?(?:\.(?=\s|$)|;|$)"
 )
@@ -62,11 +62,11 @@ class Key:
     """A key of a scene.
 
     Attributes:
-        path: as `--set` takes it, `*` for the number or name of an entry.
-        kind: what its value is, in words.
+        path: in the syntax of `--set`, `*` for the number or name of an entry.
+        kind: type of its value, in words.
         allowed: range or choices, in words.
-        default: in words; `needed` where it must be given, `none` where it may be left out.
-        schema: what JSON Schema says of it.
+        default: in words; `needed` if it is required, `none` if it is optional.
+        schema: its JSON Schema.
     """
 
     path: str
@@ -84,7 +84,7 @@ class Key:
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-    """A table of a scene: its head in TOML, what it is, where that comes from, its keys."""
+    """A table of a scene: its head in TOML, its meaning, its source, its keys."""
 
     path: str
     head: str
@@ -103,7 +103,7 @@ def _by_hand(path: str, *rows: tuple[str, str, str, Mapping[str, Any]]) -> tuple
 
 REPEAT = (
     "repeat",
-    "as often as counters say: {k = 60} is k = 1 to 60, {k = [0, 9]} a range; `{k}` in a text stands for the number",
+    "counters to repeat over: {k = 60} is k = 1 to 60, {k = [0, 9]} a range; `{k}` in a text is replaced by the number",
     "table",
     TABLE,
 )
@@ -121,7 +121,7 @@ BY_HAND: dict[str, tuple[Key, ...]] = {
     "line.*": _by_hand(
         "line.*",
         REPEAT,
-        ("type", "name of a [[line_type]], or `library:NAME`; `length` then is that of the whole line", "text", TEXT),
+        ("type", "name of a [[line_type]], or `library:NAME`; `length` is then that of the full line", "text", TEXT),
         ("sections", "sections one after another: {type, length [m], links}", "list of tables", LIST),
         ("attach", "points along the line: {point, at}, `at` the arc length from its first end [m]", "list", LIST),
         ("shelter", "factor on the current that reaches the line", "number, or a table over it", {}),
@@ -133,12 +133,12 @@ BY_HAND: dict[str, tuple[Key, ...]] = {
         ("tension", "tensions at those strains [N]", "list of numbers", LIST),
     ),
     "body.*": _by_hand(
-        "body.*", ("attachments", "places of points on it [m], in its axes, by their names", "table", TABLE)
+        "body.*", ("attachments", "positions of points on it [m], in its axes, by their names", "table", TABLE)
     ),
     "vessel.*": _by_hand(
         "vessel.*",
         ("motion", "rows of surge, sway, heave [m], roll, pitch, yaw [rad] at `time`", "list of lists", LIST),
-        ("attachments", "places of points on it [m], in its axes, by their names", "table", TABLE),
+        ("attachments", "positions of points on it [m], in its axes, by their names", "table", TABLE),
     ),
     "vessel.*.rao": tuple(
         Key(f"vessel.*.rao.{motion}{end}", f"{what} of {motion} over elevation", "rows by heading", unit, schema={})
@@ -153,8 +153,10 @@ BY_HAND: dict[str, tuple[Key, ...]] = {
         ("thickness", "thickness of the layer [m], a row for each month, a column for each depth", "rows", LIST),
     ),
     "sea": _by_hand("sea", ("packaged", "name of a packaged sea, whose values the scene may override", "text", TEXT)),
-    "fit": _by_hand("fit", ("free", "paths that a fit leaves open", "list of texts", {**LIST, "items": TEXT})),
-    "parameters": _by_hand("parameters", ("*", "a number with a name, or an expression of others", "number", NUMBER)),
+    "fit": _by_hand(
+        "fit", ("free", "paths of parameters that a fit may change", "list of texts", {**LIST, "items": TEXT})
+    ),
+    "parameters": _by_hand("parameters", ("*", "a named number, or an expression of others", "number", NUMBER)),
     "point_type.*": _by_hand(
         "point_type.*",
         ("float", "volume of a float at the point [m^3]", "number", NUMBER),
@@ -164,10 +166,10 @@ BY_HAND: dict[str, tuple[Key, ...]] = {
         "array.*",
         ("of", "name of a [unit]", "text", TEXT),
         ("repeat", "counters with a count or [first, last] each", "table", TABLE),
-        ("name", "how the names of each unit begin", "text", TEXT),
-        ("origin", "where each lies [m]", "3 numbers or expressions", LIST),
-        ("heading", "of the unit's x axis from the scene's [deg]", "number", NUMBER),
-        ("shared", "points of a unit that are points of others", "table", TABLE),
+        ("name", "prefix of the names of each unit", "text", TEXT),
+        ("origin", "position of each unit [m]", "3 numbers or expressions", LIST),
+        ("heading", "angle of the unit's x axis from the scene's [deg]", "number", NUMBER),
+        ("shared", "points of a unit that are shared with others", "table", TABLE),
     ),
 }
 #: Sections in the order of a file: path, head, class that declares its keys, and their other names.
@@ -204,12 +206,12 @@ DECLARED: tuple[tuple[str, str, type | None], ...] = (
 )
 ABOUT = {
     "": "Keys at the top of the file.",
-    "line.*.axial": "How the links of a line stretch; rigid where it is left out.",
-    "fit": "What a fit of this scene leaves open, and what measures it (see docs/calibration.md).",
-    "parameters": "Numbers with names; a value that is a text beginning with `=` is an expression of them.",
+    "line.*.axial": "Axial law of the links of a line; rigid if omitted.",
+    "fit": "Free parameters and sensors of fits of this scene (see docs/calibration.md).",
+    "parameters": "Named numbers; a text value that starts with `=` is an expression of them.",
     "unit.*": "Points, lines and buoys that belong together, placed by `[[array]]`.",
-    "array.*": "Where units lie (see docs/longlines.md).",
-    "point_type.*": "What points of a kind have in common; a point names it by `type`.",
+    "array.*": "Positions of units (see docs/longlines.md).",
+    "point_type.*": "Common values of points of a kind, which points refer to by `type`.",
 }
 
 
@@ -235,7 +237,7 @@ def _section(path: str, head: str, cls: type | None) -> Section:
 
 
 def _declared_keys(path: str, cls: type) -> Iterable[Key]:
-    """Keys that a class declares."""
+    """Keys declared by a class."""
     names = getattr(cls, "KEYS", {}) or {}
     for field in dataclasses.fields(cls):
         about = field.metadata
@@ -270,7 +272,7 @@ def _default(field: dataclasses.Field) -> str:
 
 
 def _schema(about: Mapping[str, Any]) -> dict[str, Any]:
-    """What JSON Schema says of a declared value; a text may be an expression of the scene's parameters."""
+    """JSON Schema of a declared value; a text may be an expression of the scene's parameters."""
     if about["kind"] != "parameter":
         kinds = {int: {"type": ["integer", "string"]}, bool: {"type": "boolean"}, tuple: LIST, list: LIST}
         choices = {"enum": list(about["choices"])} if about.get("choices") else {}
@@ -292,7 +294,7 @@ def _schema(about: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def source_of(cls: type) -> str:
-    """Sentences of a class's and its module's documentation that say where it comes from."""
+    """Sentences of a class's and its module's documentation that give its source."""
     texts = [inspect.getdoc(cls) or "", sys.modules[cls.__module__].__doc__ or ""]
     found = [" ".join(match[0].split()) for text in texts for match in SOURCE.finditer(" ".join(text.split()))]
     return " ".join(dict.fromkeys(sentence.strip() for sentence in found if sentence.strip()))
@@ -304,10 +306,10 @@ def _first(text: str) -> str:
 
 
 def find(word: str) -> list[Section]:
-    """Sections whose path, or whose keys' paths, are or end in a word; numbers and names of entries may stand for `*`.
+    """Sections whose path, or whose keys' paths, are or end in a word; numbers and names of entries may replace `*`.
 
     Raises:
-        SceneError: none, with the nearest.
+        SceneError: no section matches; the message suggests the nearest.
     """
     every = sections()
     wanted = word.strip(".[]")
@@ -322,13 +324,13 @@ def find(word: str) -> list[Section]:
         known += [key.name for s in every for key in s.keys]
         hint = nearest(word, known)
         raise SceneError(
-            f"--reference: {word!r} is no key; {hint if not hint.startswith('known') else 'all: --reference'}"
+            f"--reference: {word!r} is not a key; {hint if not hint.startswith('known') else 'all: --reference'}"
         )
     return found
 
 
 def _matches(path: str, word: str) -> bool:
-    """Whether a path with `*` is the word, entries of lists by number, name or left out."""
+    """Whether a path with `*` matches the word; list entries may be given by number, name or omitted."""
     plain = path.replace(".*", "")
     pattern = re.escape(path).replace(r"\*", r"[^.]+")
     return bool(path) and (word == plain or re.fullmatch(pattern, word) is not None)
@@ -349,13 +351,13 @@ def schema() -> dict[str, Any]:
     root["properties"]["unit"]["additionalProperties"] = {"type": "object"}
     root["properties"]["run"]["required"] = ["dt", "duration"]
     root["required"] = ["run"]
-    root["anyOf"] = [{"required": ["line"]}, {"required": ["array"]}]  # lines may all be those of units
+    root["anyOf"] = [{"required": ["line"]}, {"required": ["array"]}]  # all lines may be those of units
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "A scene of dropper_jax"}
     return {**head, **root}
 
 
 def _section_object(root: dict[str, Any], path: str) -> dict[str, Any]:
-    """The object of a section, made where it is not there."""
+    """The object of a section, created if it is missing."""
     parent = root
     words = path.split(".") if path else []
     for i, word in enumerate(words):

@@ -1,4 +1,4 @@
-"""The scene: a declarative description in SI units, validated here so that nothing has to be checked later."""
+"""The scene: a declarative description in SI units, validated here so that no later checks are needed."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ SECTIONS = (
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Scene(SceneData):
-    """A scene, read and checked, that remembers how it was written.
+    """A scene, read and checked, that keeps its original form.
 
     Attributes:
-        written: line types, sections and attached points as they were written; None without any.
-        template: parameters, repetitions and arrays as they were written; None without any.
+        written: line types, sections and attached points in their original form; None without any.
+        template: parameters, repetitions and arrays in their original form; None without any.
     """
 
     written: Written | None = None
@@ -81,7 +81,7 @@ class Scene(SceneData):
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], name: str = "scene") -> Scene:
-        """A scene from plain values; `name` where the table has none.
+        """A scene from plain values; `name` is used if the table has none.
 
         Raises:
             SceneError: one line with the path, the value and what is allowed.
@@ -157,25 +157,25 @@ class Scene(SceneData):
         return scene
 
     def as_written(self) -> dict[str, Any]:
-        """Plain values as `to_dict`, with line types, sections and attached points as they were written."""
+        """Plain values as `to_dict`, with line types, sections and attached points in their original form."""
         return self.to_dict() if self.written is None else self.written.table(self.to_dict())
 
     def with_values(self, values: Mapping[str, Any]) -> Scene:
         """The scene with some values changed, all at once, validated again.
 
         Args:
-            values: by path, such as `effects.linear_damping.b_l`, `line.0.mass` or `point.right.position.0`; lines
-                and points go by number or name. Of lines with types, keys mean what they mean in the file:
-                `line.leg.length` is that of the whole line, `line_type.chain.EA` that of all lines of the type. An
+            values: by path, such as `effects.linear_damping.b_l`, `line.0.mass` or `point.right.position.0`; lines and
+                points are selected by number or name. For lines with types, keys have the same meaning as in the file:
+                `line.leg.length` is that of the full line, `line_type.chain.EA` that of all lines of the type. An
                 effect that the scene lacks is added by its first value.
         """
         values = {path: copy.deepcopy(plain(value)) for path, value in values.items()}
         if self.template is not None:
             return self._from_template(values)
         if parameters := [path for path in values if path.startswith("parameters.")]:
-            raise SceneError(f"{parameters[0]}: the scene has no [parameters]; allowed: paths of its values")
+            raise SceneError(f"{parameters[0]}: the scene has no [parameters]. Use paths of its values")
         table = self.to_dict()
-        if "sea.packaged" in values:  # another sea takes the place of this one's waves and water
+        if "sea.packaged" in values:  # another sea replaces this one's waves and water
             table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
         if self.written is not None:
             return Scene.from_dict(self.written.with_changes(table, values))
@@ -184,7 +184,7 @@ class Scene(SceneData):
         return Scene.from_dict(table)
 
     def _from_template(self, values: Mapping[str, Any]) -> Scene:
-        """The scene with values changed, parameters before all others, those of earlier changes too."""
+        """The scene with values changed: parameters before all others, including those of earlier changes."""
         template = self.template.with_changes(values)
         if template.table == self.template.table:
             changes = {path: value for path, value in values.items() if not path.startswith("parameters.")}
@@ -194,10 +194,10 @@ class Scene(SceneData):
         return dataclasses.replace(scene.with_values(changes) if changes else scene, template=template)
 
     def value(self, path: str) -> Plain:
-        """The plain value at a path, such as those of `with_values`.
+        """The plain value at a path, as used by `with_values`.
 
         Raises:
-            SceneError: no such path, or nothing given there.
+            SceneError: the path does not exist, or no value is given there.
         """
         if self.template is not None and path.startswith("parameters."):
             return float(self.template.value(path.removeprefix("parameters.")))
@@ -232,25 +232,23 @@ def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:
 
 
 def check_growth(scene: SceneData) -> None:
-    """Growth needs water and the diameter of the bare rope, and the volume must follow from the diameter."""
+    """Check that growth has water and the diameter of the bare rope, and that the volume follows from the diameter."""
     for i, line in enumerate(scene.lines):
         season = scene.season is not None and scene.season.on(line.name, line.piece_of)
         if line.growth is None and not season:
             continue
         path = f"line.{i}"
         if line.growth is not None and season:
-            raise SceneError(f"{path}.growth: given, and [growth] names {line.name!r} too; allowed: one of them")
+            raise SceneError(f"{path}.growth: given, but [growth] lists {line.name!r} too; allowed: one of them")
         said = "growth" if season else f"{path}.growth"
         if scene.sea is None:
-            raise SceneError(f"{said}: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
+            raise SceneError(f"{said}: needs water, but the scene has no [sea]; needed: [sea] with `depth`")
         if line.diameter is None:
-            raise SceneError(f"{path}.diameter: missing; {said} needs that of the bare rope, > 0 m")
+            raise SceneError(f"{path}.diameter: missing; {said} needs the diameter of the bare rope, > 0 m")
         if line.centre_of_mass is not None:
-            raise SceneError(f"{said}: is for point masses at the nodes, but the line has compound links; leave it out")
+            raise SceneError(f"{said}: needs point masses at the nodes, but the line has compound links. Remove it")
         if scene.effects.get("buoyancy", {}).get("wet_weight") is not None:
-            raise SceneError(
-                f"effects.buoyancy.wet_weight: is that of the bare line, but {said} changes it; leave it out"
-            )
+            raise SceneError(f"effects.buoyancy.wet_weight: is that of the bare line, but {said} changes it. Remove it")
 
 
 def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> None:
@@ -258,15 +256,17 @@ def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> None:
     start, end = point_named(points, line.start), point_named(points, line.end)
     if start.kind != "fixed":
         names = [point.name for point in points]
-        raise refuse(f"point.{names.index(start.name)}.kind", start.kind, "cannot begin a rigid line", "fixed")
+        raise refuse(
+            f"point.{names.index(start.name)}.kind", start.kind, "cannot be the start of a rigid line", "fixed"
+        )
     if end.kind == "fixed":
         _check_reach(line, "line.0", start, end)
 
 
 def _check_reach(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> None:
-    """Links between two held ends must be able to close: no side of the polygon exceeds the sum of the others."""
+    """Check that links between two fixed ends can close: no side of the polygon exceeds the sum of the others."""
     if line.links < 2:
-        raise refuse(f"{path}.links", line.links, "leaves nothing free between two held ends", "a whole number >= 2")
+        raise refuse(f"{path}.links", line.links, "leaves no free node between two fixed ends", "a whole number >= 2")
     if not line.rigid:
         return
     distance = check_span(line, path, start, end)

@@ -16,14 +16,15 @@ from dropper_jax.moordyn.reading.yaml_mooring import SUFFIXES, read_yaml_mooring
 
 
 def load_scene(source: str | Path | Mapping[str, Any] | Scene, *, allow_outside: bool = False) -> Scene:
-    """A scene from a packaged name, a TOML file, a MoorDyn input (told by its header of line types), a mooring of
-    MoorPy or RAFT (.yaml) or plain values.
+    """A scene from a packaged name, a TOML file, a MoorDyn input, a mooring of MoorPy or RAFT (.yaml), or plain values.
+
+    A MoorDyn input is recognised by its header of line types.
 
     Args:
-        allow_outside: a file may name files that are neither below its folder nor below the working folder.
+        allow_outside: a file may refer to files that are neither below its folder nor below the working folder.
 
     Raises:
-        SceneError: for a file that is missing or no TOML, an unknown name (with the nearest), or any bad value.
+        SceneError: a file that is missing or not TOML, an unknown name (with the nearest), or any invalid value.
     """
     if isinstance(source, Scene):
         return source
@@ -35,24 +36,24 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, *, allow_outside:
 
 
 def folder_of(source: str | Path, allow_outside: bool) -> Path | None:
-    """The folder below which the files that a scene names must be; None: anywhere, as for packaged scenes."""
+    """The folder that must contain the files to which a scene refers; None: any folder, as for packaged scenes."""
     if allow_outside or (isinstance(source, str) and is_packaged(source)):
         return None
     return Path(source).parent
 
 
 def plain_values(found: dict[str, Any] | Path, depth: float | None = None) -> dict[str, Any]:
-    """Plain values of what `find_scene` found, a MoorDyn input read.
+    """Plain values of the result of `find_scene`; reads a MoorDyn input.
 
     Args:
-        depth: of the water [m], for a MoorDyn input that has none.
+        depth: depth of the water [m], for a MoorDyn input without one.
 
     Raises:
-        SceneError: a depth for anything else.
+        SceneError: a depth for any other source.
     """
     if isinstance(found, Path):
         read = read_yaml_mooring if found.suffix.lower() in SUFFIXES else read_moordyn
         return read(found, depth)
     if depth is not None:
-        raise SceneError("--depth: is for MoorDyn inputs without WtrDpth; allowed: --set sea.depth=... for scenes")
+        raise SceneError("--depth: is only for MoorDyn inputs without WtrDpth. Use --set sea.depth=... for scenes")
     return found

@@ -1,4 +1,4 @@
-"""The water's surface and the bed of a scene at given places, for what is said and drawn after a run."""
+"""Water surface and seabed of a scene at given positions, for reports and figures after a run."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from dropper_jax.sea.make import make_sea
 
 
 def surface_over(scene: SceneData, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Elevation (k, m) [m] of the surface over places (k, m, 3) [m] at times (k,) [s]; zero without waves."""
+    """Elevation (k, m) [m] of the surface over positions (k, m, 3) [m] at times (k,) [s]; zero without waves."""
     if scene.sea is None or scene.sea.waves is None:
         return np.zeros(positions.shape[:2])
     sea = make_sea(scene.sea, line_reach(scene))
-    # one instant after another: a sea of hundreds of components over all nodes and times at once would not fit
+    # one instant after another: a sea of hundreds of components over all nodes and times at once would exceed the
+    # memory
     find = jax.jit(lambda r, t: jax.lax.map(lambda one: sea.elevation(*one), (r, t)))
     return np.asarray(find(jnp.asarray(positions), jnp.asarray(times)))
 
 
 def bed_height(scene: SceneData, positions: np.ndarray) -> np.ndarray | None:
-    """Height z [m] of the bed, as given, under places (..., 3) [m]; None for a scene without [effects.seabed]."""
+    """Height z [m] of the seabed, as given, at positions (..., 3) [m]; None for a scene without [effects.seabed]."""
     if "seabed" not in scene.effects:
         return None
     values = scene.effects["seabed"]

@@ -1,20 +1,20 @@
-"""Scenes with parameters, repeated parts and arrays, and the plain scene that they stand for.
+"""Scenes with parameters, repeated parts and arrays, and the plain scene to which they expand.
 
 [parameters]                        numbers with names, or expressions of others
 loops = 60
 spacing = 2.5
 span = "= loops * spacing"
 
-[[line]]                            as often as `repeat` says, k = 1 to 60
+[[line]]                            repeated for every value of the counters in `repeat`, k = 1 to 60
 repeat = {k = "= loops"}
 name = "loop-{k}"                   {...} in a text is an expression too
 from = "a-{k}"
 to = "b-{k}"
-length = "= 8 + 0.1 * k"            a text that begins with = is its number
+length = "= 8 + 0.1 * k"            a text that starts with = is replaced by its number
 
 [unit.longline]                     points, lines and buoys that belong together
 ...
-[[array]]                           and where such units lie; the names of each begin with `name`
+[[array]]                           the positions of such units; `name` is the prefix of the names in each
 of = "longline"
 repeat = {row = 3, column = [1, 4]}
 name = "r{row}c{column}-"
@@ -22,7 +22,7 @@ origin = ["= 200 * column", "= 40 * row", 0.0]
 heading = 30.0                      [deg] of the unit's x axis from the scene's, about the unit's origin
 shared = {east-anchor = "anchor-{row}-{column + 1}", west-anchor = "anchor-{row}-{column}"}
 
-[[point_type]]                      what points of a kind have in common; `float` is a float of that volume [m^3]
+[[point_type]]                      common values of points of a kind; `float` is a float of that volume [m^3]
 name = "float-200"
 float = 0.2
 """
@@ -44,11 +44,11 @@ from dropper_jax.load.floats import with_types
 
 #: Sections that only templates have.
 TEMPLATE_KEYS = ("parameters", "unit", "array", "point_type")
-#: Sections whose items may be repeated, and that units hold.
+#: Sections whose items may be repeated, and that units may contain.
 REPEATED = ("point", "line", "buoy", "failure")
 UNIT = ("point", "line", "buoy")
 ARRAY = ("of", "repeat", "name", "origin", "heading", "shared")
-#: Most items that one `repeat` makes: 200 longlines of 60 loops have 12 000.
+#: Maximum number of items created by one `repeat`: 200 longlines of 60 loops have 12 000.
 MOST = 20_000
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 BRACES = re.compile(r"\{([^{}]*)\}")
@@ -57,7 +57,7 @@ Table = dict[str, Any]
 
 
 class Names(Mapping[str, Number]):
-    """Parameters by name, worked out when they are asked for, and the counters around them."""
+    """Parameters by name, evaluated on demand, and the counters of the enclosing repetitions."""
 
     def __init__(self, table: Mapping[str, Any], counters: Mapping[str, Number] | None = None) -> None:
         self._table, self._counters, self._open = table, dict(counters or {}), []
@@ -79,7 +79,7 @@ class Names(Mapping[str, Number]):
             read_number(value, path, {})
             return value
         if name in self._open:
-            raise SceneError(f"{path}: {' -> '.join([*self._open, name])} goes round in a circle")
+            raise SceneError(f"{path}: circular reference: {' -> '.join([*self._open, name])}")
         self._open.append(name)
         try:
             return evaluate(value.lstrip().removeprefix("="), self, path)
@@ -93,11 +93,11 @@ class Names(Mapping[str, Number]):
 
 @dataclasses.dataclass(frozen=True)
 class Template:
-    """A scene as it was written, with parameters, repetitions and arrays.
+    """A scene in its original form, with parameters, repetitions and arrays.
 
     Attributes:
         table: plain values.
-        changes: values that were put into the plain scene since, by path.
+        changes: values later set in the plain scene, by path.
     """
 
     table: Table
@@ -105,7 +105,7 @@ class Template:
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Template | None:
-        """The template of a scene's plain values; None where it is a plain scene already."""
+        """The template of a scene's plain values; None if it is already a plain scene."""
         lists = [table.get(section) for section in REPEATED]
         items = [item for items in lists if isinstance(items, list) for item in items if isinstance(item, Mapping)]
         own = any(key in table for key in TEMPLATE_KEYS) or any("repeat" in item or "float" in item for item in items)
@@ -130,10 +130,10 @@ class Template:
         return Template(table, changes)
 
     def value(self, name: str) -> Number:
-        """A parameter's number.
+        """The value of a parameter.
 
         Raises:
-            SceneError: there is no such parameter (with the nearest), or it has no value.
+            SceneError: the parameter does not exist (with the nearest), or it has no value.
         """
         names = Names(self._parameters())
         if name not in names:
@@ -144,7 +144,9 @@ class Template:
         parameters = read_table(self.table.get("parameters", {}), "parameters")
         for name in parameters:
             if not NAME.match(name):
-                raise SceneError(f"parameters.{name}: is no name; allowed: letters, digits and _, no digit first")
+                raise SceneError(
+                    f"parameters.{name}: is not a valid name; allowed: letters, digits and _, not starting with a digit"
+                )
         return parameters
 
     def expand(self) -> Table:
@@ -166,7 +168,7 @@ class Template:
         return with_types(found, types)
 
     def _lay(self, array: Mapping[str, Any], path: str, names: Names, found: Table) -> None:
-        """Put the units of an array into the scene."""
+        """Add the units of an array to the scene."""
         check_keys(array, ARRAY, path)
         units = read_table(self.table.get("unit", {}), "unit")
         kind = read_text(array.get("of"), f"{path}.of", units)
@@ -193,7 +195,7 @@ class Template:
                     "name": called(point["name"]),
                     "position": _transform_point(point, origin, heading, path),
                 }
-                if point["name"] not in known:  # a shared point is where its first unit puts it
+                if point["name"] not in known:  # a shared point has the position given by its first unit
                     found["point"].append(point)
             for line in part["line"]:
                 ends = {key: called(line[key]) for key in ("from", "to") if key in line}
@@ -213,7 +215,7 @@ def _transform_point(point: Mapping[str, Any], origin: list[float], heading: flo
 
 
 def _items(table: Mapping[str, Any], section: str, names: Names, before: str = "") -> list[Any]:
-    """Items of a section, those with `repeat` as often as it says."""
+    """Items of a section; those with `repeat` once for every combination of its counters."""
     path = f"{before}{section}"
     found = evaluate_values(
         read_list(table.get(section, []), path, None, f"one or more [[{path}]] tables"), names, path
@@ -224,33 +226,36 @@ def _items(table: Mapping[str, Any], section: str, names: Names, before: str = "
 
 
 def _repetitions(item: Mapping[str, Any], path: str, names: Names) -> Iterator[Names]:
-    """The names inside each repetition of an item; the first counter is the slowest."""
+    """The names inside each repetition of an item; the first counter varies slowest."""
     if "repeat" not in item:
         return iter([names])
     repeat = read_table(item["repeat"], f"{path}.repeat")
     ranges, count = [], 1
     for key, value in repeat.items():
         if not NAME.match(key) or key in names:
-            raise SceneError(f"{path}.repeat.{key}: is no new name; allowed: letters, digits and _, no digit first")
+            raise SceneError(
+                f"{path}.repeat.{key}: is invalid or already in use; allowed: letters, digits and _, "
+                "not starting with a digit"
+            )
         ends = evaluate_values(value if isinstance(value, list) else [1, value], names, f"{path}.repeat.{key}")
         ends = read_list(ends, f"{path}.repeat.{key}", 2, "a count, or [first, last]")
         first, last = (_read_integral(end, f"{path}.repeat.{key}") for end in ends)
         count *= max(last - first + 1, 0)
         if count > MOST:
-            raise SceneError(f"{path}.repeat: makes more than {MOST} parts; allowed: at most {MOST}")
+            raise SceneError(f"{path}.repeat: creates more than {MOST} parts; allowed: at most {MOST}")
         ranges.append(range(first, last + 1))
     return (names.with_counters(dict(zip(repeat, each, strict=True))) for each in itertools.product(*ranges))
 
 
 def _read_integral(value: Plain, path: str) -> int:
-    """A whole number, such as a float that an expression left."""
+    """A whole number, also if an expression gave it as a float."""
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     return read_integer(value, path)
 
 
 def evaluate_values(value: Plain, names: Names, path: str) -> Plain:
-    """Plain values with every expression in them worked out."""
+    """Plain values with all expressions evaluated."""
     if isinstance(value, Mapping):
         return {key: evaluate_values(item, names, f"{path}.{key}" if path else key) for key, item in value.items()}
     if isinstance(value, list):
@@ -265,7 +270,7 @@ def evaluate_values(value: Plain, names: Names, path: str) -> Plain:
 
 
 def _repeat_item(item: Plain, names: Names, path: str) -> Iterator[Plain]:
-    """An item of a list, as often as its `repeat` says."""
+    """An item of a list, once for every repetition in its `repeat`."""
     if not isinstance(item, Mapping) or "repeat" not in item:
         return iter([evaluate_values(item, names, path)])
     once = {key: value for key, value in item.items() if key != "repeat"}

@@ -1,7 +1,7 @@
-"""What a user wrote of lines by the metre: types, sections and attached points, before they become one value per link.
+"""The user's form of lines with types: types, sections and attached points, before they become one value per link.
 
-A `Scene` holds one value per link (`line_types.expand`). Values that are changed by path mean what they mean in the
-file: `line.leg.length` is the length of the line, `line_type.chain.EA` that of every line of the type.
+A `Scene` holds one value per link (`line_types.expand`). Values changed by path have the same meaning as in the file:
+`line.leg.length` is the length of the line, `line_type.chain.EA` that of every line of the type.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Written:
 
     Attributes:
         line_type, line: plain values of these sections.
-        made: points that `attach` made.
+        made: points created by `attach`.
         taken: (effect, key) of coefficients that came from line types or lines.
     """
 
@@ -39,7 +39,7 @@ class Written:
 
     @classmethod
     def of(cls, table: Mapping[str, Any], expanded: Mapping[str, Any]) -> Written | None:
-        """What was expanded of a scene's plain values; None where nothing was."""
+        """The expanded part of a scene's plain values; None if nothing was expanded."""
         if not table.get("line_type"):
             return None
         given = {point.get("name") for point in table.get("point", [])}
@@ -57,7 +57,7 @@ class Written:
         return cls(plain(table["line_type"]), plain(table["line"]), made, taken)
 
     def table(self, expanded: Mapping[str, Any], keep_points: bool = False) -> dict[str, Any]:
-        """Plain values of the scene as it was written, from those with one value per link."""
+        """Plain values of the scene in its original form, from those with one value per link."""
         effects = {
             name: {key: value for key, value in values.items() if (name, key) not in self.taken}
             for name, values in expanded["effects"].items()
@@ -67,7 +67,7 @@ class Written:
         return {**expanded, **own, "point": points, "effects": effects}
 
     def with_changes(self, expanded: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-        """Plain values with some changed by path, as they are written; those of single links after the others.
+        """Plain values in their original form with some changed by path; changes of single links are applied last.
 
         Args:
             expanded: plain values of the scene with one value per link.
@@ -91,14 +91,15 @@ class Written:
         return table
 
     def _single(self, path: str, locations: Mapping[str, Any]) -> bool:
-        """Whether a path is one of single links: of a line, or an entry of a coefficient that types gave."""
+        """Whether a path refers to single links: of a line, or an entry of a coefficient given by types."""
         if path.startswith("line."):
             return self.locate(path, locations) is None
         return any(path.startswith(f"effects.{effect}.{key}.") for effect, key in self.taken)
 
     @staticmethod
     def locate(path: str, locations: Mapping[str, tuple[Any, Any]]) -> tuple[Any, Any] | None:
-        """What holds the written value of a path, or an entry of a written list, and its key; None for others."""
+        """The container of the original value at a path, or of an entry of an original list, and its key; None for
+        others."""
         if path in locations:
             return locations[path]
         stem, _, number = path.rpartition(".")
@@ -108,17 +109,18 @@ class Written:
         return entry(parent[key], int(number), path)[:2] if isinstance(parent.get(key), list) else None
 
     def _refuse_sections(self, single: Mapping[str, Any]) -> None:
-        """A line of sections has no length of its own: that of single links is not what a user means."""
+        """Reject the length of a line of sections: it has none of its own, and that of single links is not what a user
+        means."""
         for i, line in enumerate(self.line):
             for key in ("type", "length", "links") if "sections" in line else ():
                 for path in (f"line.{label}.{key}" for label in (i, line.get("name", i))):
                     if path in single:
                         stem = path.removesuffix(key)
-                        raise SceneError(f"{path}: the line has sections; allowed: {stem}sections.0.{key} and so on")
+                        raise SceneError(f"{path}: the line has sections. Use {stem}sections.0.{key} and so on")
 
     @staticmethod
     def locate_values(table: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-        """Where the values of types and lines stand in a written table, (parent, key) by path."""
+        """Positions of the values of types and lines in an original table, (parent, key) by path."""
         found: dict[str, tuple[Any, Any]] = {}
 
         def add(path: str, item: dict[str, Any], keys: Iterable[str]) -> None:

@@ -1,4 +1,4 @@
-"""The model: a frozen pytree of arrays, and what effects see of one instant of it."""
+"""The model: a frozen pytree of arrays, and the view of one instant that effects receive."""
 
 from dropper_jax.model.broken_links import Parted, as_parted
 from dropper_jax.model.check_slots import check_slots

@@ -1,4 +1,4 @@
-"""What has parted so far, and the model without it."""
+"""Links that have broken so far, and the model without them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dropper_jax.model.model import Model
 
 @component
 class Parted:
-    """What has parted so far, by entry (m,): the link's index (-1: none), when [s], and the tension then [N]."""
+    """What has broken so far, by entry (m,): the link's index (-1: none), when [s], and the tension then [N]."""
 
     link: jax.Array
     t: jax.Array
@@ -21,7 +21,7 @@ class Parted:
 
 
 def nothing_parted(model: Model) -> Parted | None:
-    """The start of a run; None for a model in which nothing can break."""
+    """The state at the start of a run; None for a model in which nothing can break."""
     failures = model.line.failures
     if failures is None:
         return None
@@ -31,7 +31,7 @@ def nothing_parted(model: Model) -> Parted | None:
 
 
 def as_parted(model: Model, parted: Parted | None) -> Model:
-    """The model whose parted links carry nothing."""
+    """The model with zero tension in broken links."""
     if parted is None:
         return model
     line = model.line

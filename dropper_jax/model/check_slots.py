@@ -1,6 +1,6 @@
-"""Whether what an effect returns has the shapes and the precision that its slots ask for: once, as a model is built.
+"""Check, once when a model is built, that the results of an effect have the shapes and precision of its slots.
 
-A force of shape (3,) would otherwise be added to every node, and one in another precision change that of the run.
+A force of shape (3,) would otherwise be added to every node, and one in another precision would change that of the run.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from dropper_jax.model.slots import (
     Stateful,
 )
 
-#: A method, what it returns, and what it is to return.
+#: A method, what it returns, and what it should return.
 Slot = tuple[str, Any, Any]
 
 
 def check_slots(model: Model, effect: Effect) -> None:
-    """Refuse an effect that returns other shapes or another precision than its slots have; nothing is computed.
+    """Reject an effect whose results have other shapes or another precision than its slots; nothing is computed.
 
     Raises:
-        SceneError: naming the effect, the method, what it returns and what is needed.
+        SceneError: with the effect, the method, what it returns and what is needed.
     """
     for method, found, wanted in _slots(model, effect):
         if jax.tree.structure(found) != jax.tree.structure(wanted):
@@ -56,7 +56,7 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
     own = jax.eval_shape(model.initial_internal_state)
 
     def at(name: str, *more: jax.ShapeDtypeStruct) -> Any:
-        """What a method of an instant returns."""
+        """Results of methods that take one instant."""
 
         def call(r: jax.Array, v: jax.Array, t: jax.Array, at_entry: Any, *rest: jax.Array) -> Any:
             inside = model.with_internal_state(at_entry)
@@ -87,7 +87,7 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
         yield "piece_force", at("piece_force", *[_array(model, *nodes, 3)] * 2), _array(model, *nodes, 3)
 
     def both(name: str) -> Any:
-        """What a method of a step's two ends returns."""
+        """Results of methods that take both ends of a step."""
 
         def call(r: jax.Array, v: jax.Array, t: jax.Array, at_entry: Any, tension: jax.Array) -> Any:
             inside = model.with_internal_state(at_entry)

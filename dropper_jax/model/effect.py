@@ -1,7 +1,7 @@
-"""What an effect is: one frozen dataclass that fills some of the slots of `model.slots`, by defining their methods.
+"""What an effect is: a frozen dataclass that fills some of the slots of `model.slots` by defining their methods.
 
-All of them are pure functions of `k`, a `dropper_jax.model.kinematics.Kinematics`: positions, velocities, link vectors,
-rates, computed on demand. A law with unknowns of its own (dry friction) is a `Law`.
+All methods are pure functions of `k`, a `dropper_jax.model.kinematics.Kinematics`: positions, velocities, link vectors
+and rates, computed on demand. A law with its own unknowns (dry friction) is a `Law`.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ class Effect:
     """Base of all effects; subclasses are `component` dataclasses with a `name`, the key in `[effects.NAME]`."""
 
     name: ClassVar[str]
-    #: How far a force reaches: 0 own node, 1 neighbouring nodes, 2 next neighbours. Solvers rely on it.
+    #: Reach of the force in nodes: 0 own node, 1 neighbouring nodes, 2 next neighbours. Solvers rely on it.
     reach: ClassVar[int] = 0
-    #: Whether the force depends on neither positions nor velocities, so that it adds nothing to a Jacobian.
+    #: Whether the force is independent of positions and velocities, so that it adds nothing to a Jacobian.
     constant: ClassVar[bool] = False
     #: Whether its `displace` takes the sea as a second argument.
     needs_sea: ClassVar[bool] = False
-    #: Whether it reads `k.water`; the scene must then have a sea, whose kinematics are taken once per step.
+    #: Whether it reads `k.water`; the scene must then have a sea, whose kinematics are computed once per step.
     needs_water: ClassVar[bool] = False
-    #: Whether it counts nodes, links or joints of one line, and so serves scenes of one line only.
+    #: Whether it counts nodes, links or joints of one line, and so supports scenes of one line only.
     single_line: ClassVar[bool] = False
-    #: Names of effects that it cannot do without.
+    #: Names of effects that it requires.
     needs: ClassVar[tuple[str, ...]] = ()
-    #: Whether it acts on corners of rigid bodies, and on nothing else (see `HolonomicConstraint`).
+    #: Whether it acts only on corners of rigid bodies (see `HolonomicConstraint`).
     bodily: ClassVar[bool] = False
-    #: Whether a part of its potential is lost with a link that parts (see `failure`).
+    #: Whether a part of its potential is lost when a link breaks (see `failure`).
     parts: ClassVar[bool] = False
 
     @property
     def kinks(self) -> jax.Array | None:
-        """Times (k,) [s] at which the velocity or the acceleration of what `displace` moves jumps; None: never."""
+        """Times (k,) [s] at which the velocity or acceleration of a prescribed motion jumps; None: never."""
         return None
 
     @property
     def corners(self) -> jax.Array | None:
-        """Times (k,) [s] at which what it does is not smooth in time, for schemes that end steps there; None: never."""
+        """Times (k,) [s] at which the effect is not smooth in time, for schemes that end steps there; None: never."""
         return self.kinks
 
     @property
@@ -65,14 +65,15 @@ class Effect:
     def __init_subclass__(cls) -> None:
         for given, needed in PAIRS:
             if hasattr(cls, given) and not hasattr(cls, needed):
-                raise TypeError(f"{cls.__name__}: defines `{given}`, which needs `{needed}` beside it")
+                raise TypeError(f"{cls.__name__}: defines `{given}`, which also needs `{needed}`")
 
     def moves(self, name: str) -> bool:
-        """Whether `displace` moves the held point of that name: that of the option `point`."""
+        """Whether `displace` moves the fixed point of that name: that of the option `point`."""
         return name == getattr(self, "point", None)
 
     def of(self, name: str) -> Effect:
-        """What moves the held point of that name: of several that move apart, the one for it."""
+        """The effect that moves the fixed point of that name; if several effects move points separately, the one for
+        it."""
         return self
 
     @classmethod
@@ -81,35 +82,35 @@ class Effect:
 
     @classmethod
     def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
-        """Make the effect from validated scene values (None where left out)."""
+        """Build the effect from validated scene values (None if omitted)."""
         return cls(**values)
 
 
 class HeldMotion(Effect):
-    """An effect that moves held points together: it has the options `point` and `also`, and `displace`."""
+    """An effect that moves fixed points together: it has the options `point` and `also`, and `displace`."""
 
     point: str
     also: tuple[str, ...]
 
     def moves(self, name: str) -> bool:
-        """Whether a held point of that name moves: `point` and those that move with it."""
+        """Whether a fixed point of that name moves: `point` and those that move with it."""
         return name == self.point or name in self.also
 
     @classmethod
     def check_points(cls, values: Mapping[str, Any], scene: SceneData) -> None:
-        """Refuse points that are not held."""
+        """Reject points that are not fixed."""
         held = [p.name for p in scene.points if p.kind == "fixed"]
         named = {"point": values["point"], **{f"also.{i}": name for i, name in enumerate(values["also"])}}
         for key, name in named.items():
             if name not in held:
-                raise SceneError(f"effects.{cls.name}.{key}: {name!r} is not a held point; {nearest(name, held)}")
+                raise SceneError(f"effects.{cls.name}.{key}: {name!r} is not a fixed point; {nearest(name, held)}")
 
 
 class Law(Effect):
-    """An effect with unknowns of its own, `components` per joint, solved together with the step.
+    """An effect with its own unknowns, `components` per joint, solved together with the step.
 
-    Joint j sits at node j, j = 0..n (the last one only where the end is held). The unknown z (joints, c) enters
-    the motion through `law_force` and is determined by `law_residual` = 0. Both reach one neighbour at most.
+    Joint j is at node j, j = 0..n (the last one only if that end is fixed). The unknown z (joints, c) enters the motion
+    through `law_force` and is determined by `law_residual` = 0. Both reach one neighbour at most.
     """
 
     #: Whether each row of z acts on one free node and depends on that node only; rows are then the free nodes.
@@ -130,56 +131,56 @@ class Law(Effect):
     def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
         """Rows that determine z, same shape as z; `k` is the middle of the step.
 
-        With `easing` (scalar, 1 to 0) those of a smoothed law, which is the law itself at 0.
+        With `easing` (scalar, 1 to 0) those of a smoothed law, which equals the law itself at 0.
         """
         raise NotImplementedError
 
     @property
     def of_state(self) -> bool:
-        """Whether z follows from positions and velocities alone, by `at`: explicit schemes take such laws."""
+        """Whether z follows from positions and velocities alone, by `at`; explicit schemes support such laws."""
         return False
 
     def at(self, k: Kinematics) -> jax.Array:
-        """Of a law of the state: z at one instant."""
+        """For a law of the state: z at one instant."""
         raise NotImplementedError
 
     def admissible(self, z: jax.Array) -> jax.Array:
-        """The nearest z that the law allows at all."""
+        """The nearest z that the law allows."""
         raise NotImplementedError
 
     def rates(self, k: Kinematics) -> jax.Array:
-        """Rates (joints, c) on which z works: the power of `law_force` is `sum(z * rates)`."""
+        """Rates (joints, c) conjugate to z: the power of `law_force` is `sum(z * rates)`."""
         raise NotImplementedError
 
     def holding(self, k: Kinematics, z: jax.Array, h: jax.Array) -> jax.Array:
-        """Which joints (joints, 1) were held still in the middle of the step."""
+        """Which joints (joints, 1) were stuck at the middle of the step."""
         raise NotImplementedError
 
     def stop(self, k: Kinematics, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
-        """Of a node-local law: end velocities (nodes, 3) [m/s], those of nodes it held in the middle stopped."""
+        """For a node-local law: end velocities (nodes, 3) [m/s], zero for nodes that were stuck at the middle."""
         raise NotImplementedError
 
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
-        """Size of a row, scalar: the residual tolerance is relative to it."""
+        """Scale of a row, scalar: the residual tolerance is relative to it."""
         raise NotImplementedError
 
 
 class HolonomicConstraint(Effect):
-    """Equality constraints between nodes, at most quadratic in their places, with one multiplier each.
+    """Equality constraints between nodes, at most quadratic in their positions, with one multiplier each.
 
-    The gaps vanish at the end of every step; multipliers act along the gaps' gradient in its middle. Of quadratic gaps
-    that does exactly no work (Gonzalez 1999). One tie per model; what the network's matrix takes of it is of rigid
-    bodies: corners, six of whose distances stay, and nodes that sit on a body.
+    The gaps vanish at the end of every step; multipliers act along the gaps' gradient at its middle. For quadratic gaps
+    that does exactly no work (Gonzalez 1999). A model has at most one such constraint. The network's matrix supports
+    those of rigid bodies: corners with six constant distances, and nodes attached to a body.
     """
 
     bodily: ClassVar[bool] = True
     #: Masses of the bodies (bodies,) [kg].
     mass: jax.Array
-    #: Numbers of the bodies whose reference point stays where it is: their three gaps come last.
+    #: Numbers of the bodies whose reference point is pinned: their three gaps come last.
     pinned: tuple[int, ...] = ()
 
     def pose(self, model: ModelView, r: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Reference points (bodies, 3) [m] and axes (bodies, 3, 3) of the bodies at places r (free nodes, 3)."""
+        """Reference points (bodies, 3) [m] and axes (bodies, 3, 3) of the bodies at positions r (free nodes, 3)."""
         raise NotImplementedError
 
     def references(self, corners: jax.Array) -> jax.Array:
@@ -191,15 +192,15 @@ class HolonomicConstraint(Effect):
         raise NotImplementedError
 
     def gap(self, model: ModelView, r: jax.Array) -> jax.Array:
-        """The gaps (rows,) [m] of places r (free nodes, 3)."""
+        """The gaps (rows,) [m] at positions r (free nodes, 3)."""
         raise NotImplementedError
 
     def gap_size(self, model: ModelView) -> jax.Array:
-        """Sizes of the gaps (rows,) [m]."""
+        """Scales of the gaps (rows,) [m]."""
         raise NotImplementedError
 
     def force_size(self, model: ModelView) -> jax.Array:
-        """Sizes of the multipliers (rows,) [N]."""
+        """Scales of the multipliers (rows,) [N]."""
         raise NotImplementedError
 
     def body_nodes(self, model: ModelView) -> np.ndarray:
@@ -207,22 +208,23 @@ class HolonomicConstraint(Effect):
         raise NotImplementedError
 
     def seats(self, model: ModelView) -> np.ndarray:
-        """Free nodes that sit on a body (seats,)."""
+        """Free nodes attached to a body (seats,)."""
         raise NotImplementedError
 
     def seat_shares(self) -> jax.Array:
-        """Place of each seat as shares of all corners (seats, 4 bodies)."""
+        """Position of each attached point as weights of all corners (seats, 4 bodies)."""
         raise NotImplementedError
 
     def initial_velocities(self, model: ModelView, r: jax.Array) -> jax.Array:
-        """Velocities (free nodes, 3) [m/s] that bodies have at the start, at places r."""
+        """Initial velocities (free nodes, 3) [m/s] of the bodies, at positions r."""
         raise NotImplementedError
 
     def constraint_force(self, model: ModelView, r: jax.Array, z: jax.Array) -> jax.Array:
-        """Force (nodes, 3) [N] of multipliers z (rows,) at places r."""
+        """Force (nodes, 3) [N] of multipliers z (rows,) at positions r."""
         return -jax.vjp(lambda position: self.gap(model, position), r)[1](z)[0]
 
 
 def per_node(value: jax.Array, nodes: int) -> jax.Array:
-    """A number or one value per node (n,) as a column that multiplies (nodes, 3); a held end's entry is dropped."""
+    """A number or one value per node (n,) as a column that multiplies (nodes, 3); the entry of a fixed end is
+    dropped."""
     return value if jnp.ndim(value) == 0 else value[:nodes, None]

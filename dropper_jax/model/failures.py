@@ -1,4 +1,4 @@
-"""What can break, as arrays."""
+"""Link failures as arrays."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from dropper_jax.base.fields import component, option
 
 @component
 class Failures:
-    """What can break, m entries: loads (m, n) [N], infinite where an entry does not watch; times (m,) [s] or infinite.
+    """Failures, m entries: loads (m, n) [N], infinite for links that an entry does not watch; times (m,) [s] or
+    infinite.
 
-    `named` holds the index of the link that an entry names, -1 for the most loaded one.
+    `named` holds the index of the link that an entry specifies, -1 for the most loaded one.
     """
 
     load: jax.Array
     time: jax.Array
-    named: tuple[int, ...] = option("links that entries name", default=())
+    named: tuple[int, ...] = option("links specified by the entries", default=())

@@ -1,4 +1,4 @@
-"""How nodes, links and points belong together: what a path and a graph of links both answer."""
+"""Connectivity of nodes, links and points: the interface shared by a path and a graph of links."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from dropper_jax.model.shares import Part
 
 
 class Ends(NamedTuple):
-    """Held points, in the order of `Geometry.held_points`: places (held, 3) [m], velocities [m/s] (None: at rest)."""
+    """Fixed points, in the order of `Geometry.held_points`: positions (held, 3) [m], velocities [m/s] (None: at
+    rest)."""
 
     positions: jax.Array
     velocities: jax.Array | None = None
@@ -25,17 +26,17 @@ class Ends(NamedTuple):
 
     @property
     def start(self) -> jax.Array:
-        """Where a single line begins (3,) [m]."""
+        """Start point of a single line (3,) [m]."""
         return self.positions[0]
 
     @property
     def end(self) -> jax.Array | None:
-        """Where a single line ends (3,) [m]; None where that end is free."""
+        """End point of a single line (3,) [m]; None if that end is free."""
         return self.positions[1] if self.positions.shape[0] > 1 else None
 
 
 class Member(NamedTuple):
-    """One line: its name, its number of links and the numbers of the points where it begins and ends.
+    """One line: its name, its number of links and the numbers of its start and end points.
 
     Attributes:
         far: whether a link's mass and forces go to its far node, not in halves to both; in a path they all do.
@@ -58,10 +59,10 @@ def line_number(line: str | int, names: Sequence[str]) -> int:
 
 
 class Geometry(ABC):
-    """Static, so that equal ones share compiled programs. Nodal fields are of the free nodes, `held` of held points.
+    """Static, so that equal ones share compiled programs. Nodal fields are of the free nodes, `held` of fixed points.
 
-    `members` are the lines; `held` says whether points stay or follow a prescribed motion: of a graph all points, of a
-    path its two ends.
+    `members` are the lines; `held` tells which points are fixed or follow a prescribed motion: of a graph all points,
+    of a path its two ends.
     """
 
     members: tuple[Member, ...]
@@ -73,12 +74,12 @@ class Geometry(ABC):
 
     @property
     def ends(self) -> int:
-        """Number of held points."""
+        """Number of fixed points."""
         return sum(self.held)
 
     @cached_property
     def held_points(self) -> np.ndarray:
-        """Numbers of the held points, in the order of `Ends`."""
+        """Numbers of the fixed points, in the order of `Ends`."""
         return np.flatnonzero(np.array(self.held))
 
     @cached_property
@@ -100,7 +101,8 @@ class Geometry(ABC):
     @property
     @abstractmethod
     def paths(self) -> tuple[np.ndarray, ...]:
-        """Numbers of each line's nodes (links + 1,), both ends included; those of held ones are no free node's."""
+        """Numbers of each line's nodes (links + 1,), both ends included; numbers of fixed ones are above those of free
+        nodes."""
 
     @abstractmethod
     def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
@@ -108,41 +110,42 @@ class Geometry(ABC):
 
     @abstractmethod
     def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
-        """Differences of a nodal field over the links (n, ...); held points without values count as zero."""
+        """Differences of a nodal field over the links (n, ...); fixed points without values count as zero."""
 
     @abstractmethod
     def gather(self, link_force: jax.Array) -> jax.Array:
-        """Sum on the free nodes (free, ...) of what links pull (n, ...): + on their first node, - on their last."""
+        """Sum on the free nodes (free, ...) of the links' tension forces (n, ...): + on their first node, - on their
+        last."""
 
     @abstractmethod
     def held_force(self, link_force: jax.Array) -> jax.Array:
-        """The same on the held points (held, ...)."""
+        """The same on the fixed points (held, ...)."""
 
     @abstractmethod
     def share_to_nodes(self, value: jax.Array) -> jax.Array:
-        """What links hold or carry (n,), on the free nodes (free,) that it goes to."""
+        """Values that links have or carry (n,), on the free nodes (free,) that they are assigned to."""
 
     @abstractmethod
     def parts(self) -> tuple[Part, ...]:
-        """The same of water forces, as shares (see `effects.wetting`)."""
+        """The same for water forces, as shares (see `effects.wetting`)."""
 
     @abstractmethod
     def link_length(self, length: jax.Array) -> jax.Array:
         """Length of the links at each free node (free,) [m]."""
 
     def values_or_zero(self, value: jax.Array | None, like: jax.Array) -> jax.Array:
-        """Values of the held points, zero where None, beside a nodal field `like`."""
+        """Values of the fixed points, zero if None, in the form of the nodal field `like`."""
         return jnp.zeros((self.ends, *like.shape[1:]), like.dtype) if value is None else value
 
     def node(self, line: str | int, j: int) -> int:
         """Number among the free nodes of node j of a line, from 0, its first point.
 
         Raises:
-            ValueError: no such line or node, or a node that is held.
+            ValueError: no such line or node, or the node is fixed.
         """
         numbers = self.paths[line_number(line, [m.name for m in self.members])]
         if not 0 <= j < len(numbers):
             raise ValueError(f"node: {j} is not a node of line {line!r}; allowed: 0 to {len(numbers) - 1}")
         if not 0 <= numbers[j] < self.free:
-            raise ValueError(f"node: {j} of line {line!r} is held; allowed: a node that moves")
+            raise ValueError(f"node: {j} of line {line!r} is fixed; allowed: a free node")
         return int(numbers[j])

@@ -1,8 +1,8 @@
-"""How lines join at points: a static graph of nodes and links, in the form that array work needs.
+"""Lines joined at points: a static graph of nodes and links, in the form that array operations need.
 
-Free nodes are numbered: the inner nodes of line 0, of line 1, ..., then the free points. Held points follow them in the
-numbering of all nodes. Links are numbered line by line from each line's first point. Every sum over the links of a
-node is a gather, never a scatter: inner nodes have two links, points a short list of their own.
+Numbering of free nodes: the inner nodes of line 0, of line 1, ..., then the free points. Fixed points follow them in
+the numbering of all nodes. Links are numbered line by line from each line's first point. Every sum over the links of a
+node is a gather, never a scatter: inner nodes have two links, points a short list.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from dropper_jax.model.shares import Part
 
 
 class LinkEnd(Part):
-    """One end of all links: rows are links, node by node sums are gathers over the graph."""
+    """One end of all links: rows are links; sums per node are gathers over the graph."""
 
     def __init__(self, graph: Graph, last: bool) -> None:
         self.graph, self.last = graph, last
         self.share = 1.0 - graph.near_share if last else graph.near_share
         node = graph.last if last else graph.first
-        self._node = np.minimum(node, max(graph.free - 1, 0))  # held nodes take any value: nothing is collected there
+        self._node = np.minimum(node, max(graph.free - 1, 0))  # values at fixed nodes are arbitrary and not collected
 
     def take(self, per_link: jax.Array) -> jax.Array:
         return per_link
@@ -41,8 +41,8 @@ class LinkEnd(Part):
 class Graph(Geometry):
     """Lines joined at points; each link's mass, weight and forces go in halves to its two ends (lumped, as in MoorDyn).
 
-    Those of lines whose members say `far` go to the links' far nodes. Nothing here ends freely: a free end is a free
-    point.
+    Those of lines whose members have `far` go to the links' far nodes. Lines have no free ends here: a free end is a
+    free point.
     """
 
     members: tuple[Member, ...]
@@ -83,10 +83,10 @@ class Graph(Geometry):
 
     @cached_property
     def near_share(self) -> np.ndarray | float:
-        """Share of each link's mass and forces (n,) at its first node; one number where all lines have halves."""
+        """Fraction of each link's mass and forces (n,) at its first node; one number if all lines have halves."""
         if not any(m.far for m in self.members):
             return 0.5
-        # exact in half precision: models of any precision stay what they are
+        # exact in half precision: models keep their precision
         return np.repeat([0.0 if m.far else 0.5 for m in self.members], [m.links for m in self.members]).astype("f2")
 
     @cached_property
@@ -100,7 +100,7 @@ class Graph(Geometry):
         return np.concatenate([path[1:] for path in self.paths])
 
     def _incident(self, node_of_link: np.ndarray) -> np.ndarray:
-        """Links (free points, most) that have the free point on that side; `links` where there are fewer."""
+        """Links (free points, most) that have the free point on that side; `links` as padding."""
         lists = [np.flatnonzero(node_of_link == self.inner + p) for p in range(len(self.free_points))]
         most = max((len(a) for a in lists), default=0)
         table = np.full((len(lists), most), self.links, int)
@@ -110,7 +110,7 @@ class Graph(Geometry):
 
     @cached_property
     def leaving(self) -> np.ndarray:
-        """Links that begin at each free point, padded with the number of links."""
+        """Links that start at each free point, padded with the number of links."""
         return self._incident(self.first)
 
     @cached_property
@@ -119,7 +119,7 @@ class Graph(Geometry):
         return self._incident(self.last)
 
     def everywhere(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
-        """A nodal field on all nodes; held points without values count as zero."""
+        """A nodal field on all nodes; fixed points without values count as zero."""
         return jnp.concatenate([free, self.values_or_zero(held, free)])
 
     def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
@@ -136,12 +136,12 @@ class Graph(Geometry):
         return sum(padded[table[:, i]] for i in range(table.shape[1]))
 
     def from_first(self, value: jax.Array) -> jax.Array:
-        """Sum on the free nodes (free, ...) of what each link (n, ...) puts on its first node."""
+        """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their first nodes."""
         inner = value[self.previous_links + 1]
         return jnp.concatenate([inner, self._at_points(value, self.leaving)]) if len(self.free_points) else inner
 
     def from_last(self, value: jax.Array) -> jax.Array:
-        """Sum on the free nodes (free, ...) of what each link (n, ...) puts on its last node."""
+        """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their last nodes."""
         inner = value[self.previous_links]
         return jnp.concatenate([inner, self._at_points(value, self.arriving)]) if len(self.free_points) else inner
 
@@ -162,7 +162,7 @@ class Graph(Geometry):
         return LinkEnd(self, last=True), LinkEnd(self, last=False)
 
     def link_length(self, length: jax.Array) -> jax.Array:
-        """The mean over the links that meet there."""
+        """The mean over the links that meet at each point."""
         one = jnp.ones_like(length)
         links, count = (self.from_first(x) + self.from_last(x) for x in (length, one))
         return links / jnp.maximum(count, 1.0)

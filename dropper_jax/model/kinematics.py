@@ -1,4 +1,4 @@
-"""Positions and velocities of a line at one instant, and what follows from them, computed only when asked."""
+"""Positions and velocities of a line at one instant, and derived quantities, computed only when requested."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dropper_jax.model.line import Line
 from dropper_jax.model.view import ModelView
 from dropper_jax.sea import Water
 
-#: What an effect freezes over a step: any tree of arrays.
+#: Data that an effect freezes over a step: any tree of arrays.
 Frozen = Any
 
 
@@ -26,15 +26,15 @@ class Named(Protocol):
 
 
 class Kinematics:
-    """One instant of a line, as effects see it.
+    """One instant of a line, as effects receive it.
 
     Attributes:
-        model, line: what moves.
+        model, line: the moving system.
         r, v: free nodes (nodes, 3) [m], [m/s].
         t: time [s].
         free: number of free nodes.
         h: the step [s] of which this is the middle; None at a plain instant.
-        before: velocities (nodes, 3) [m/s] at the beginning of that step; None at a plain instant.
+        before: velocities (nodes, 3) [m/s] at the start of that step; None at a plain instant.
     """
 
     __getattr__ = old_attribute
@@ -63,19 +63,19 @@ class Kinematics:
         return self.r.shape[0]
 
     def with_velocity(self, v: jax.Array) -> Kinematics:
-        """The same places with other velocities of the free nodes."""
+        """The same positions with other velocities of the free nodes."""
         return Kinematics(self.model, self.r, v, self.t, self.ends, self._prepared, self.h, self.before)
 
     def over(self, h: float) -> Kinematics:
-        """The same as the middle of a steady step of h [s], which forces that are differences over a step ask for."""
+        """The same as the middle of a steady step of h [s], for forces that are differences over a step."""
         return Kinematics(self.model, self.r, self.v, self.t, self.ends, self._prepared, h, self.v)
 
     def prepared(self, effect: Named) -> Frozen:
-        """What the effect's `prepare` returned for this step."""
+        """The result of the effect's `prepare` for this step."""
         return self._prepared[effect.name]
 
     def compute_once(self, name: str, compute: Callable[[], Any]) -> Any:
-        """What was computed at this instant under that name before, or is now: for effects with several slots."""
+        """The value cached at this instant under that name, or computed now; for effects with several slots."""
         if name not in self._computed:
             self._computed[name] = compute()
         return self._computed[name]
@@ -89,7 +89,7 @@ class Kinematics:
         """Number among the free nodes of node j (from 0, the line's first point) of a line, by name or number.
 
         Raises:
-            ValueError: no such line or node, or a node that is held.
+            ValueError: no such line or node, or the node is fixed.
         """
         return self.model.node(line, j)
 

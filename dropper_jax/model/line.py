@@ -16,7 +16,8 @@ from dropper_jax.model.shares import Part, PathPart
 
 @component
 class Point:
-    """Where lines begin and end. `fixed` points stay (or follow an end motion), a `free` one moves with the line."""
+    """Points where lines start and end. `fixed` points stay (or follow an end motion), a `free` one moves with the
+    line."""
 
     position: jax.Array = parameter("position", unit="m", shape="vector")
     name: str = option("name", type=str, default="")
@@ -25,12 +26,12 @@ class Point:
 
 @component
 class Line:
-    """The links of all lines, line after line, in arrays (n,); `geometry` says how they join.
+    """The links of all lines, line after line, in arrays (n,); `geometry` describes how they are joined.
 
-    Point-mass links carry their mass on nodes, as the geometry shares it. Compound links (`centre_of_mass` given) are
-    rods with their centre of mass at y from their first node and inertia I about it; with J = I + m y^2 each has the
-    constant nodal mass
-    `M11 = m - 2 m y/L + J/L^2, M12 = m y/L - J/L^2, M22 = J/L^2` (times the 3x3 unit matrix; no spin).
+    Point-mass links carry their mass on nodes, as distributed by the geometry. Compound links (`centre_of_mass` given)
+    are rods with their centre of mass at y from their first node and inertia I about it. With J = I + m y^2 each has
+    the constant nodal mass `M11 = m - 2 m y/L + J/L^2, M12 = m y/L - J/L^2, M22 = J/L^2` (times the 3x3 unit matrix; no
+    spin).
     """
 
     length: jax.Array = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
@@ -74,14 +75,14 @@ class Line:
         return self.mass * (1 - 2 * ratio) + turn, self.mass * ratio - turn, turn
 
     def node_share(self, per_link: jax.Array) -> jax.Array:
-        """What acts in the links' centres of mass, shared to the free nodes (free,)."""
+        """Values acting at the links' centres of mass, distributed to the free nodes (free,)."""
         if not self.compound:
             return self.geometry.share_to_nodes(per_link)
         ratio = self.centre_of_mass / self.length
         return self._at_nodes(per_link * (1 - ratio), per_link * ratio)
 
     def _at_nodes(self, near: jax.Array, far: jax.Array) -> jax.Array:
-        """Sum on the free nodes (free,) of what compound links have at their near and far ends (n,)."""
+        """Sum on the free nodes (free,) of values of compound links at their near and far ends (n,)."""
         return (far + jnp.concatenate([near[1:], jnp.zeros_like(near[:1])]))[: self.geometry.free]
 
     @property
@@ -93,7 +94,7 @@ class Line:
         return self._at_nodes(first, last)
 
     def parts(self) -> tuple[Part, ...]:
-        """Which share of the links' water forces acts on which free node (see `effects.wetting`)."""
+        """Which fraction of the links' water forces acts on which free node (see `effects.wetting`)."""
         if not self.compound:
             return self.geometry.parts()
         ratio, free = self.centre_of_mass / self.length, self.geometry.free

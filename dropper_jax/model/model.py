@@ -32,21 +32,21 @@ from dropper_jax.sea import Sea
 Role = TypeVar("Role")
 
 
-#: The name under which moving ends work.
+#: The name under which the work of moving ends is recorded.
 MOVING_ENDS = "moving_ends"
-#: Forces (nodes, 3) [N] by the name under which their work is booked.
+#: Forces (nodes, 3) [N] by the name under which their work is recorded.
 Forces = dict[str, jax.Array]
 
 
 @component
 class Model:
-    """Everything that moves and everything that acts on it."""
+    """The complete moving system and everything that acts on it."""
 
     points: tuple[Point, ...] = ()
     lines: tuple[Line, ...] = ()
     effects: tuple[Effect, ...] = ()
     sea: Sea | None = None
-    #: `node_mass` where it is at hand: in the equations of a step, which need it in many places.
+    #: `node_mass` if it has been computed: in the equations of a step, which use it many times.
     lump: jax.Array | None = None
 
     __getattr__ = old_attribute
@@ -65,7 +65,7 @@ class Model:
 
     @property
     def end_held(self) -> bool:
-        """Whether the second end of a single line is held too."""
+        """Whether the second end of a single line is fixed too."""
         return self.geometry.ends == 2
 
     @property
@@ -75,13 +75,13 @@ class Model:
 
     @property
     def kinks(self) -> jax.Array | None:
-        """Times (k,) [s] at which held points jump in velocity or acceleration; None where they never do."""
+        """Times (k,) [s] at which fixed points jump in velocity or acceleration; None if they never do."""
         found = [jnp.ravel(e.kinks) for e in self.having(Displacement) if e.kinks is not None]
         return jnp.concatenate(found) if found else None
 
     @property
     def corners(self) -> jax.Array | None:
-        """Times (k,) [s] at which an effect is not smooth in time; None where all are."""
+        """Times (k,) [s] at which an effect is not smooth in time; None if all are smooth."""
         found = [jnp.ravel(e.corners) for e in self.effects if e.corners is not None]
         found += [] if self.sea is None else self.sea.corners
         return jnp.concatenate(found) if found else None
@@ -92,7 +92,7 @@ class Model:
 
     @property
     def working(self) -> tuple[Force, ...]:
-        """The effects whose force is not conservative, so that its work is booked."""
+        """The effects whose force is not conservative, so that its work is recorded."""
         return tuple(e for e in self.having(Force) if not isinstance(e, Potential))
 
     @property
@@ -102,13 +102,13 @@ class Model:
 
     @property
     def reach(self) -> int:
-        """How far the forces (tensions aside) couple nodes: 0 own node only."""
+        """How many neighbouring nodes the forces (tensions aside) couple: 0 own node only."""
         inertia = 1 if self.line.compound else 0
         return max([inertia, *(e.reach for e in (*self.having(Force), *self.having(AddedMass)))])
 
     @property
     def pieces(self) -> tuple[ElementForce, ...]:
-        """Effects of a system of lines that couple nodes beside the tensions, piece by piece."""
+        """Effects of a system of lines that couple nodes in addition to the tensions, element by element."""
         return self.having(ElementForce)
 
     @property
@@ -120,7 +120,7 @@ class Model:
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Effects with unknowns of their own."""
+        """Effects with their own unknowns."""
         return tuple(e for e in self.effects if isinstance(e, Law) and e.components)
 
     @property
@@ -129,7 +129,7 @@ class Model:
         return tuple(e for e in self.effects if isinstance(e, HolonomicConstraint))
 
     def no_multipliers(self) -> tuple[jax.Array, ...]:
-        """Zeros in the shape of the unknowns of laws and ties (`State.law`)."""
+        """Zeros in the shape of the unknowns of laws and constraints (`State.law`)."""
         laws = tuple(jnp.zeros((law.rows(self), law.components), self.dtype) for law in self.laws)
         return laws + tuple(jnp.zeros(constraint.rows(self), self.dtype) for constraint in self.constraints)
 
@@ -152,7 +152,7 @@ class Model:
         return jnp.stack(held) if held else jnp.zeros((0, 3), self.dtype)
 
     def ends(self, t: jax.Array) -> Ends:
-        """Places and velocities of the held points at time t."""
+        """Positions and velocities of the fixed points at time t."""
         if not self.moving:
             return Ends(self._held_positions(t))
         t = jnp.asarray(t, self.dtype)
@@ -163,11 +163,11 @@ class Model:
         return jax.jvp(lambda time: self.ends(time).velocities, (t,), (jnp.ones_like(t),))[1]
 
     def kinematics(self, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends | None = None, **more: Any) -> Kinematics:
-        """One instant of the line; `ends` where they are known already."""
+        """One instant of the line; `ends` if they are known already."""
         return Kinematics(self, r, v, t, self.ends(t) if ends is None else ends, **more)
 
     def instant(self, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends | None = None) -> Kinematics:
-        """One instant with what effects freeze over a step taken there."""
+        """One instant with the data that effects freeze over a step from there."""
         k = self.kinematics(r, v, t, ends)
         return self.kinematics(r, v, t, k.ends, prepared=self.prepare(k))
 
@@ -176,7 +176,7 @@ class Model:
         return self.geometry.differences(r, ends.positions)
 
     def rates(self, v: jax.Array, ends: Ends | None) -> jax.Array:
-        """Rates of the link vectors (n, 3) [m/s]; without ends these rest."""
+        """Rates of the link vectors (n, 3) [m/s]; without `ends` the ends are at rest."""
         return self.geometry.differences(v, None if ends is None else ends.velocities)
 
     def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
@@ -185,7 +185,8 @@ class Model:
         return self.geometry.nodes(r, held)
 
     def gather(self, pull: jax.Array) -> jax.Array:
-        """Sum on the free nodes (nodes, ...) of what links pull (n, ...): + on their first node, - on their last."""
+        """Sum on the free nodes (nodes, ...) of the links' tension forces (n, ...): + on their first node, - on their
+        last."""
         return self.geometry.gather(pull)
 
     def node(self, line: str | int, j: int) -> int:
@@ -194,7 +195,7 @@ class Model:
 
     @property
     def node_length(self) -> jax.Array:
-        """Length that belongs to each free node (nodes,) [m]; sizes residuals."""
+        """Length assigned to each free node (nodes,) [m]; scales residuals."""
         bare = self.geometry.link_length(self.line.length)
         return sum((e.node_size(self) for e in self.having(CoupledMass)), bare)
 
@@ -206,7 +207,7 @@ class Model:
         return sum((e.point_mass(self) for e in self.having(PointMass)), self.line.node_mass)
 
     def lump_mass(self) -> Model:
-        """The same with `node_mass` at hand, and what couples nodes."""
+        """The same with `node_mass` and the couplings between nodes computed."""
         if not self.having(CoupledMass):
             return dataclasses.replace(self, lump=self.node_mass)
         own = tuple(e.at_hand() if isinstance(e, CoupledMass) else e for e in self.effects)
@@ -219,9 +220,10 @@ class Model:
         return sum((e.coupled(self, a) for e in self.having(CoupledMass)), own)
 
     def end_powers(self, pull: jax.Array, rates: Ends, k: Kinematics | None = None) -> dict[str, jax.Array]:
-        """Power [W], by name, that moving ends put into link forces `pull` (n, 3) [N]; empty where the ends rest.
+        """Power [W], by name, that moving ends put into link forces `pull` (n, 3) [N]; empty if the ends are at rest.
 
-        With an instant k also into potentials that reach from node to node, as of lines that bend."""
+        With an instant k also the power into potentials that couple nodes, as for lines with bending stiffness.
+        """
         if not self.moving:
             return {}
         power = -jnp.sum(self.geometry.held_force(pull) * rates.velocities)
@@ -239,13 +241,14 @@ class Model:
         return self.gather(tension[:, None] * direction)
 
     def force(self, k: Kinematics, known: Forces | None = None) -> jax.Array:
-        """Sum of the effects' nodal forces (nodes, 3) [N]; `known` are those of some effects there, by name."""
+        """Sum of the effects' nodal forces (nodes, 3) [N]; `known` are forces of some effects already computed, by
+        name."""
         known = known or {}
         parts = (known[e.name] if e.name in known else e.force(k) for e in self.having(Force))
         return sum(parts, jnp.zeros_like(k.r))
 
     def working_forces(self, k: Kinematics) -> Forces:
-        """Forces (nodes, 3) [N] whose work is booked, by effect."""
+        """Forces (nodes, 3) [N] whose work is recorded, by effect."""
         return {e.name: e.force(k) for e in self.working}
 
     def inertia(self, k: Kinematics, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
@@ -254,24 +257,24 @@ class Model:
         return sum((e.inertia(k, a) for e in self.having(AddedMass)), own)
 
     def with_internal_state(self, internal: Mapping[str, Frozen]) -> Model:
-        """The model whose effects have what is their own (`State.own`)."""
+        """The model whose effects use their internal states (`State.own`)."""
         if not internal:
             return self
         effects = tuple(e.entered(internal[e.name]) if isinstance(e, Stateful) else e for e in self.effects)
         return dataclasses.replace(self, effects=effects)
 
     def initial_internal_state(self) -> dict[str, Frozen]:
-        """What is effects' own at the beginning of a run, by effect."""
+        """Internal states of the effects at the start of a run, by effect."""
         return {e.name: e.begin(self) for e in self.having(Stateful)}
 
     def advance_internal_state(
         self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array
     ) -> dict[str, Frozen]:
-        """The same after a step (see `slots.Stateful`); of the model as it was during the step."""
+        """The same after a step (see `slots.Stateful`), from the model as it was during the step."""
         return {e.name: e.advance(before, after, tension, h) for e in self.having(Stateful)}
 
     def prepare(self, k: Kinematics) -> dict[str, Any]:
-        """What effects freeze over a step."""
+        """The data that effects freeze over a step."""
         own = {e.name: e.prepare(k) for e in self.having(Prepared)}
         if self.sea is None or not any(e.needs_water for e in self.effects):
             return own
@@ -279,7 +282,7 @@ class Model:
         return {**own, "water": self.sea.water(k.r, k.t, k.tangents, material, current)}
 
     def kinetic_energy(self, k: Kinematics) -> jax.Array:
-        """Kinetic energy, scalar [J]; with held ends that move, of the links they carry too."""
+        """Kinetic energy, scalar [J]; for moving ends including that of the link masses at them."""
         own = 0.5 * jnp.sum(k.v * self.nodal_inertia(k.v))
         if self.line.compound and self.moving:
             own = own + self._end_kinetic(k)

@@ -1,6 +1,6 @@
-"""One line between two points as a path of nodes, each link's mass and forces on its far one.
+"""One line between two points as a path of nodes, each link's mass and forces on its far node.
 
-Node j = 1..n is the far node of link j; free nodes are 1..n, or 1..n - 1 where the end is held.
+Node j = 1..n is the far node of link j; free nodes are 1..n, or 1..n - 1 if the end is fixed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dropper_jax.model.shares import Part, PathPart
 
 
 def link_differences(free: jax.Array, held: jax.Array | None, ends: int) -> jax.Array:
-    """Differences over the links (n, ...) of a nodal field, `ends` of whose ends are held; without values at zero."""
+    """Differences over the links (n, ...) of a nodal field, `ends` of whose ends are fixed; without values at zero."""
     if held is None:
         held = jnp.zeros((ends, *free.shape[1:]), free.dtype)
     if ends == 1:
@@ -25,7 +25,8 @@ def link_differences(free: jax.Array, held: jax.Array | None, ends: int) -> jax.
 
 
 def gather_links(link_force: jax.Array, ends: int) -> jax.Array:
-    """Sum on the free nodes (nodes, ...) of what links pull (n, ...): + on their first node, - on their last."""
+    """Sum on the free nodes (nodes, ...) of the links' tension forces (n, ...): + on their first node, - on their
+    last."""
     if ends == 2:
         return link_force[1:] - link_force[:-1]
     return jnp.concatenate([link_force[1:], jnp.zeros_like(link_force[:1])]) - link_force
@@ -33,11 +34,11 @@ def gather_links(link_force: jax.Array, ends: int) -> jax.Array:
 
 @dataclass(frozen=True)
 class Path(Geometry):
-    """A single line from a held point.
+    """A single line from a fixed point.
 
     Attributes:
         members: the one line.
-        held: whether its two points are held; the first is.
+        held: whether its two points are fixed; the first is.
     """
 
     members: tuple[Member]

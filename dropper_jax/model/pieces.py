@@ -1,4 +1,4 @@
-"""Forces made of pieces that act on a few nodes each, so that solvers know which nodes they couple."""
+"""Forces made of elements that act on a few nodes each, so that solvers know which nodes they couple."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from dropper_jax.model.slots import ElementForce
 
 
 def at_pieces(k: Kinematics, nodes: np.ndarray) -> tuple[jax.Array, jax.Array]:
-    """Places [m] and velocities [m/s] (pieces, m, 3) of the nodes (pieces, m) of pieces in a system of lines."""
+    """Positions [m] and velocities [m/s] (pieces, m, 3) of the nodes (pieces, m) of elements in a system of lines."""
     graph: Graph = k.model.geometry
     return graph.everywhere(k.r, k.ends.positions)[nodes], graph.everywhere(k.v, k.ends.velocities)[nodes]
 
 
 def sum_of_pieces(effect: ElementForce, k: Kinematics) -> jax.Array:
-    """Nodal force (free nodes, 3) [N] of all pieces; what acts on held points is theirs."""
+    """Nodal force (free nodes, 3) [N] of all elements; forces on fixed points are dropped."""
     nodes = effect.piece_nodes(k.model)
     force = effect.piece_force(k, *at_pieces(k, nodes))
     free = nodes.ravel() < k.free

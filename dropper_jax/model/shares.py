@@ -1,8 +1,8 @@
-"""What the effects of water share: which part of a link acts on which node, and how much of it is wet.
+"""Distribution of water forces: which part of a link acts on which node, and its submerged fraction.
 
-A link's water forces go to its nodes as its mass does: all on its far node for point-mass links, shared by the centre
-of mass for compound ones. A node's part is wet where the surface is above it, smoothly over the height that the link
-takes up there: `w = s^2 (3 - 2 s)`, `s = 1/2 + (eta - z)/(D + L |q_z|)` between 0 and 1, q the link's direction.
+A link's water forces are distributed to its nodes as its mass is: all to its far node for point-mass links, according
+to the centre of mass for compound ones. A node's part is submerged if the surface is above it, smoothly over the height
+of the link there: `w = s^2 (3 - 2 s)`, `s = 1/2 + (eta - z)/(D + L |q_z|)` between 0 and 1, q the link's direction.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ import jax.numpy as jnp
 
 
 class Part:
-    """One share of the links' water forces: rows to compute them on, and the way from and to the free nodes.
+    """One share of the links' water forces: the rows on which it is computed, and the mapping from and to the free
+    nodes.
 
     Attributes:
-        share: what part of a link's force it is, a number or (rows,).
+        share: the fraction of a link's force, a number or (rows,).
     """
 
     share: jax.Array | float
@@ -37,7 +38,7 @@ class Part:
 
 @dataclass(frozen=True)
 class PathPart(Part):
-    """Of one line: the rows are its free nodes, each takes from one link."""
+    """For one line: the rows are its free nodes, each taken from one link."""
 
     share: jax.Array | float
     first: int

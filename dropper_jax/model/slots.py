@@ -1,4 +1,4 @@
-"""What an effect may add to a model: one protocol for each slot; what it does not define is not in the program."""
+"""What an effect may add to a model: one protocol for each slot; undefined slots add nothing to the program."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Force(Protocol):
 
 @runtime_checkable
 class Potential(Force, Protocol):
-    """A conservative force: its energy is part of the balance, otherwise its work is."""
+    """A conservative force: its energy is part of the balance; otherwise its work is."""
 
     def potential(self, k: Kinematics) -> jax.Array:
         """Energy whose negative gradient is `force`, scalar [J]."""
@@ -33,24 +33,24 @@ class Potential(Force, Protocol):
 
 @runtime_checkable
 class ElementForce(Force, Protocol):
-    """A force of pieces that act on a few nodes each, in systems of lines; their `force` is `sum_of_pieces`."""
+    """A force of elements that act on a few nodes each, in systems of lines; their `force` is `sum_of_pieces`."""
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
-        """Nodes of each piece (pieces, m), numbered as free nodes, then held points. Static."""
+        """Nodes of each element (pieces, m), numbered as free nodes, then fixed points. Static."""
 
     def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
-        """Forces of the pieces on their nodes (pieces, m, 3) [N], at places r [m] and velocities v [m/s] of these.
+        """Forces of the elements on their nodes (pieces, m, 3) [N], at positions r [m] and velocities v [m/s] of these.
 
-        `k` is there for the time, the step and the lines, not for places.
+        `k` provides the time, the step and the lines, not positions.
         """
 
 
 @runtime_checkable
 class LimitsTimeStep(Protocol):
-    """Something that a step may pass over, such as contact: steps that move too far are halved."""
+    """Something that a step may miss, such as contact: steps with too large a motion are halved."""
 
     def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
-        """Whether nodes moved farther over a step than it can follow, scalar; plain instants at its ends."""
+        """Whether nodes moved farther over a step than the effect can follow, scalar; plain instants at its ends."""
 
 
 @runtime_checkable
@@ -74,38 +74,38 @@ class Prepared(Protocol):
     name: str
 
     def prepare(self, k: Kinematics) -> Frozen:
-        """Evaluated once at the predicted middle of the step; `k.prepared(self)` gives it back."""
+        """Evaluated once at the predicted middle of the step; `k.prepared(self)` returns the result."""
 
 
 @runtime_checkable
 class Stateful(Protocol):
-    """Something that a run changes, as creep or wear: a tree of arrays `own`, the same over each step.
+    """An internal state that a run changes, as for creep or wear: a tree of arrays `own`, constant over each step.
 
-    A step sees `own` as it is at its beginning, and changes it at its end; a step that is halved does so at the end of
-    each part. First order in the step.
+    A step uses `own` as it is at its start, and updates it at its end. A halved step does so at the end of each part.
+    First order in the step.
     """
 
     name: str
 
     def begin(self, model: ModelView) -> Frozen:
-        """`own` at the beginning of a run."""
+        """`own` at the start of a run."""
 
     def entered(self, state: Frozen) -> Stateful:
         """The effect as it acts during a step."""
 
     def advance(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> Frozen:
-        """`own` after a step h [s], between whose ends the links carried `tension` (n,) [N]; called on `entered`."""
+        """`own` after a step h [s], at whose end the links carried `tension` (n,) [N]; called on `entered`."""
 
 
 @runtime_checkable
 class Displacement(Protocol):
-    """A prescribed motion of held points."""
+    """A prescribed motion of fixed points."""
 
     needs_sea: bool
     kinks: jax.Array | None
 
     def moves(self, name: str) -> bool:
-        """Whether the held point of that name moves."""
+        """Whether the fixed point of that name moves."""
 
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement at time t, (3,) [m]; with `needs_sea` the sea is a second argument."""
@@ -121,7 +121,7 @@ class PointMass(Protocol):
 
 @runtime_checkable
 class CoupledMass(PointMass, Protocol):
-    """Constant mass that couples nodes beside what `point_mass` puts on their own."""
+    """Constant mass that couples nodes, in addition to the nodes' own `point_mass`."""
 
     def coupled(self, model: ModelView, a: jax.Array) -> jax.Array:
         """Inertia force (nodes, 3) [N] of accelerations a (nodes, 3) through the masses between nodes."""
@@ -130,16 +130,16 @@ class CoupledMass(PointMass, Protocol):
         """The same with its masses computed, for the equations of a step."""
 
     def node_size(self, model: ModelView) -> jax.Array:
-        """Length (nodes,) [m] of what stands at nodes without links; sizes residuals."""
+        """Length (nodes,) [m] assigned to nodes without links; scales residuals."""
 
 
 @runtime_checkable
 class ContactArea(Protocol):
-    """Something at points that lies on the bed."""
+    """Something at points that can lie on the seabed."""
 
     def contact_area(self, model: ModelView) -> jax.Array:
         """Plan area that it adds to the free nodes, (nodes,) [m^2]."""
 
 
-#: Slots that come together: a class with the first needs the second.
+#: Slots that belong together: a class with the first needs the second.
 PAIRS = (("potential", "force"), ("inertia", "kinetic"))

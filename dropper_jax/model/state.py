@@ -1,4 +1,4 @@
-"""What a run carries from step to step."""
+"""The state that a run carries from step to step."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from dropper_jax.model.work import work_names
 
 @component
 class State:
-    """What a run carries from step to step.
+    """The state that a run carries from step to step.
 
     Attributes:
         r, v: free nodes (nodes, 3) [m], [m/s].
-        tension: (n,) [N], the last step's, and the next one's first guess.
+        tension: (n,) [N], that of the last step, and the first guess of the next one.
         t: time [s].
-        acceleration: last step's change of velocity per time (nodes, 3) [m/s^2]; a first guess, but
-            what generalized_alpha carries from step to step.
-        law: unknowns of effects with laws of their own; a first guess only.
+        acceleration: change of velocity per time over the last step (nodes, 3) [m/s^2]; a first guess, except in
+            generalized_alpha, which carries it as part of its state.
+        law: unknowns of effects with their own laws; a first guess only.
         work: work done since the start by each non-conservative contribution, see `work_names` (k,) [J].
-        angles: polar and azimuth angles and rates, each (n,), for schemes that keep these instead (else None).
-        parted: links that have broken, where the scene has failures (else None).
-        own: what effects change as the run goes on (`slots.Stateful`), by effect.
+        angles: polar and azimuth angles and rates, each (n,), for schemes that use these instead (else None).
+        parted: broken links, if the scene has failures (else None).
+        own: internal states that effects change during the run (`slots.Stateful`), by effect.
     """
 
     r: jax.Array
@@ -46,7 +46,7 @@ class State:
 def state(
     model: Model, r: jax.Array, v: jax.Array | None = None, tension: jax.Array | None = None, t: float = 0.0
 ) -> State:
-    """A state from free-node positions (nodes, 3) [m] and velocities; what is not given is zero."""
+    """A state from free-node positions (nodes, 3) [m] and velocities; omitted values are zero."""
     r = jnp.asarray(r, model.dtype)
     return State(
         r=r,

@@ -1,4 +1,4 @@
-"""What effects and kinematics see of a model."""
+"""The interface of a model for effects and kinematics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Role = TypeVar("Role")
 
 
 class ModelView(Protocol):
-    """A model, less its motion; `dropper_jax.model.model.Model` is one."""
+    """A model without its motion; `dropper_jax.model.model.Model` implements it."""
 
     @property
     def line(self) -> Line: ...

@@ -1,7 +1,7 @@
-"""The ledger of work: what does work that the energies do not hold, by name.
+"""The ledger of work: all contributions to work that the energies do not contain, by name.
 
-Effects, axial laws and moving ends say under which names they work, and return what they do as tables
-`{name: scalar}`; schemes add these up and book them. Nobody else keeps a list.
+Effects, axial laws and moving ends declare the names of their work, and return it as tables `{name: scalar}`. Schemes
+add these up and record them. No other code keeps a list.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from dropper_jax.model.model import MOVING_ENDS, Model
 from dropper_jax.model.slots import AddedMass
 
 Works = Mapping[str, jax.Array]
-#: What parting links take with them.
+#: Name of the energy lost with broken links.
 BREAKING = "breaking"
 
 
 def work_names(model: Model) -> tuple[str, ...]:
-    """What `State.work` counts, in order: non-conservative effects, laws, turning added mass, the axial law, moving
-    ends, broken links."""
+    """Names of the entries of `State.work`, in order: non-conservative effects, laws, turning added mass, the axial
+    law, moving ends, broken links."""
     names = [effect.name for effect in model.working]
     names += [law.name for law in model.laws if law.name not in names]
     names += [turning(effect) for effect in model.having(AddedMass)]
@@ -34,15 +34,15 @@ def work_names(model: Model) -> tuple[str, ...]:
 
 
 def turning(effect: AddedMass) -> str:
-    """The name under which turning added mass works."""
+    """The name under which the work of turning added mass is recorded."""
     return f"{effect.name}_turning"
 
 
 def book_works(model: Model, *tables: Works) -> jax.Array:
-    """Tables of work [J] (or power) as the array (k,) that `work_names` names; what no table names is zero.
+    """Tables of work [J] (or power) as the array (k,) with the order of `work_names`; missing entries are zero.
 
     Raises:
-        ValueError: a table names something that is not in the ledger.
+        ValueError: a table contains a name that is not in the ledger.
     """
     names = work_names(model)
     strangers = sorted({name for table in tables for name in table} - set(names))

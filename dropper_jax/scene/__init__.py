@@ -1,4 +1,4 @@
-"""The scene as data: what a user describes."""
+"""The scene as data: the user's description."""
 
 from dropper_jax.scene.anchor import AnchorSpec, read_anchors, utilisations
 from dropper_jax.scene.body import BodySpec, CylinderSpec, SphereSpec, attitude

@@ -1,15 +1,15 @@
-"""Anchors of held points: how much they hold.
+"""Anchors of fixed points and their capacity.
 
 A dead weight slides at the horizontal load `mu (W - V)` and lifts at W (Coulomb), with its weight in water W and the
-upward load V. A drag anchor in line with a second one keeps its capacity and passes the rest on. A screw (helical)
-anchor holds the bearing of its plates, each for itself:
+upward load V. A drag anchor in line with a second one keeps its capacity and passes the excess load on. A screw
+(helical) anchor has the bearing capacity of its plates, each acting separately:
 
     Q = sum A (9 c + gamma' z N_q),   N_q = exp(pi tan phi) tan^2(45 deg + phi/2)
 
-over plates of area A at depth z below the bed in soil of undrained strength c (clay) or friction angle phi (sand) and
-weight in water gamma' (individual bearing: Adams and Klym 1972; Hoyt and Clemence 1989; N_q: Reissner 1924). It is for
-plates at least three diameters apart and the uppermost at least five below the bed. The shaft's friction, and gamma' z
-in clay, are left out: both would hold more. Others (drag anchors) hold what they were tested to.
+over plates of area A at depth z below the seabed in soil of undrained strength c (clay) or friction angle phi (sand)
+and weight in water gamma' (individual bearing: Adams and Klym 1972; Hoyt and Clemence 1989; N_q: Reissner 1924). It is
+valid for plates at least three diameters apart, the uppermost at least five below the seabed. The shaft's friction, and
+gamma' z in clay, are neglected, which is conservative. Other anchors (drag anchors) have their tested capacity.
 """
 
 from __future__ import annotations
@@ -23,33 +23,35 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import Plain, read_fields
 
-#: Kinds by the keys they need.
+#: Kinds of anchor and the keys that each requires.
 KINDS = {"dead_weight": ("weight", "friction"), "tested": ("capacity",), "screw": ("plates", "depths")}
-#: Keys that only a kind has, and which of these it may leave out.
+#: Keys that only one kind has, and which of these are optional.
 OPTIONAL = {"screw": ("strength", "friction_angle", "soil_weight", "bearing_factor", "lateral")}
-#: Bearing of a deep plate in clay over its undrained strength; least depth and distance of plates in diameters.
+#: Bearing of a deep plate in clay over its undrained strength; minimum depth and spacing of plates in diameters.
 CLAY, DEEP, SPACING = 9.0, 5.0, 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AnchorSpec:
-    """`[[anchor]]`: what holds a held point.
+    """`[[anchor]]`: the anchor of a fixed point.
 
     `dead_weight`: W [N] in water and mu; it slides at `H = mu (W - V)` and lifts at `V = W` (Coulomb). `tested`: the
-    load [N] it was tested to, in any direction. `screw`: see above; with `lateral` it stands upright and
-    `V/Q + H/lateral` is used, else it lies along the load and `|load|/Q`.
+    load [N] to which it was tested, in any direction. `screw`: see above. With `lateral` it stands upright and its
+    utilisation is `V/Q + H/lateral`; otherwise it lies along the load and its utilisation is `|load|/Q`.
     """
 
-    point: str = option("name of the held point", type=str)
+    point: str = option("name of the fixed point", type=str)
     kind: str = option("how it holds", choices=tuple(KINDS), default="dead_weight")
     weight: float | None = parameter("weight in water", unit="N", low=0.0, open_low=True, optional=True)
-    friction: float | None = parameter("friction against the bed", unit="-", low=0.0, open_low=True, optional=True)
-    capacity: float | None = parameter("load it was tested to", unit="N", low=0.0, open_low=True, optional=True)
+    friction: float | None = parameter(
+        "coefficient of friction on the seabed", unit="-", low=0.0, open_low=True, optional=True
+    )
+    capacity: float | None = parameter("tested load", unit="N", low=0.0, open_low=True, optional=True)
     plates: np.ndarray | None = parameter(
         "diameters of the plates", unit="m", shape="table", low=0.0, open_low=True, optional=True
     )
     depths: np.ndarray | None = parameter(
-        "depths of the plates below the bed, rising", unit="m", shape="table", low=0.0, open_low=True, optional=True
+        "depths of the plates below the seabed, rising", unit="m", shape="table", low=0.0, open_low=True, optional=True
     )
     strength: float | None = parameter("undrained strength of clay", unit="Pa", low=0.0, open_low=True, optional=True)
     friction_angle: float | None = parameter(
@@ -62,18 +64,22 @@ class AnchorSpec:
         "N_q of sand in place of Reissner's", unit="-", low=0.0, open_low=True, optional=True
     )
     lateral: float | None = parameter(
-        "horizontal load it holds upright", unit="N", low=0.0, open_low=True, optional=True
+        "horizontal capacity of an upright anchor", unit="N", low=0.0, open_low=True, optional=True
     )
-    safety_factor: float = parameter("wanted between capacity and load", unit="-", low=1.0, default=1.5)
+    safety_factor: float = parameter("required ratio of capacity to load", unit="-", low=1.0, default=1.5)
     behind: str | None = option(
-        "held point in line with this one whose anchor takes what this one does not hold", type=str, default=None
+        "fixed point in line with this one whose anchor takes the load above this one's capacity",
+        type=str,
+        default=None,
     )
 
     @classmethod
     def read(cls, table: Plain, path: str, held: list[str]) -> AnchorSpec:
         anchor = cls(**read_fields(cls, table, path, {}))
         if anchor.point not in held:
-            raise SceneError(f"{path}.point: {anchor.point!r} is no held point; allowed: {', '.join(held) or 'none'}")
+            raise SceneError(
+                f"{path}.point: {anchor.point!r} is not a fixed point; allowed: {', '.join(held) or 'none'}"
+            )
         own = KINDS[anchor.kind] + OPTIONAL.get(anchor.kind, ())
         for key in dict.fromkeys(key for keys in (*KINDS.values(), *OPTIONAL.values()) for key in keys):
             given = getattr(anchor, key) is not None
@@ -87,13 +93,15 @@ class AnchorSpec:
         return anchor
 
     def _check_screw(self, path: str) -> None:
-        """Plates deep and far enough apart to bear each for itself, in clay or in sand."""
+        """Check that plates are deep enough and far enough apart to act separately, in clay or in sand."""
         if len(self.plates) == 0 or len(self.plates) != len(self.depths):
-            raise SceneError(f"{path}.depths: has {len(self.depths)} entries; allowed: one for each of `plates`, >= 1")
+            raise SceneError(
+                f"{path}.depths: has {len(self.depths)} entries; allowed: one for each entry of `plates`, >= 1"
+            )
         if self.depths[0] < DEEP * self.plates[0]:
             least = DEEP * self.plates[0]
             raise SceneError(
-                f"{path}.depths.0: {self.depths[0]:g} m is shallow, the soil above would break out; allowed: >= "
+                f"{path}.depths.0: {self.depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
                 f"{least:g} m, 5 diameters"
             )
         for i in range(1, len(self.plates)):
@@ -109,11 +117,11 @@ class AnchorSpec:
             raise SceneError(f"{path}.soil_weight: missing; a screw anchor in sand needs it, > 0 N/m^3")
         for key in ("soil_weight", "bearing_factor"):
             if self.strength is not None and getattr(self, key) is not None:
-                raise SceneError(f"{path}.{key}: is not used in clay; allowed: with `friction_angle`")
+                raise SceneError(f"{path}.{key}: is not used in clay, only with `friction_angle`")
 
     @property
     def screw_capacity(self) -> float:
-        """Load [N] along its axis at which a screw anchor comes out."""
+        """Load [N] along its axis at which a screw anchor pulls out."""
         area = 0.25 * np.pi * self.plates**2
         if self.strength is not None:
             return float(np.sum(area) * CLAY * self.strength)
@@ -124,9 +132,9 @@ class AnchorSpec:
         return float(np.sum(area * self.soil_weight * self.depths) * factor)
 
     def utilisation(self, horizontal: np.ndarray, upward: np.ndarray) -> np.ndarray:
-        """Load over what is held (...), for horizontal and upward loads [N]; 1 is where it gives way.
+        """Utilisation, load over capacity (...), for horizontal and upward loads [N]; the anchor fails at 1.
 
-        Of a dead weight `(H/mu + V)/W` with V not below 0: the factor by which both loads may grow is its inverse.
+        For a dead weight `(H/mu + V)/W` with V not below 0: both loads may grow by the inverse of this factor.
         """
         up = np.maximum(upward, 0.0)
         if self.kind == "tested":
@@ -141,10 +149,10 @@ class AnchorSpec:
 def utilisations(
     anchors: tuple[AnchorSpec, ...], loads: Mapping[str, tuple[np.ndarray, np.ndarray]]
 ) -> dict[str, np.ndarray]:
-    """Load over what is held (...) of each anchored point, from its horizontal and upward loads (...) [N].
+    """Utilisation, load over capacity (...), of each anchored point, from its horizontal and upward loads (...) [N].
 
-    An anchor that has another one `behind` it keeps what it holds. Of its utilisation u above 1 it passes the share
-    `1 - 1/u` of its horizontal load on: drag anchors hold their capacity while they drag.
+    An anchor with another one `behind` it keeps its capacity. If its utilisation u exceeds 1, it passes the fraction
+    `1 - 1/u` of its horizontal load on: drag anchors keep their capacity while they drag.
     """
     own = {anchor.point: anchor.utilisation(*loads[anchor.point]) for anchor in anchors}
     passed: dict[str, np.ndarray] = {}
@@ -160,13 +168,14 @@ def utilisations(
 
 
 def read_anchors(tables: Sequence[Plain], held: list[str]) -> tuple[AnchorSpec, ...]:
-    """All `[[anchor]]` of a scene with these held points. One that is `behind` another has none behind itself."""
+    """All `[[anchor]]` entries of a scene with these fixed points. An anchor `behind` another has none behind
+    itself."""
     anchors = tuple(AnchorSpec.read(table, f"anchor.{i}", held) for i, table in enumerate(tables))
     last = [anchor.point for anchor in anchors if anchor.behind is None]
     for i, anchor in enumerate(anchors):
         if anchor.behind is not None and anchor.behind not in last:
             raise SceneError(
-                f"anchor.{i}.behind: {anchor.behind!r} is no point with an anchor that has none behind itself; "
+                f"anchor.{i}.behind: {anchor.behind!r} is not a point whose anchor has none behind itself; "
                 f"allowed: {', '.join(last) or 'none'}"
             )
     return anchors

@@ -23,32 +23,33 @@ from dropper_jax.base.read import (
     refuse,
 )
 
-#: How far outside its shape a body's attachments may lie without a warning, over the body's extent: shackles, rounding.
+#: Distance outside its shape at which a body's attachments may be without a warning, over the body's extent: shackles,
+#: rounding.
 OUTSIDE = 0.05
 POSITION = {"unit": "m", "shape": "vector"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CylinderSpec:
-    """A cylinder of a body, from one end of its axis to the other; stepped buoys are several, one after another."""
+    """A cylinder of a body, from one end of its axis to the other; a stepped buoy has several, one after another."""
 
     KEYS: ClassVar[dict[str, str]] = {"start": "from", "end": "to"}
 
     start: np.ndarray = parameter("one end of the axis", unit="m", shape="vector")
     end: np.ndarray = parameter("the other end", unit="m", shape="vector")
     diameter: float = parameter("diameter", unit="m", low=0.0, open_low=True)
-    slices: int = count("slices along the axis on which water acts", default=8)
+    slices: int = count("slices along the axis for water forces", default=8)
     cdn: float = parameter("drag coefficient across", unit="-", low=0.0, default=1.0)
     cdt: float = parameter("drag coefficient of each end", unit="-", low=0.0, default=0.0)
     can: float = parameter("added mass coefficient across", unit="-", low=0.0, default=1.0)
     cat: float = parameter("added mass coefficient of each end, of a half sphere", unit="-", low=0.0, default=0.0)
-    ends: str = option("ends that water meets", choices=("both", "from", "to", "none"), default="both")
+    ends: str = option("ends exposed to water", choices=("both", "from", "to", "none"), default="both")
 
     @classmethod
     def read(cls, table: Plain, path: str) -> CylinderSpec:
         cylinder = cls(**read_fields(cls, table, path, {}, cls.KEYS))
         if np.array_equal(cylinder.start, cylinder.end):
-            raise refuse(f"{path}.to", cylinder.end, "is where it begins", "another place than `from`")
+            raise refuse(f"{path}.to", cylinder.end, "is equal to `from`", "a position other than `from`")
         return cylinder
 
     def table(self) -> dict[str, Any]:
@@ -59,7 +60,7 @@ class CylinderSpec:
         return float(np.linalg.norm(self.end - self.start))
 
     def distance(self, position: np.ndarray) -> float:
-        """How far a place (3,) is outside [m]; 0 inside."""
+        """Distance of a position (3,) from the cylinder's surface [m]; 0 inside."""
         along = (self.end - self.start) / self.length
         s = float(along @ (position - self.start))
         across = float(np.linalg.norm(position - self.start - s * along))
@@ -83,15 +84,16 @@ class SphereSpec:
         return as_table(self)
 
     def distance(self, position: np.ndarray) -> float:
-        """How far a place (3,) is outside [m]; 0 inside."""
+        """Distance of a position (3,) from the sphere's surface [m]; 0 inside."""
         return max(float(np.linalg.norm(position - self.centre)) - 0.5 * self.diameter, 0.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BodySpec:
-    """`[[body]]`: a rigid body (see `effects.rigid_bodies`); places are in its own axes, from its reference point.
+    """`[[body]]`: a rigid body (see `effects.rigid_bodies`); positions are in its own axes, from its reference point.
 
-    Attitude is roll, pitch and yaw about x, y and z: `R = Rz(yaw) Ry(pitch) Rx(roll)` turns its axes into the scene's.
+    Attitude is roll, pitch and yaw about x, y and z: `R = Rz(yaw) Ry(pitch) Rx(roll)` rotates its axes into the
+    scene's.
     """
 
     name: str = option("name", type=str)
@@ -99,7 +101,9 @@ class BodySpec:
     mass: float = parameter("mass", unit="kg", low=0.0, open_low=True)
     centre_of_mass: np.ndarray = parameter("centre of mass", unit="m", shape="vector")
     inertia: np.ndarray = parameter(
-        "moments of inertia about it: Ixx, Iyy, Izz, or these and Ixy, Ixz, Iyz", unit="kg m^2", shape="table"
+        "moments of inertia about the centre of mass: Ixx, Iyy, Izz, or these and Ixy, Ixz, Iyz",
+        unit="kg m^2",
+        shape="table",
     )
     attitude: np.ndarray = parameter("roll, pitch and yaw", unit="rad", shape="vector", default=(0.0, 0.0, 0.0))
     velocity: np.ndarray = parameter(
@@ -108,9 +112,9 @@ class BodySpec:
     angular_velocity: np.ndarray = parameter(
         "angular velocity at the start, in its axes", unit="rad/s", shape="vector", default=(0.0, 0.0, 0.0)
     )
-    touches_bed: bool = option("whether its cylinders and spheres meet the seabed", type=bool, default=False)
+    touches_bed: bool = option("whether its cylinders and spheres touch the seabed", type=bool, default=False)
     bed_friction: float = parameter("coefficient of its friction on the seabed", unit="-", low=0.0, default=0.0)
-    pinned: bool = option("whether its reference point stays where it is", type=bool, default=False)
+    pinned: bool = option("whether its reference point is fixed", type=bool, default=False)
     cylinders: tuple[CylinderSpec, ...] = ()
     spheres: tuple[SphereSpec, ...] = ()
     attachments: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
@@ -153,22 +157,22 @@ class BodySpec:
         if moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9):
             sizes = ", ".join(f"{value:.4g}" for value in moments)
             raise SceneError(
-                f"{path}.inertia: principal moments {sizes} kg m^2 are of no body; allowed: > 0, none above the sum of "
-                "the other two"
+                f"{path}.inertia: principal moments {sizes} kg m^2 are not those of a body; allowed: > 0, "
+                "none above the sum of the other two"
             )
         if self.bed_friction and not self.touches_bed:
             raise SceneError(
-                f"{path}.bed_friction: {self.bed_friction:g} of a body that does not touch the bed; allowed: 0, or "
+                f"{path}.bed_friction: {self.bed_friction:g} of a body that does not touch the seabed; allowed: 0, or "
                 "`touches_bed = true`"
             )
         if self.pinned and np.any(self.velocity):
             raise SceneError(
-                f"{path}.velocity: {self.velocity.tolist()} of a pinned body, which only turns; allowed: none, with "
+                f"{path}.velocity: {self.velocity.tolist()} of a pinned body, which only rotates; allowed: none, with "
                 "`angular_velocity`"
             )
 
     def outside(self) -> dict[str, float]:
-        """How far [m] attachments are outside the shapes, by name, of those that are farther than shackles reach."""
+        """Distance [m] by which attachments are outside the shapes, by name, for those beyond the reach of shackles."""
         away = {name: self.distance(position) for name, position in self.attachments.items()}
         return {name: distance for name, distance in away.items() if distance > OUTSIDE * self.extent}
 
@@ -191,7 +195,7 @@ class BodySpec:
         return max(float(np.max(np.ptp(positions, axis=0))), wide) if positions else 0.0
 
     def distance(self, position: np.ndarray) -> float:
-        """How far a place (3,) is outside its shapes [m]; 0 for a body without."""
+        """Distance of a position (3,) from its shapes [m]; 0 for a body without shapes."""
         return min((shape.distance(position) for shape in self.shapes), default=0.0)
 
     @property
@@ -200,7 +204,7 @@ class BodySpec:
         return rotation(self.attitude)
 
     def world(self, position: np.ndarray) -> np.ndarray:
-        """Places (..., 3) of its own in the scene, at the start."""
+        """Positions (..., 3) in its axes, converted to the scene's axes at the start."""
         return self.position + position @ self.rotation.T
 
     def table(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A scene as data: what a user describes, in SI units, after reading and checking."""
+"""A scene as data: the user's description, in SI units, after reading and checking."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from dropper_jax.sea.spec import SeaSpec
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SceneData:
-    """A scene, valid as `load` leaves it.
+    """A scene, validated by `load`.
 
     Attributes:
-        name, description: for people.
-        points, lines: what is held and what hangs between.
-        effects: values of all fields of each effect, in the order of the registry; None where left out.
-        start: pose and velocities at t = 0.
+        name, description: information for the user.
+        points, lines: points and the lines between them.
+        effects: values of all fields of each effect, in the order of the registry; None if omitted.
+        start: configuration and velocities at t = 0.
         run: default time step, duration, integrator, solver and precision.
         sea: the water, or None.
         buoys: upright cylinders at free points.
-        bodies: rigid bodies; their attachments stand among the points.
-        vessels: what moves by itself; likewise.
+        bodies: rigid bodies; their attachments are among the points.
+        vessels: vessels with prescribed motion; likewise.
         failures: where lines break, at a load or a time.
-        notes: what a file that the scene was read from says and the scene does not; warnings of every run.
-        fit: what the rig leaves open and what it knows, for fits to traces alone; or None.
-        anchors: what held points hold.
+        notes: contents of the source file that the scene does not represent; repeated as warnings of every run.
+        fit: free parameters, sensors and priors of the rig, used by fits to traces only; or None.
+        anchors: anchors of the fixed points.
         season: mussels on lines, by month; or None.
     """
 
@@ -64,9 +64,10 @@ class SceneData:
 
     @property
     def link_mass_nodes(self) -> dict[str, str]:
-        """Where mass and water forces of each line's links go, by its name: `far`, `shared` or `centre_of_mass`.
+        """Node to which mass and water forces of each line's links go, by its name: `far`, `shared` or
+        `centre_of_mass`.
 
-        The last is of compound links, whose centre of mass divides them.
+        The last applies to compound links, which are divided by their centre of mass.
         """
         carried = [body.name for body in self.bodies]
         loaded = {p.name for p in self.points if p.body or p.on in carried} | {buoy.point for buoy in self.buoys}
@@ -83,11 +84,11 @@ class SceneData:
 
     @property
     def line(self) -> LineSpec:
-        """All lines as one, their arrays one after another."""
+        """All lines as one, with their arrays concatenated."""
         return join_lines(self.lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values (text, numbers, lists, tables) from which `from_dict` makes the same scene."""
+        """Plain values (text, numbers, lists, tables) from which `from_dict` recreates the scene."""
         return {
             "name": self.name,
             "description": self.description,
@@ -111,7 +112,7 @@ class SceneData:
         }
 
     def point(self, name: str) -> PointSpec:
-        """The point of that name."""
+        """The point with that name."""
         return point_named(self.points, name)
 
     def __eq__(self, other: object) -> bool:
@@ -119,7 +120,7 @@ class SceneData:
 
 
 def link_mass_words(nodes: dict[str, str]) -> str:
-    """`SceneData.link_mass_nodes` in a line for people."""
+    """`SceneData.link_mass_nodes` in one readable line."""
     meaning = {"far": "at their far nodes", "shared": "half at each node", "centre_of_mass": "by the centre of mass"}
     used = {key: [name for name, found in nodes.items() if found == key] for key in meaning}
     used = {key: names for key, names in used.items() if names}

@@ -1,10 +1,10 @@
-"""Lines that break: `[[failure]]` of a scene, its arrays, and the step that ends with a link parting.
+"""Lines that break: `[[failure]]` of a scene, its arrays, and the step that ends with a broken link.
 
-An entry watches the links of one line, or one of them. At the end of the first step in which the tension of a watched
-link reaches its load, or that reaches the time, one link parts: the one named, else the one closest to or farthest
-beyond its load. From then on it carries no tension; its mass and water forces stay with its two nodes. An entry breaks
-once. Statics know no failure. Which link parts and when has no derivative: gradients are those of the run with its
-breaks where they fell.
+An entry watches the links of one line, or one of them. It acts at the end of the first step in which the tension of a
+watched link reaches its load, or that reaches the time. One link then breaks: the specified one, otherwise the one with
+the largest ratio of tension to load. From then on it carries no tension; its mass and water forces stay with its two
+nodes. An entry acts once. Statics ignore failures. Which link breaks and when has no derivative: gradients are those of
+the run with its breaks at fixed times.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class FailureSpec:
         """A checked entry.
 
         Raises:
-            SceneError: an unknown line, a link that it has not, a line that does not stretch, a time without a link, or
-                neither load nor time where the line has no breaking load.
+            SceneError: an unknown line, a link that the line does not have, a line that does not stretch, a time
+                without a link, or neither load nor time if the line has no breaking load.
         """
         spec = cls(**read_fields(cls, table, path, {}))
         names = [line.name for line in lines]
@@ -54,11 +54,11 @@ class FailureSpec:
             raise SceneError(f"{path}.line: {spec.line!r} is not a line; {nearest(spec.line, names)}")
         line = lines[names.index(spec.line)]
         if line.rigid:
-            raise SceneError(f"{path}.line: the links of {spec.line!r} are rigid; allowed: a line that stretches")
+            raise SceneError(f"{path}.line: the links of {spec.line!r} are rigid. Use a line that stretches")
         if spec.link is not None and spec.link > line.links:
             raise refuse(f"{path}.link", spec.link, f"is not a link of {spec.line!r}", f"1 to {line.links}")
         if spec.time is not None and spec.link is None:
             raise SceneError(f"{path}.link: missing; a failure at a time needs the link that breaks, 1 to {line.links}")
         if spec.load is None and spec.time is None and line.breaking_load is None:
-            raise SceneError(f"{path}.load: missing; needed where there is no time and the line has no breaking_load")
+            raise SceneError(f"{path}.load: missing; needed without `time` if the line has no breaking_load")
         return spec

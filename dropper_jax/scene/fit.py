@@ -1,10 +1,10 @@
-"""What a rig knows of itself: `[fit]` of a scene, which a fit to measured traces reads and a simulation does not.
+"""What is known about a rig: `[fit]` of a scene, which a fit to measured traces reads and a simulation ignores.
 
-What is left open, the sensors, and what is known beforehand of the rig's numbers:
+Free parameters, sensors, and prior knowledge of the rig's values:
 
     [fit]
     free = ["line.0.inertia", "b_l"]
-    model_error = 1e-3          # angles [rad] by which the rig departs from any model, such as play of its bearings
+    model_error = 1e-3          # angles [rad] by which the rig deviates from any model, such as play of its bearings
 
     [[fit.sensor]]
     channel = "angle"
@@ -12,12 +12,12 @@ What is left open, the sensors, and what is known beforehand of the rig's number
     unit = "deg"
 
     [[fit.prior]]
-    of = "line.0.length"        # one standard deviation around the scene's value, each link its own
+    of = "line.0.length"        # one standard deviation around the scene's value, independent for each link
     sigma = 0.5
     unit = "mm"
 
     [[fit.prior]]
-    of = "line.0.mass"          # one scale, wrong by as much for all of them
+    of = "line.0.mass"          # one scale error, common to all of them
     sigma = 0.3
     unit = "%"
     common = true
@@ -43,7 +43,7 @@ from dropper_jax.base.read import (
     refuse,
 )
 
-#: Units of `sensor` and `prior` in SI, by what they measure; `%` is of the scene's value.
+#: Units of `sensor` and `prior` in SI, by quantity; `%` is relative to the scene's value.
 UNITS: dict[str, tuple[str, float]] = {
     "%": ("%", 0.01),
     "m": ("m", 1.0),
@@ -67,22 +67,22 @@ UNITS: dict[str, tuple[str, float]] = {
     "N m": ("N m", 1.0),
     "N m s/rad": ("N m s/rad", 1.0),
 }
-#: What a sensor may measure, and in which unit.
+#: Quantities that a sensor may measure, and their units.
 CHANNELS = {"angle": "rad", "position": "m", "pixel": "px", "tension": "N", "depth": "m"}
 
 
 def in_si(value: float, unit: str) -> tuple[float, str]:
-    """A value in SI (a share of one for `%`) and its unit there."""
+    """A value in SI (a fraction for `%`) and its unit there."""
     base, factor = UNITS[unit]
     return value * factor, base
 
 
 @dataclasses.dataclass(frozen=True)
 class SensorSpec:
-    """`[[fit.sensor]]`: what measures a channel; its rounding is the least noise that a fit believes."""
+    """`[[fit.sensor]]`: the sensor of a channel; its rounding is the minimum noise that a fit assumes."""
 
-    channel: str = option("what is measured", choices=tuple(CHANNELS))
-    resolution: float = parameter("smallest difference that it tells", unit="-", low=0.0, open_low=True)
+    channel: str = option("measured channel", choices=tuple(CHANNELS))
+    resolution: float = parameter("smallest difference that it resolves", unit="-", low=0.0, open_low=True)
     unit: str = option("unit of the resolution", choices=tuple(UNITS), default="rad")
 
     @property
@@ -98,23 +98,23 @@ class PriorSpec:
     of: str = option("path of one or several numbers", type=str)
     sigma: float = parameter("standard deviation around the scene's value", unit="-", low=0.0, open_low=True)
     unit: str = option("unit of sigma", choices=tuple(UNITS))
-    common: bool = option("whether all of them are wrong by one and the same share", type=bool, default=False)
+    common: bool = option("whether all of them have the same relative error", type=bool, default=False)
 
     @property
     def si(self) -> tuple[float, str]:
-        """Sigma in SI (a share of one for `%`), and the unit there."""
+        """Sigma in SI (a fraction for `%`), and the unit there."""
         return in_si(self.sigma, self.unit)
 
 
 @dataclasses.dataclass(frozen=True)
 class FitSpec:
-    """`[fit]`: free parameters, sensors and priors, checked but for the paths, which a fit knows."""
+    """`[fit]`: free parameters, sensors and priors, checked except for the paths, which only a fit can check."""
 
     free: tuple[str, ...] = ()
     sensors: tuple[SensorSpec, ...] = ()
     priors: tuple[PriorSpec, ...] = ()
     model_error: float = parameter(
-        "angle by which the rig departs from any model; it widens the noise of every sample",
+        "angle by which the rig deviates from any model; it increases the noise of every sample",
         unit="rad",
         low=0.0,
         high=1.0,
@@ -126,7 +126,8 @@ class FitSpec:
         """A checked section.
 
         Raises:
-            SceneError: an unknown key, channel or unit, a sigma or resolution that is not positive, a name twice.
+            SceneError: an unknown key, channel or unit, a sigma or resolution that is not positive, or a duplicate
+                name.
         """
         table = read_table(table, path)
         check_keys(table, ("free", "sensor", "prior", "model_error"), path)
@@ -135,18 +136,18 @@ class FitSpec:
             if not isinstance(name, str) or not name.strip():
                 raise refuse(f"{path}.free.{i}", name, "is not a text", "a path of a parameter, such as b_l")
             if name in free[:i]:
-                raise SceneError(f"{path}.free.{i}: {name!r} is given twice; allowed: every parameter once")
+                raise SceneError(f"{path}.free.{i}: {name!r} is given twice; allowed: each parameter once")
         sensors = tuple(_sensor(item, f"{path}.sensor.{i}") for i, item in enumerate(_items(table, path, "sensor")))
         priors = tuple(_prior(item, f"{path}.prior.{i}") for i, item in enumerate(_items(table, path, "prior")))
         for i, prior in enumerate(priors):
             if (prior.of, prior.common) in [(p.of, p.common) for p in priors[:i]]:
-                raise SceneError(f"{path}.prior.{i}.of: {prior.of!r} is given twice; allowed: every prior once")
+                raise SceneError(f"{path}.prior.{i}.of: {prior.of!r} is given twice; allowed: each prior once")
         declared = cls.__dataclass_fields__["model_error"].metadata
         model_error = read_number(table.get("model_error", 0.0), join(path, "model_error"), declared)
         return cls(tuple(free), sensors, priors, model_error)
 
     def table(self) -> dict[str, Any]:
-        """Plain values from which `read` makes the same."""
+        """Plain values from which `read` recreates the section."""
         found: dict[str, Any] = {"free": list(self.free)} if self.free else {}
         for key, items in (("sensor", self.sensors), ("prior", self.priors)):
             if items:
@@ -154,7 +155,7 @@ class FitSpec:
         return {**found, "model_error": self.model_error} if self.model_error else found
 
     def resolution(self, channel: str) -> float:
-        """Smallest difference [SI] that the channel's sensor tells; 0 where the rig does not say."""
+        """Smallest difference [SI] that the channel's sensor resolves; 0 if the rig does not specify it."""
         return max((s.si for s in self.sensors if s.channel == channel), default=0.0)
 
 
@@ -171,7 +172,9 @@ def _sensor(table: Plain, path: str) -> SensorSpec:
 def _prior(table: Plain, path: str) -> PriorSpec:
     spec = PriorSpec(**read_fields(PriorSpec, table, path, {}))
     if spec.common and spec.unit != "%":
-        raise refuse(f"{path}.unit", spec.unit, "is no share", "% for a prior that is common to several numbers")
+        raise refuse(
+            f"{path}.unit", spec.unit, "is not a relative unit", "% for a prior that is common to several numbers"
+        )
     return spec
 
 

@@ -32,7 +32,7 @@ def grown(
     """A layer of `thickness` [m] and `density` [kg/m^3] on links of the bare rope, all (n,).
 
     `D = D0 + 2 t`, `m = m0 + density pi/4 (D^2 - D0^2) L`, wet weight `g (m - rho pi/4 D^2 L)`. The density is that of
-    the layer as it displaces water: mussels, with what is between them left out of the diameter.
+    the layer as it displaces water: mussels only, with the gaps between them excluded from the diameter.
     """
     diameter = bare_diameter + 2.0 * thickness
     area = 0.25 * np.pi * (diameter**2 - bare_diameter**2)
@@ -44,7 +44,7 @@ def grown(
 class GrowthSpec:
     """`[line.growth]`: a layer of mussels on the line, whose own mass and diameter are those of the bare rope.
 
-    Linear between the given depths, held outside them.
+    Linear between the given depths, constant outside them.
     """
 
     depth: np.ndarray = parameter("depths below the mean surface, rising", unit="m", shape="table")
@@ -66,7 +66,7 @@ class GrowthSpec:
         return spec
 
     def table(self) -> dict[str, Any]:
-        """Plain values from which `read` makes the same."""
+        """Plain values from which `read` recreates the section."""
         return {f.name: plain(getattr(self, f.name)) for f in dataclasses.fields(self)}
 
     def over(self, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

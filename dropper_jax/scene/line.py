@@ -1,4 +1,4 @@
-"""`[[line]]`: a path of links between two points, with its axial law, and several lines taken as one."""
+"""`[[line]]`: a path of links between two points, with its axial law, and several lines combined into one."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import Plain, as_table, check_keys, count, field_keys, read_fields, read_table, refuse
 from dropper_jax.scene.growth import GrowthSpec
 
-#: Keys that `line_types.expand` takes out of lines by the metre.
+#: Keys that `line_types.expand` removes from lines defined per metre.
 BY_THE_METRE = ("type", "sections", "attach", "shelter")
 
 
-#: Most links of a line: solvers would take hours for a step.
+#: Maximum number of links of a line: with more, solvers would take hours per step.
 MOST_LINKS = 100_000
 
 
@@ -29,7 +29,7 @@ class LineSpec:
     KEYS: ClassVar[dict[str, str]] = {"start": "from", "end": "to"}
 
     name: str = option("name", type=str)
-    start: str = option("name of the point where the line begins", type=str)
+    start: str = option("name of the point where the line starts", type=str)
     end: str = option("name of the point where the line ends", type=str)
     links: int = count("number of links", high=MOST_LINKS)
     length: np.ndarray = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
@@ -47,17 +47,18 @@ class LineSpec:
         "breaking load", unit="N", shape="link", low=0.0, open_low=True, optional=True
     )
     nodes: str | None = option(
-        "where a link's mass and water forces go: its far node, or halves to both; default: `far` for a line by the "
-        "link that shares no point with a line, buoy or body and does not start at a free point, `shared` for others",
+        "nodes of a link's mass and water forces: its far node, or half at both; default: `far` for a line "
+        "defined by the link that shares no point with a line, buoy or body and does not start at a free point, "
+        "`shared` for others",
         choices=("far", "shared"),
         default=None,
     )
-    piece_of: str | None = option("line that attached points cut it from", type=str, default=None)
+    piece_of: str | None = option("original line, from which attached points cut this one", type=str, default=None)
     axial_law: str = "rigid"
     EA: np.ndarray | None = None
     axial_damping: np.ndarray | None = None
     tables: tuple[ForceTable, ...] | None = None
-    #: What else the law's class declares, per link.
+    #: Further fields declared by the law's class, per link.
     constants: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     growth: GrowthSpec | None = None
 
@@ -67,18 +68,18 @@ class LineSpec:
         check_keys(own, [*field_keys(cls, cls.KEYS), "axial", "growth", *BY_THE_METRE], path)
         for key in BY_THE_METRE:
             if key in own:
-                raise SceneError(f"{path}.{key}: is for lines by the metre; allowed: beside `type` or `sections`")
+                raise SceneError(f"{path}.{key}: is only used together with `type` or `sections`")
         axial = own.pop("axial", {"law": "rigid"})
         growth = own.pop("growth", None)
         links = own.get("links")
         known = isinstance(links, int) and 0 < links <= MOST_LINKS
-        count = links if known else 1  # a wrong number is refused as the field is read
+        count = links if known else 1  # a wrong number is rejected when the field is read
         values = read_fields(cls, own, path, {"link": count}, cls.KEYS)
         if (values["centre_of_mass"] is None) != (values["inertia"] is None):
             missing = "inertia" if values["inertia"] is None else "centre_of_mass"
             raise SceneError(f"{path}.{missing}: missing; a compound link needs both `centre_of_mass` and `inertia`")
         if values["nodes"] is not None and values["inertia"] is not None:
-            why = "does not apply to a compound link, which its centre of mass divides between its nodes"
+            why = "does not apply to a compound link, which is divided between its nodes by its centre of mass"
             raise refuse(f"{path}.nodes", values["nodes"], why, "leave it out")
         values.update(_read_axial(axial, f"{path}.axial", count))
         spread = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA", "axial_damping")
@@ -88,7 +89,7 @@ class LineSpec:
 
     @property
     def total(self) -> float:
-        """Length of the whole line [m]."""
+        """Length of the full line [m]."""
         return float(np.sum(self.length))
 
     @property
@@ -110,7 +111,10 @@ class LineSpec:
 
 
 def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
-    """All lines as one, their arrays one after another; what some lines lack is None, internal damping zero there."""
+    """All lines as one, with their arrays concatenated.
+
+    Fields missing in some lines become None, a missing internal damping zero.
+    """
     if len(lines) == 1:
         return lines[0]
 
@@ -147,7 +151,7 @@ def _read_axial(table: Plain, path: str, links: int) -> dict[str, Any]:
         tables = read_tables(table, path, links)
         rest = {key: value for key, value in table.items() if key not in ("strain", "tension", "EA")}
         if "EA" in table:
-            raise SceneError(f"{path}.EA: given beside a table; allowed: `strain` and `tension`")
+            raise SceneError(f"{path}.EA: cannot be combined with a table; allowed: `strain` and `tension`")
         damping = read_fields(LAWS[law], {**rest, "EA": 1.0}, path, {"link": links})["damping"]
         stiffness = np.array([t.stiffness for t in tables])
         return {"axial_law": law, "EA": stiffness, "axial_damping": damping, "tables": tables}
@@ -162,5 +166,5 @@ def _per_link(value: Plain, links: int) -> np.ndarray:
 
 
 def _one_or_all(value: Plain) -> Plain:
-    """One number where all entries of a list are equal, so that the number of links can be changed."""
+    """One number if all entries of a list are equal, so that the number of links can be changed."""
     return value[0] if isinstance(value, list) and value and value.count(value[0]) == len(value) else value

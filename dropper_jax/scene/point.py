@@ -13,7 +13,7 @@ from dropper_jax.base.read import Plain, read_fields, refuse
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PointSpec:
-    """`[[point]]`: where lines begin and end."""
+    """`[[point]]`: where lines start and end."""
 
     name: str = option("name", type=str)
     position: np.ndarray = parameter("position", unit="m", shape="vector")
@@ -23,7 +23,7 @@ class PointSpec:
     drag_area: float | None = parameter("its drag coefficient times area", unit="m^2", low=0.0, optional=True)
     added_mass: float | None = parameter("its added mass coefficient", unit="-", low=0.0, optional=True)
 
-    #: The body on which it sits, where that made it.
+    #: The body to which it is attached, if it was created by one.
     on: str | None = None
 
     BODY: ClassVar[tuple[str, ...]] = ("mass", "volume", "drag_area", "added_mass")
@@ -33,12 +33,12 @@ class PointSpec:
         point = cls(**read_fields(cls, table, path, {}))
         if point.kind == "fixed" and point.body:
             given = next(key for key in cls.BODY if getattr(point, key) is not None)
-            raise refuse(f"{path}.{given}", getattr(point, given), "moves nothing on a fixed point", "kind = 'free'")
+            raise refuse(f"{path}.{given}", getattr(point, given), "has no effect on a fixed point", "kind = 'free'")
         return point
 
     @property
     def body(self) -> bool:
-        """Whether a mass or a volume is at the point."""
+        """Whether there is a mass or a volume at the point."""
         return any(getattr(self, key) is not None for key in self.BODY)
 
 
@@ -57,7 +57,7 @@ class BuoySpec:
     can: float = parameter("added mass coefficient across", unit="-", low=0.0, default=1.0)
     cat: float = parameter("added mass coefficient of the base", unit="-", low=0.0, default=0.0)
     end_added_mass: str = option(
-        "water that `cat` counts: a half sphere's, or the wet volume's",
+        "reference volume of `cat`: a half sphere, or the submerged volume",
         choices=("hemisphere", "volume"),
         default="hemisphere",
     )

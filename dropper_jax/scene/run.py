@@ -21,13 +21,13 @@ from dropper_jax.base.read import (
     refuse,
 )
 
-#: Linear solvers by name, as `dropper_jax.solvers` offers them, which would bring scipy to every reader of a scene.
+#: Linear solvers by name, as `dropper_jax.solvers` offers them; importing that would load scipy for every scene reader.
 SOLVERS = ("auto", "dense", "banded", "condensed", "network")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RunSpec:
-    """`[run]`: how the scene is simulated unless the caller says otherwise."""
+    """`[run]`: how the scene is simulated unless the caller specifies otherwise."""
 
     dt: float = parameter("time step", unit="s", low=0.0, open_low=True)
     duration: float = parameter("simulated time", unit="s", low=0.0, open_low=True)
@@ -36,10 +36,10 @@ class RunSpec:
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
     save_every: int = count("steps between saved states", default=1)
     step_tolerance: float | None = parameter(
-        "roughness of steps that follow the snaps", unit="m/s", low=0.0, open_low=True, optional=True
+        "tolerance of the error indicator of adaptive steps", unit="m/s", low=0.0, open_low=True, optional=True
     )
     error_tolerance: float | None = parameter(
-        "error of a step of schemes that hold it (tsit5, dop853): of places [m] and velocities",
+        "error per step of schemes with error control (tsit5, dop853): of positions [m] and velocities",
         unit="m/s",
         low=0.0,
         open_low=True,
@@ -50,17 +50,18 @@ class RunSpec:
 
     @property
     def saves(self) -> int:
-        """Saved states after the start, which cover the duration; a remainder below 1e-9 steps is rounding."""
+        """Saved states after the start, which cover the duration; a remainder below 1e-9 steps is attributed to
+        rounding."""
         return -(-math.ceil(self.duration / self.dt - 1e-9) // self.save_every)
 
     @property
     def steps(self) -> int:
-        """Steps in all, a multiple of `save_every`."""
+        """Total number of steps, a multiple of `save_every`."""
         return self.saves * self.save_every
 
     @classmethod
     def read(cls, table: Plain, path: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> RunSpec:
-        """A checked `[run]`; `options` are what schemes may add, name and range."""
+        """A checked `[run]`; `options` are the additional keys of schemes, name and range."""
         options = options or {}
         given = read_table(table, path)
         check_keys(given, [*field_keys(cls), *options], path)
@@ -75,10 +76,10 @@ class RunSpec:
             reason = f"takes {values['duration'] / values['dt']:.3g} steps of {values['dt']:g} s"
             raise refuse(f"{path}.duration", values["duration"], reason, f"at most {MOST} steps")
         if values["step_tolerance"] is not None and values["save_every"] != 1:
-            why = "is given beside run.step_tolerance, whose steps save every dt"
+            why = "cannot be combined with run.step_tolerance, which saves every dt"
             raise refuse(f"{path}.save_every", values["save_every"], why, "1")
         return cls(**values)
 
     def table(self) -> dict[str, Any]:
-        """Plain values from which `read` makes the same."""
+        """Plain values from which `read` recreates the section."""
         return {**as_table(self), **self.options}

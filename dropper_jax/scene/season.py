@@ -1,4 +1,4 @@
-"""`[growth]` of a scene: a season's layer of mussels on the lines that it names, at one month of it."""
+"""`[growth]` of a scene: a season's layer of mussels on the listed lines, at one month."""
 
 from __future__ import annotations
 
@@ -24,36 +24,40 @@ from dropper_jax.base.read import (
     refuse,
 )
 
-#: Grid of the random field over its correlation length.
+#: Grid points of the random field per correlation length.
 FINE = 0.1
-#: Added mass of a mussel over the water it displaces: a sphere's (Lamb 1932, article 92).
+#: Added mass of a mussel divided by that of the displaced water: a sphere's (Lamb 1932, article 92).
 ADDED_MASS = 0.5
 THICK = {"unit": "m", "shape": "table", "low": 0.0}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeasonSpec:
-    """`[growth]`: thickness by month (rows) and depth (columns), linear between, at the month that is asked for.
+    """`[growth]`: thickness by month (rows) and depth (columns), linear between, at the requested month.
 
-    `harvested` is the share of the layer's cross-section that is taken off. `deviation` and `correlation` make the
-    thickness random along each line: it is multiplied by `exp(s x - s^2/2)`, `s^2 = log(1 + deviation^2)`, x a normal
-    field whose correlation falls as `exp(-distance/correlation)`: mean 1, never negative, the same for a seed, a line's
-    name and a place however many links the line has.
+    `harvested` is the fraction of the layer's cross-section that is removed. `deviation` and `correlation` make the
+    thickness random along each line. It is multiplied by `exp(s x - s^2/2)`, `s^2 = log(1 + deviation^2)`, with x a
+    normal field whose correlation falls as `exp(-distance/correlation)`. The factor has mean 1, is never negative, and
+    depends only on the seed, the line's name and the position, not on the number of links.
     """
 
     lines: tuple[str, ...] = option("names of lines, * for any letters", type=list)
-    month: float = parameter("month at which the run is", unit="months")
+    month: float = parameter("month of the run", unit="months")
     months: np.ndarray = parameter("months of the rows of `thickness`, rising", unit="months", shape="table")
     depth: np.ndarray = parameter("depths below the mean surface, rising", unit="m", shape="table")
     density: np.ndarray = parameter(
         "density of the layer, one or one per depth", unit="kg/m^3", shape="numbers", low=0.0, open_low=True
     )
-    harvested: float = parameter("share of the layer that is harvested", unit="-", low=0.0, high=1.0, default=0.0)
-    harvested_lines: tuple[str, ...] = option("names of the lines it is harvested on", type=list, default=("*",))
-    deviation: float = parameter("standard deviation of the thickness over its mean", unit="-", low=0.0, default=0.0)
-    correlation: float = parameter("length of its correlation", unit="m", low=0.0, open_low=True, default=1.0)
+    harvested: float = parameter("fraction of the layer that is harvested", unit="-", low=0.0, high=1.0, default=0.0)
+    harvested_lines: tuple[str, ...] = option("names of the harvested lines", type=list, default=("*",))
+    deviation: float = parameter(
+        "standard deviation of the thickness divided by its mean", unit="-", low=0.0, default=0.0
+    )
+    correlation: float = parameter("correlation length of the thickness", unit="m", low=0.0, open_low=True, default=1.0)
     seed: int = count("seed of the random thickness", low=0, default=0)
-    attachment: float | None = parameter("force that holds one mussel", unit="N", low=0.0, open_low=True, optional=True)
+    attachment: float | None = parameter(
+        "attachment strength of one mussel", unit="N", low=0.0, open_low=True, optional=True
+    )
     mussel_mass: float | None = parameter("mass of one mussel", unit="kg", low=0.0, open_low=True, optional=True)
     thickness: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -67,7 +71,7 @@ class SeasonSpec:
         """The section of a scene.
 
         Args:
-            names: of the scene's lines, and of what they are pieces of.
+            names: names of the scene's lines, and of the lines from which pieces were cut.
         """
         own = dict(read_table(table, "growth"))
         rows = own.pop("thickness", None)
@@ -100,20 +104,20 @@ class SeasonSpec:
             for i, pattern in enumerate(getattr(spec, key)):
                 if not any(_matches_any(name, (pattern,)) for name in names):
                     raise SceneError(
-                        f"growth.{key}.{i}: {pattern!r} is the name of no line; allowed: names, with * for any letters"
+                        f"growth.{key}.{i}: {pattern!r} does not match any line; allowed: names, with * for any letters"
                     )
         return dataclasses.replace(spec, thickness=np.array(found))
 
     def table(self) -> dict[str, Any]:
-        """Plain values from which `read` makes the same."""
+        """Plain values from which `read` recreates the section."""
         return {**as_table(self), "thickness": plain(self.thickness)}
 
     def on(self, name: str, line: str | None) -> bool:
-        """Whether it grows on a line, or on the line that this is a piece of."""
+        """Whether there is growth on a line, or on the line from which this piece was cut."""
         return _matches_any((name, line), self.lines)
 
     def over(self, depth: np.ndarray, month: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Thickness [m] and density [kg/m^3] at depths [m] and a month, its own unless given; nothing harvested."""
+        """Thickness [m] and density [kg/m^3] at depths [m] and a month (default: its own), before any harvest."""
         at = self.month if month is None else month
         row = np.array([np.interp(at, self.months, column) for column in self.thickness.T])
         density = np.broadcast_to(self.density, self.depth.shape)
@@ -141,7 +145,7 @@ class SeasonSpec:
             return np.ones(len(arc))
         step = FINE * self.correlation
         grid = np.arange(int(np.max(arc, initial=0.0) / step) + 2) * step
-        # one stream for each line, so that a line more leaves the others as they are
+        # one stream per line, so that adding a line leaves the others unchanged
         noise = np.random.default_rng([self.seed, zlib.crc32(name.encode())]).standard_normal(len(grid))
         keep = np.exp(-FINE)
         field = np.empty(len(grid))
@@ -152,9 +156,9 @@ class SeasonSpec:
         return np.exp(spread * np.interp(arc, grid, field) - 0.5 * spread**2)
 
     def holding(self, density: float, water: float, gravity: float) -> float | None:
-        """Acceleration [m/s^2] at which a mussel lets go: `(F - g (m - rho V))/(m + rho V/2)`; None without a force.
+        """Acceleration [m/s^2] at which a mussel detaches: `(F - g (m - rho V))/(m + rho V/2)`; None without a force.
 
-        V = m/density. The rope pulls the mussel along; drag on it and the water's own acceleration are left out.
+        V = m/density. The rope accelerates the mussel; drag on it and the water's own acceleration are neglected.
         """
         if self.attachment is None:
             return None

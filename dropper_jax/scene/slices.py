@@ -1,4 +1,4 @@
-"""Where the lines of a scene stand in arrays of all nodes and of all links."""
+"""Index ranges of the lines of a scene in arrays of all nodes and of all links."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dropper_jax.scene.line import LineSpec, join_lines
 
 
 class LineSlice(NamedTuple):
-    """Where one line of a scene stands in a solution's arrays: its nodes, both ends included, and its links."""
+    """Index ranges of one line of a scene in a solution's arrays: its nodes, both ends included, and its links."""
 
     name: str
     nodes: slice
@@ -19,15 +19,15 @@ class LineSlice(NamedTuple):
 
 
 class WholeLine(NamedTuple):
-    """A line as it was written, the pieces between its attached points together.
+    """A line as the user wrote it, with the pieces between its attached points combined.
 
     Attributes:
         name: of the line.
         spec: its values, one per link.
-        nodes: where its nodes stand (links + 1,), each joint once.
-        links: where its links stand.
+        nodes: indices of its nodes (links + 1,), each joint once.
+        links: indices of its links.
         stops: names of the points along it by node, both ends included.
-        pieces: how many lines of the scene it is made of.
+        pieces: number of the scene's lines of which it is made.
     """
 
     name: str
@@ -39,7 +39,7 @@ class WholeLine(NamedTuple):
 
 
 def line_slices(scene: SceneData) -> tuple[LineSlice, ...]:
-    """Where the lines of a scene stand in arrays of all nodes and of all links."""
+    """Index ranges of the lines of a scene in arrays of all nodes and of all links."""
     found, node, link = [], 0, 0
     for line in scene.lines:
         nodes = slice(node, node + line.links + 1)
@@ -49,7 +49,8 @@ def line_slices(scene: SceneData) -> tuple[LineSlice, ...]:
 
 
 def line_offsets(scene: SceneData) -> list[dict[str, Any]]:
-    """The same as plain values: first node and link of each line in the arrays, and how many links it has."""
+    """The same as plain values: index of the first node and link of each line in the arrays, and its number of
+    links."""
     return [
         {
             "name": w.name,
@@ -62,7 +63,7 @@ def line_offsets(scene: SceneData) -> list[dict[str, Any]]:
 
 
 def whole_lines(scene: SceneData) -> tuple[WholeLine, ...]:
-    """The lines of a scene as they were written."""
+    """The lines of a scene as the user wrote them."""
     groups: list[list[tuple[LineSpec, LineSlice]]] = []
     for pair in zip(scene.lines, line_slices(scene), strict=True):
         last = groups[-1][-1][0] if groups else None
@@ -84,7 +85,8 @@ def _merge_pieces(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
 
 
 def held_loads(scene: SceneData, positions: np.ndarray, tension: np.ndarray) -> dict[str, np.ndarray]:
-    """What the lines pull on each held point (3,) [N] in a pose: `T d/|d|` of the links that end there, d outwards."""
+    """Force of the lines on each fixed point (3,) [N] in a configuration: `T d/|d|` of the links that end there, d
+    outwards."""
     loads = {point.name: np.zeros(3) for point in scene.points if point.kind == "fixed"}
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         first, last = where.nodes.start, where.nodes.stop - 1

@@ -1,4 +1,4 @@
-"""The sections of a scene besides its effects and lines: points, buoys, start and run."""
+"""The sections of a scene other than its effects and lines: points, buoys, start and run."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ from dropper_jax.scene.line import LineSpec
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StartSpec:
-    """`[start]`: pose and velocities at t = 0.
+    """`[start]`: configuration and velocities at t = 0.
 
-    `static`: the equilibrium, held by `release_force` on `release_nodes`, which are let go at t = 0.
-    `angles`: `zero = "horizontal"` (thesis (4.1)): `d = L (cos p cos a, cos p sin a, -sin p)`;
-    `zero = "down"` (thesis (3.1)): `d = L (sin p cos a, sin p sin a, -cos p)`, p polar, a azimuth.
-    `positions`: all nodes, both ends included.
-    `points`: of a system of lines: free points stand where the scene puts them, the lines settle between them, and all
-    is let go at t = 0.
+    `static`: the equilibrium under `release_force` on `release_nodes`, which are released at t = 0. `angles`:
+    `zero = "horizontal"` (thesis (4.1)): `d = L (cos p cos a, cos p sin a, -sin p)`; `zero = "down"` (thesis (3.1)):
+    `d = L (sin p cos a, sin p sin a, -cos p)`, p polar, a azimuth. `positions`: all nodes, both ends included.
+    `points`, for a system of lines: free points are held at their positions in the scene, the lines settle between
+    them, and all are released at t = 0.
     """
 
     FIELDS: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -34,9 +33,9 @@ class StartSpec:
 
     kind: str = option("how the start is given", choices=("static", "angles", "positions", "points"), default="static")
     release_nodes: tuple[int, ...] | None = dataclasses.field(
-        metadata={"kind": "option", "meaning": "nodes let go at t = 0", "type": tuple, "low": 1}, default=None
+        metadata={"kind": "option", "meaning": "nodes released at t = 0", "type": tuple, "low": 1}, default=None
     )
-    release_force: np.ndarray | None = parameter("forces let go at t = 0", unit="N", shape="vectors", optional=True)
+    release_force: np.ndarray | None = parameter("forces released at t = 0", unit="N", shape="vectors", optional=True)
     polar: np.ndarray | None = parameter("polar angle of each link", unit="rad", shape="table", optional=True)
     azimuth: np.ndarray | None = parameter("azimuth of each link", unit="rad", shape="table", optional=True)
     polar_rate: np.ndarray | None = parameter("rate of the polar angle", unit="rad/s", shape="table", optional=True)
@@ -58,7 +57,9 @@ class StartSpec:
                 ", ".join(allowed),
             )
         if branched and values["release_nodes"] is not None:
-            raise SceneError(f"{path}.release_nodes: counts the nodes of one line; allowed: none in a system of lines")
+            raise SceneError(
+                f"{path}.release_nodes: refers to the nodes of a single line; allowed: none in a system of lines"
+            )
         for key in read_table(table, path):
             if key != "kind" and key not in cls.FIELDS[kind]:
                 raise SceneError(f"{path}.{key}: not used by kind {kind!r}, which takes {', '.join(cls.FIELDS[kind])}")

@@ -20,7 +20,7 @@ from dropper_jax.base.read import (
     refuse,
 )
 
-#: Motions of a vessel in its own axes: moves of the reference point, then turns.
+#: Motions of a vessel in its own axes: translations of the reference point, then rotations.
 MOTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 POSITION = {"unit": "m", "shape": "vector"}
 
@@ -30,14 +30,16 @@ class RaoSpec:
     """`vessel.rao`: motion over the elevation at the reference point, by frequency and relative heading of the waves.
 
     Attributes:
-        amplitude, phase: (headings, frequencies, 6), by `MOTIONS`; what is not given is zero.
+        amplitude, phase: (headings, frequencies, 6), by `MOTIONS`; omitted values are zero.
     """
 
     frequency: np.ndarray = parameter("angular frequencies, rising", unit="rad/s", shape="table", low=0.0)
     headings: np.ndarray = parameter(
-        "directions of the waves' travel from the vessel's x towards its y, rising", unit="rad", shape="table"
+        "directions of wave travel, from the vessel's x towards its y, rising", unit="rad", shape="table"
     )
-    phases: str = option("sign of the phases: of a motion ahead of the elevation, or behind", choices=("lead", "lag"))
+    phases: str = option(
+        "sign of the phases: positive if the motion leads, or if it lags the elevation", choices=("lead", "lag")
+    )
     amplitude: np.ndarray | None = None
     phase: np.ndarray | None = None
 
@@ -60,7 +62,7 @@ class RaoSpec:
         return dataclasses.replace(spec, amplitude=amplitude, phase=phase)
 
     def _rows(self, given: dict[str, Any], key: str, path: str) -> np.ndarray:
-        """One motion's values (headings, frequencies)."""
+        """Values of one motion (headings, frequencies)."""
         count, wanted = len(self.headings), len(self.frequency)
         if key not in given:
             return np.zeros((count, wanted))
@@ -84,7 +86,7 @@ class RaoSpec:
         return found
 
     def full_circle(self) -> RaoSpec:
-        """The same with its first row repeated a turn later, where its headings go round the vessel."""
+        """The same with its first row repeated a full turn later, if its headings cover the full circle."""
         gap = self.headings[0] + 2 * np.pi - self.headings[-1]
         widest = np.max(np.diff(self.headings), initial=0.0)
         if not 1e-9 < gap <= widest * (1 + 1e-9):
@@ -96,7 +98,7 @@ class RaoSpec:
         return ("amplitude", self.amplitude), ("phase", self.phase)
 
     def nearest_turn(self, heading: np.ndarray) -> np.ndarray:
-        """Headings (c,) of waves, turned by whole turns to where they are in the table or nearest to it."""
+        """Headings (c,) of waves, shifted by full turns to lie within the table or nearest to it."""
         turns = (heading + np.pi) % (2 * np.pi) - np.pi
         each = turns[:, None] + 2 * np.pi * np.array([0, 1, -1, 2, -2])
         away = np.maximum(np.maximum(self.headings[0] - each, each - self.headings[-1]), 0.0)
@@ -121,7 +123,8 @@ _ENDS = ("", "_phase")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class VesselSpec:
-    """`[[vessel]]`: something large that lines do not move; places are in its axes, from its reference point."""
+    """`[[vessel]]`: a large floating structure that lines do not move; positions are in its axes, from its reference
+    point."""
 
     name: str = option("name", type=str)
     position: np.ndarray = parameter("mean position of its reference point", unit="m", shape="vector")
@@ -144,7 +147,7 @@ class VesselSpec:
         more = {key: own.pop(key) for key in cls.SPECIAL if key in own}
         given = read_table(more.get("attachments", {}), f"{path}.attachments")
         if not given:
-            raise SceneError(f"{path}.attachments: missing; needed: names of points with their places on the vessel")
+            raise SceneError(f"{path}.attachments: missing; needed: names of points with their positions on the vessel")
         vessel = cls(
             **read_fields(cls, own, path, {}),
             rao=RaoSpec.read(more["rao"], f"{path}.rao") if "rao" in more else None,
@@ -164,12 +167,12 @@ class VesselSpec:
 
     @property
     def rotation(self) -> np.ndarray:
-        """Its axes in the scene's (3, 3), in its mean place."""
+        """Its axes in the scene's (3, 3), at its mean position."""
         c, s = np.cos(self.heading), np.sin(self.heading)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def world(self, position: np.ndarray) -> np.ndarray:
-        """A place (3,) of its own in the scene, on average."""
+        """Mean position in the scene of a position (3,) in its own axes."""
         return self.position + self.rotation @ position
 
     def table(self) -> dict[str, Any]:

@@ -76,7 +76,7 @@ def test_code_of_other_pages_names_what_there_is(page):
     ("make", "words"),
     [
         (lambda: type("Nameless", (Effect,), {}), "has no `name`"),
-        (lambda: type("Plain", (Effect,), {"name": "plain"}), "no component"),
+        (lambda: type("Plain", (Effect,), {"name": "plain"}), "is not a component"),
     ],
 )
 def test_what_is_no_effect_cannot_be_registered(make, words, registry):
@@ -88,7 +88,7 @@ def test_an_effect_cannot_take_the_name_of_another(registry):
     from dropper_jax.base.fields import component
 
     other = component(type("Other", (Effect,), {"name": "weight"}))
-    with pytest.raises(ValueError, match="the name of dropper_jax.effects.weight.Weight already"):
+    with pytest.raises(ValueError, match="the name .weight. is already used by dropper_jax.effects.weight.Weight"):
         register(other)
     assert register(registry["weight"]) is registry["weight"]
 

@@ -49,7 +49,7 @@ def test_a_key_is_found_by_path_by_name_and_by_section():
     assert [key.path for key in find("line.3.mass")[0].keys] == ["line.*.mass"]
     assert "effects.linear_damping.b_l" in [key.path for section in find("b_l") for key in section.keys]
     assert find("effects.bending")[0].head == "[effects.bending]"
-    with pytest.raises(SceneError, match=r"'run\.dtt' is no key; did you mean 'run\.dt'"):
+    with pytest.raises(SceneError, match=r"'run\.dtt' is not a key; did you mean 'run\.dt'"):
         find("run.dtt")
 
 

@@ -211,10 +211,10 @@ def test_derivatives_by_stiffness_and_clamp_are_those_of_differences_both_ways(b
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        ({"clamped": ["b"], "directions": [[1, 0, 0]]}, "'b' is not a held point"),
+        ({"clamped": ["b"], "directions": [[1, 0, 0]]}, "'b' is not a fixed point"),
         ({"clamped": ["a"]}, "directions: has 0 entries; allowed: one for each of the 1"),
         ({"clamped": ["a"], "directions": [[0, 0, 0]]}, "has no direction"),
-        ({"clamped": ["a", "a"], "directions": [[1, 0, 0]] * 2}, "'a' is named twice"),
+        ({"clamped": ["a", "a"], "directions": [[1, 0, 0]] * 2}, "'a' is listed twice"),
         ({"EI": -1.0}, "effects.bending.EI: -1.0 is out of range"),
     ],
 )

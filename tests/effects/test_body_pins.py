@@ -234,9 +234,9 @@ def test_friction_of_bodies_has_the_derivatives_of_differences():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"touches_bed": False}, "body.0.bed_friction: 0.4 of a body that does not touch the bed"),
+        ({"touches_bed": False}, "body.0.bed_friction: 0.4 of a body that does not touch the seabed"),
         ({"bed_friction": -1.0}, "body.0.bed_friction: -1.* is out of range"),
-        ({"pinned": True}, "body.0.velocity: .* of a pinned body, which only turns"),
+        ({"pinned": True}, "body.0.velocity: .* of a pinned body, which only rotates"),
     ],
 )
 def test_what_cannot_be_is_named(changes, words):

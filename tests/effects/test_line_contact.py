@@ -241,12 +241,12 @@ def test_a_body_that_falls_on_a_line_bounces_and_keeps_all_energy():
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        ({"pairs": [["low", "hgh"]]}, r"line_contact.pairs.0.1: 'hgh' is no line; did you mean 'high'"),
+        ({"pairs": [["low", "hgh"]]}, r"line_contact.pairs.0.1: 'hgh' is not a line; did you mean 'high'"),
         ({"pairs": [["low", "low"]]}, "'low' is paired with itself"),
         ({"pairs": []}, "effects.line_contact.pairs: missing"),
         ({"pairs": [["low"]]}, r"effects.line_contact.pairs.0: \['low'\] has 1 entries; allowed: two names"),
         ({"pairs": "low"}, "effects.line_contact.pairs: 'low' is not a list"),
-        ({"bodies": [["low", "spar"]]}, "effects.line_contact.bodies.0.1: 'spar' is no body or buoy; there is none"),
+        ({"bodies": [["low", "spar"]]}, "effects.line_contact.bodies.0.1: 'spar' is not a body or buoy; none exist"),
         ({"stiffness": 0.0}, "effects.line_contact.stiffness: 0.0 is out of range; allowed: a number > 0 N/m"),
     ],
 )

@@ -63,9 +63,9 @@ def test_a_run_begins_at_the_first_row_and_ends_at_the_last():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"points": ["left", "top"]}, "recorded_motion.points.1: 'top' is not a held point"),
+        ({"points": ["left", "top"]}, "recorded_motion.points.1: 'top' is not a fixed point"),
         ({"points": []}, "recorded_motion.points: is empty"),
-        ({"points": ["left", "left"]}, "'left' is there twice"),
+        ({"points": ["left", "left"]}, "'left' is a duplicate point"),
         ({"time": TIMES[::-1].tolist()}, "recorded_motion.time: needs at least 2 increasing times"),
         ({"places": path(TIMES, 0).tolist()}, "recorded_motion.places: has 11 rows; allowed: 22"),
     ],

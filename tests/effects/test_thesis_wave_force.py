@@ -51,7 +51,7 @@ def test_relative_velocity_damps_where_the_water_rests(hanging, runs):
 
 
 def test_added_mass_needs_the_relative_velocity(hanging):
-    with pytest.raises(dj.SceneError, match="c_a: is not used with velocity 'absolute'"):
+    with pytest.raises(dj.SceneError, match="c_a: is only used with velocity 'relative'"):
         dj.build(relative_scene(hanging, velocity="absolute", c_a=1.0))
 
 

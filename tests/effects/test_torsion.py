@@ -134,10 +134,10 @@ def test_derivatives_are_those_of_differences_both_ways(both_modes):
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        ({"lines": ["rope"]}, "effects.torsion.lines.0: 'rope' is no line"),
-        ({"first": "free"}, "effects.torsion.last: 'free' leaves lines to spin"),
-        ({"last": "held", "torque": 1.0}, "effects.torsion.torque: 1 is on last points"),
-        ({"turn": 1.0}, "effects.torsion.turn: 1 is on last points that are held"),
+        ({"lines": ["rope"]}, "effects.torsion.lines.0: 'rope' is not a line"),
+        ({"first": "free"}, "effects.torsion.last: 'free' lets lines spin"),
+        ({"last": "held", "torque": 1.0}, "effects.torsion.torque: 1 only applies to last points that are free"),
+        ({"turn": 1.0}, "effects.torsion.turn: 1 only applies to last points that are held"),
         ({"GJ": 0.0}, "effects.torsion.GJ: 0.0 is out of range; allowed: a number or a list of 40 numbers"),
     ],
 )

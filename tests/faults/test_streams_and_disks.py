@@ -163,7 +163,7 @@ def test_a_lock_names_its_owner_and_is_free_once_it_is_gone(tmp_path):
     call = [sys.executable, "-c", held, str(tmp_path / "a")]
     with subprocess.Popen(call, stdout=subprocess.PIPE, env=environment) as other:
         other.stdout.readline()
-        with pytest.raises(SceneError, match=rf"a: is being filled by process {other.pid} on "):
+        with pytest.raises(SceneError, match=rf"a: locked by process {other.pid} on "):
             Lock(tmp_path / "a")
         other.kill()
     Lock(tmp_path / "a").release()

@@ -42,7 +42,7 @@ def test_what_a_rig_knows_is_no_part_of_the_model():
         ({"prior": [{**PRIOR, "sigma": 0.0}]}, "fit.prior.0.sigma: 0.0 is out of range"),
         ({"prior": [{**PRIOR, "sigma": -1.0}]}, "fit.prior.0.sigma: -1.0 is out of range"),
         ({"prior": [{**PRIOR, "unit": "stone"}]}, "fit.prior.0.unit: 'stone' is unknown"),
-        ({"prior": [{**PRIOR, "unit": "g"}]}, "fit.prior.0.unit: 'g' is no share"),
+        ({"prior": [{**PRIOR, "unit": "g"}]}, "fit.prior.0.unit: 'g' is not a relative unit"),
         ({"prior": [PRIOR, PRIOR]}, "fit.prior.1.of: 'line.0.mass' is given twice"),
         ({"prior": [{"of": "line.0.mass", "unit": "%"}]}, "fit.prior.0.sigma: missing"),
         ({"sensor": [{**SENSOR, "channel": "smell"}]}, "fit.sensor.0.channel: 'smell' is unknown"),

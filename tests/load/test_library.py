@@ -88,11 +88,11 @@ def test_a_scene_names_parts_and_is_written_back_whole():
     [
         ("library:chain-studless", "library:float-1", "has no size"),
         ("library:chain-stdless-0.02", "library:float-1", "did you mean 'chain-studless-0.022'"),
-        ("library:rope-nylon-x", "library:float-1", "'x' is no number"),
+        ("library:rope-nylon-x", "library:float-1", "'x' is not a number"),
         ("library:rope-nylon-30", "library:float-1", "allowed: 0.005 to 0.3 m"),
         ("library:float-0.2", "library:float-1", "a part for points"),
         ("library:kelp-5", "library:kelp-5", "a part for lines"),
-        ("library:kelp-5", "library:float-nan", "is no number"),
+        ("library:kelp-5", "library:float-nan", "is not a number"),
     ],
 )
 def test_parts_that_do_not_exist_are_named(kind, point, said):

@@ -125,9 +125,9 @@ BAD = [
     ("start", {"kind": "angles", "polar": [0.1]}, "start.polar: [0.1] has 1 entries", "4, one per link"),
     ("start", {"kind": "positions", "positions": [[0, 0, 0]]}, "start.positions: [[0.0, 0.0, 0.0]] has 1 rows", "5"),
     # how the parts belong together
-    ("point.1.name", "left", "point.1.name: 'left' is used twice", "a name of its own"),
+    ("point.1.name", "left", "point.1.name: 'left' is used twice", "a unique name"),
     ("line.0.to", "rigt", "line.0.to: 'rigt' is not a point", "'right'"),
-    ("point.0.kind", "free", "point.0.kind: 'free' cannot begin a rigid line", "fixed"),
+    ("point.0.kind", "free", "point.0.kind: 'free' cannot be the start of a rigid line", "fixed"),
     ("point.1.position", [0.5, 0, 0], "line.0.length: the links are 0.4 m long in all", "0.5 m between"),
     ("line.0.length", [0.1, 0.1, 0.1, 0.9], "line.0.length: a link of 0.9 m cannot be closed", "less than 0.5 m"),
     ("line.0.inertia", 1e-4, "line.0.centre_of_mass: missing", "both"),
@@ -135,7 +135,7 @@ BAD = [
     ("start", {"release_nodes": [1]}, "start: `release_nodes` and `release_force`", "together"),
     ("start", {"release_nodes": [4], "release_force": [[0, 0, 1]]}, "start.release_nodes.0: 4 is not", "1 to 3"),
     ("start", {"kind": "static", "polar": [0] * 4}, "start.polar: not used by kind 'static'", "release_force"),
-    ("start", {"kind": "angles", "polar": [0.3] * 4}, "start.polar: node 4 is at", "'right' holds it"),
+    ("start", {"kind": "angles", "polar": [0.3] * 4}, "start.polar: node 4 is at", "the position of 'right'"),
 ]
 
 
@@ -160,7 +160,7 @@ def test_start_angles_with_four_decimals_are_closed_and_those_further_off_are_re
     assert 0.1 * along.sum() == pytest.approx(0.2, abs=1e-13)
     np.testing.assert_allclose(scene.start.polar, polar, atol=1e-4)
     start["polar"] = (polar + [0.002, 0, 0, 0]).tolist()
-    assert "holds it" in refusal(changed("start", start))
+    assert "the position of" in refusal(changed("start", start))
 
 
 NUMBERS = [
@@ -336,7 +336,7 @@ def test_values_are_changed_by_path_number_or_name():
         ("effects.linear_dampin.b_l", 1.0, "did you mean 'effects.linear_damping.b_l'"),
         ("run.dtt", 1.0, "did you mean 'run.dt"),
         ("line.3.mass", 1.0, "did you mean 'line.0.mass'"),
-        ("line.0.mass.1", 1.0, "has no entries, it is 0.03"),
+        ("line.0.mass.1", 1.0, "has no entries, its value is 0.03"),
         ("point.0.position.3", 1.0, "entry 3 does not exist; allowed: 0 to 2"),
         ("point.0.position.x", 1.0, "unknown path"),
         ("line.0.mass", -1.0, "is out of range; allowed: a number or a list of 4 numbers, each > 0 kg"),

@@ -122,7 +122,7 @@ def test_mistakes_with_attached_points_are_named(change, words):
 
 
 def test_a_line_of_sections_has_no_length_to_change():
-    with pytest.raises(SceneError, match="allowed: line.chain.sections.0.length and so on"):
+    with pytest.raises(SceneError, match="Use line.chain.sections.0.length and so on"):
         with_sections().with_values({"line.chain.length": 55.0})
 
 
@@ -140,8 +140,11 @@ LYING = {
     ("values", "words"),
     [
         # the bed rises from 30 m at x = 10 to 20 m at x = 60: by 0.2 per metre
-        ({"point.anchor.position": [40.0, 0.0, -24.1]}, "point.0.position: z = -24.1 m is below the bed; .* >= -24 m"),
-        ({"point.buoy.position": [55.0, 0.0, -22.0]}, "point.1.position: z = -22 m is below the bed; .* >= -21 m"),
+        (
+            {"point.anchor.position": [40.0, 0.0, -24.1]},
+            "point.0.position: z = -24.1 m is below the seabed; .* >= -24 m",
+        ),
+        ({"point.buoy.position": [55.0, 0.0, -22.0]}, "point.1.position: z = -22 m is below the seabed; .* >= -21 m"),
     ],
 )
 def test_a_point_below_the_bed_at_its_place_is_named(values, words):
@@ -154,6 +157,8 @@ def test_a_point_below_the_bed_at_its_place_is_named(values, words):
 
 def test_a_node_of_a_given_pose_below_the_bed_is_named():
     Scene.from_dict(LYING)  # its lowest nodes are at -5 - 2 sin 0.1 = -5.1997
-    with pytest.raises(SceneError, match="start.polar: node 2 is at z = -5.29556 m, below the bed; allowed: >= -5.2 m"):
+    with pytest.raises(
+        SceneError, match="start.polar: node 2 is at z = -5.29556 m, below the seabed; allowed: >= -5.2 m"
+    ):
         Scene.from_dict(LYING).with_values({"start.polar": [0.1, 0.197, 0.0]})
     Scene.from_dict(LYING).with_values({"start.polar": [0.1, 0.12, 0.0]})  # pressed in by less than its diameter

@@ -34,7 +34,7 @@ def test_depth_of_the_caller_where_the_file_has_none(tmp_path):
     with pytest.raises(SceneError, match="--depth: -1 is out of range"):
         read_moordyn(file, -1.0)
     file.write_text(DECK)
-    with pytest.raises(SceneError, match="the file has its own"):
+    with pytest.raises(SceneError, match="the file gives its own"):
         read_moordyn(file, 40.0)
 
 
@@ -97,7 +97,9 @@ def test_points_on_a_coupled_body_are_held(tmp_path):
     file.write_text(text.replace("KIND", "Pinned"))
     assert read_moordyn(file)["body"] == [{**body, "pinned": True}]
     file.write_text(text.replace("KIND", "Turned"))
-    with pytest.raises(SceneError, match="on body 1, 'Turned': is not read; allowed: free, pinned, coupled or fixed"):
+    with pytest.raises(
+        SceneError, match="on body 1, 'Turned': is not supported; allowed: free, pinned, coupled or fixed"
+    ):
         read_moordyn(file)
 
 
@@ -155,7 +157,7 @@ def test_a_free_body_takes_mass_and_inertia_of_the_rods_on_it(tmp_path):
     assert body["attachments"] == {"eye": [0.0, 0.0, 0.5]}
     assert [point["name"] for point in found["point"]] == ["point-1"]
     file.write_text(FLOATING.replace("-6.0 0 6.0 0 ", "-6.0 1 6.0 0 "))
-    with pytest.raises(SceneError, match="body 1: is turned about several axes"):
+    with pytest.raises(SceneError, match="body 1: is rotated about several axes"):
         read_moordyn(file)
     file.write_text(FLOATING.replace("0.0 0.0 -6.0 0 6.0 0    4000 ", "0.0 0.0 -6.0 0 6.0 0 -4 "))
     with pytest.raises(SceneError, match="Mass: -4 is out of range"):
@@ -176,7 +178,7 @@ def test_a_free_rod_is_a_body_and_a_coupled_one_holds_its_ends(tmp_path):
     file.write_text(coupled.replace("1  chain    1       2  ", "1  chain    1       R1A "))
     found = read_moordyn(file)
     assert {"name": "point-R1A", "position": [0.0, 0.0, -6.0]} in found["point"]
-    assert any("rod 1 is coupled: its ends are held" in note for note in found["notes"])
+    assert any("rod 1 is coupled: its ends are fixed" in note for note in found["notes"])
 
 
 #: The rod of `FLOATING`, pinned 10 m deep at its end A, the chain at its end B.
@@ -195,7 +197,7 @@ def test_a_pinned_rod_is_a_pinned_body(tmp_path):
     file.write_text(PINNED.replace("KIND", "CoupledPinned"))
     found = read_moordyn(file)
     assert found["body"] == [body]
-    assert any("rod 1 is coupled and pinned: it is pinned in its place" in note for note in found["notes"])
+    assert any("rod 1 is coupled and pinned: it is pinned at its position" in note for note in found["notes"])
 
 
 PEER = """
@@ -335,7 +337,7 @@ def test_components_of_a_series_that_hardly_count_are_left_out(tmp_path):
         scene = load_scene(file)
         waves = scene.sea.waves
         assert len(waves.amplitude) <= most
-        assert any("components are left out, 0.01% of the variance" in note for note in scene.notes)
+        assert any("components are omitted, 0.01% of the variance" in note for note in scene.notes)
         phase = np.asarray(waves.phase) - np.outer(series, 2 * np.pi / np.asarray(waves.period))
         difference = np.cos(phase) @ np.asarray(waves.amplitude) - height * np.cos(2 * np.pi * series / period)
         assert np.sqrt(np.mean(difference**2)) < 0.011 * height / np.sqrt(2.0)

@@ -102,14 +102,14 @@ def test_a_seafloor_file_stands_beside_its_deck(tmp_path, monkeypatch):
     ("old", "new", "message"),
     [
         ("1     Chain       1", "1     Chian       1", "line type 'Chian' is not in the file; did you mean 'Chain'"),
-        ("Chain       1        2", "Chain       1        7", "'7' is no point of the file"),
+        ("Chain       1        2", "Chain       1        7", "'7' is not a point of the file"),
         (" Coupled ", " Turbine1 ", "point 2 on 'Turbine1': is not in the file; allowed: Fixed, Coupled, Free"),
         (" Coupled ", " Coupledd ", "point 2: 'Coupledd' is unknown"),
         ("0.1     30.0", "0.1     thirty", "Mass/m: 'thirty' is not a number"),
         ("100       20", "100       2.5", "NumSegs"),
         ("100       20", "-100       20", "UnstrLen"),
         ("3000000       kbot", "3000000       kbott", "option 'kbott' is unknown; did you mean 'kbot'"),
-        ("1e8    -0.8", "missing.txt -0.8", "EA: 'missing.txt' is no number, and no such file"),
+        ("1e8    -0.8", "missing.txt -0.8", "EA: 'missing.txt' is neither a number nor a readable file"),
     ],
 )
 def test_refusals_name_line_value_and_what_is_allowed(old, new, message, tmp_path):
@@ -125,7 +125,7 @@ def test_a_line_of_one_segment_between_held_points_has_two_links_and_a_note(tmp_
     file.write_text(swapped(("100       20       p", "100       1       p")))
     found = read_moordyn(file)
     assert [line["links"] for line in found["line"]] == [2]
-    assert any("NumSegs 1 between points that are held: 2 links are taken" in note for note in found["notes"])
+    assert any("NumSegs 1 between fixed points: 2 links are used" in note for note in found["notes"])
 
 
 def test_a_seafloor_file_is_found_from_the_working_folder_as_moordyn_finds_it(tmp_path, monkeypatch):

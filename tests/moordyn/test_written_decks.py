@@ -20,8 +20,8 @@ def test_bodies_go_to_a_file_and_back(tmp_path):
     scene = load_scene("ballasted-spar").with_values({"body.0.attitude": [0.0, 0.1, 0.0], "body.0.pinned": True})
     notes = write_moordyn(scene, tmp_path / "spar.txt")
     assert [note for note in notes if note.startswith("body")] == [
-        "body 'spar': cylinder 0 has water at 'from' only; MoorDyn's rods at both ends",
-        "body 'spar': touches_bed = false is not represented; MoorDyn's rods meet the bed",
+        "body 'spar': cylinder 0 has exposed ends 'from'; MoorDyn exposes both",
+        "body 'spar': touches_bed = false is not represented; MoorDyn's rods touch the seabed",
     ]
     (body,), (ours,) = load_scene(tmp_path / "spar.txt").bodies, scene.bodies
     for key in ("mass", "centre_of_mass", "inertia", "position", "attitude", "pinned"):
@@ -73,7 +73,7 @@ def test_floats_that_moordyn_keeps_wet_above_the_surface_are_listed(tmp_path):
     scene = vessel_scene()
     scene["point"].append({"name": "float", "position": [9.0, 0.0, -8.0], "kind": "free", "mass": 10.0, "volume": 0.1})
     scene["line"].append({**scene["line"][0], "name": "riser", "to": "float"})
-    note = "points that float ('float'): MoorDyn keeps their whole volume wet above the surface too"
+    note = "points that float ('float'): MoorDyn treats their full volume as submerged, also above the surface"
     assert note in write_moordyn(scene, tmp_path / "deck.txt")
     scene["point"][-1]["mass"] = 110.0  # it sinks
     assert note not in write_moordyn(scene, tmp_path / "deck.txt")

@@ -32,7 +32,7 @@ def test_forces_at_rest_are_those_of_moorpy():
 def test_what_is_not_read_is_named():
     notes = "\n".join(dj.load_scene(FILE).notes)
     outside = ("settings", "mooring.anchor_types", "points.0.anchor_type", "line_types.0.cost")
-    for word in (*outside, "held", "tangential_drag, transverse_added", "20 links"):
+    for word in (*outside, "is on the vessel: it is fixed", "tangential_drag, transverse_added", "20 links"):
         assert word in notes
 
 
@@ -71,14 +71,14 @@ def test_a_file_that_names_a_moordyn_file_is_that(tmp_path):
             "lines.0.endA: 'anchr west' is not in the file; did you mean",
         ),
         ("type: wire", "type: wird", "lines.2.type: 'wird' is not in the file; did you mean 'wire'"),
-        ("length: 795.0", "length: long", "lines.0.length: 'long' is out of range or no number; allowed: a number"),
+        ("length: 795.0", "length: long", "lines.0.length: 'long' is out of range or not a number; allowed: a number"),
         ("length: 795.0", "length: -1", "lines.0.length: -1 is out of range"),
         ("stiffness: 7.536e8, ", "", "line_types.0.stiffness: missing"),
         ("diameter: 0.10,", "diameter: .nan,", "line_types.1.diameter: nan is out of range"),
         ("type: free", "type: body1", "points.3.type: 'body1' is on a body"),
         ("type: free", "type: swivel", "points.3.type: 'swivel' is unknown; allowed: fixed, vessel, free"),
-        ("[750.0, 100.0, -200.0]", "[750.0, 100.0]", r"points.2.location: \[750.0, 100.0\] is no place"),
-        ("name: clump, ", "name: anchor east, ", "points.3.name: 'anchor east' is there twice"),
+        ("[750.0, 100.0, -200.0]", "[750.0, 100.0]", r"points.2.location: \[750.0, 100.0\] is not a position"),
+        ("name: clump, ", "name: anchor east, ", "points.3.name: 'anchor east' is duplicate"),
         ("  lines:", "  lines: []\n  rows:", "lines: missing; needed: a list"),
         ("settings:", "settings: [", "line [0-9]+: YAML syntax"),
         ("water_depth: 200\n  points", "water_depth: deep\n  points", "water_depth: 'deep' is out of range"),

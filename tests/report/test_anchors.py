@@ -102,7 +102,7 @@ def test_the_report_has_utilisation_and_factor():
     [
         (
             {"point": "float", "weight": 1.0, "friction": 0.5},
-            "anchor.0.point: 'float' is no held point",
+            "anchor.0.point: 'float' is not a fixed point",
         ),
         (
             {"point": "anchor", "weight": 1.0},
@@ -113,7 +113,7 @@ def test_the_report_has_utilisation_and_factor():
         ({"point": "anchor", "kind": "scew"}, "anchor.0.kind: 'scew' is unknown"),
         ({"point": "anchor", "kind": "screw", "weight": 1.0}, "anchor.0.weight: is not used; kind 'screw' takes"),
         ({"point": "anchor", "kind": "tested", "capacity": 1.0, "strength": 1.0}, "anchor.0.strength: is not used"),
-        ({**SCREW, "depths": [1.0, 3.0]}, "anchor.0.depths.0: 1 m is shallow"),
+        ({**SCREW, "depths": [1.0, 3.0]}, "anchor.0.depths.0: 1 m is too shallow"),
         ({**SCREW, "depths": [2.0, 2.5]}, "anchor.0.depths.1: 2.5 m is less than 3 diameters below"),
         ({**SCREW, "depths": [2.0]}, "anchor.0.depths: has 1 entries"),
         ({**SCREW, "friction_angle": 0.5}, "anchor.0: kind 'screw' takes `strength` (clay) or `friction_angle`"),

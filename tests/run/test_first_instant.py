@@ -43,7 +43,7 @@ def test_held_points_with_nothing_free_between_them_are_refused():
         ],
         "effects": {"weight": {}},
     }
-    with pytest.raises(dj.SceneError, match="line.0.links: 1 leaves nothing free between held points"):
+    with pytest.raises(dj.SceneError, match="line.0.links: 1 leaves no free node between fixed points"):
         dj.load_scene(table)
 
 

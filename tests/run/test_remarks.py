@@ -92,7 +92,7 @@ def test_an_end_that_starts_at_once_over_a_bed_with_friction_is_warned_of(motion
     found = motion_warnings(load_scene(moored(**motion)))
     assert len(found) == (speed is not None)
     if speed is not None:
-        assert f"anchor starts at {speed} at once" in found[0]
+        assert f"anchor starts abruptly at {speed}" in found[0]
 
 
 def test_without_friction_on_the_bed_nothing_is_said():

@@ -127,7 +127,7 @@ def test_drop_off_compares_accelerations_with_what_holds_a_mussel():
     [
         ({"month": 13.0}, "growth.month: 13.0 is out of range; allowed: 0 to 12"),
         ({"lines": []}, "growth.lines: is empty"),
-        ({"lines": ["droper-*"]}, "growth.lines.0: 'droper-.' is the name of no line"),
+        ({"lines": ["droper-*"]}, "growth.lines.0: 'droper-.' does not match any line"),
         ({"thickness": [[0.0, 0.0]]}, "growth.thickness"),
         ({"thickness": [[0.0, 0.0], [0.1]]}, "growth.thickness.1"),
         ({"thickness": [[0.0, 0.0], [0.1, -0.1]]}, "growth.thickness.1.1"),
@@ -145,7 +145,7 @@ def test_a_season_that_makes_no_sense_is_refused_by_its_path(change, said):
 def test_a_line_has_one_kind_of_growth():
     table = scene()
     table["line"][0]["growth"] = {"depth": [2.0], "thickness": [0.05], "density": 1300.0}
-    with pytest.raises(dj.SceneError, match="line.0.growth: given, and .growth. names 'dropper-1' too"):
+    with pytest.raises(dj.SceneError, match="line.0.growth: given, but .growth. lists 'dropper-1' too"):
         dj.load_scene(table)
 
 

@@ -167,7 +167,7 @@ def test_points_of_a_vessel_move_together():
     shift = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [1.0, 0.0, 0.5]])
     np.testing.assert_allclose(ends.positions, np.array(list(places.values())) + shift, atol=1e-12)
     np.testing.assert_allclose(ends.velocities, 0.0, atol=1e-12)
-    with pytest.raises(SceneError, match="effects.end_motion.also.0: 'stren' is not a held point"):
+    with pytest.raises(SceneError, match="effects.end_motion.also.0: 'stren' is not a fixed point"):
         load_scene({**table, "effects": {"weight": {}, "end_motion": {**motion, "also": ["stren"]}}})
 
 
@@ -238,5 +238,5 @@ def test_where_the_mass_of_links_goes_is_reported_and_what_cannot_be_is_refused(
     scene["line"] = [{**by_the_metre, "nodes": "far"}]
     assert float(build_model(load_scene(scene)).node_mass[0]) == 2.0
     scene["line"] = [{**by_the_metre, "mass": 7.0}]
-    with pytest.raises(SceneError, match="line.0.mass: is that of the line's type"):
+    with pytest.raises(SceneError, match="line.0.mass: belongs to the line's type"):
         load_scene(scene)

@@ -275,7 +275,7 @@ def test_a_scene_says_what_is_off_and_keeps_its_keys():
     near = scene.with_values({"sea.waves.height": 6.0})
     assert "is 0.9" in " ".join(sea_warnings(near, make_sea(near.sea)))
     long = scene.with_values({"sea.waves.theory": "stokes5", "sea.waves.period": 9.0})
-    assert "'stokes5' is off for this wave, its length is" in " ".join(sea_warnings(long, make_sea(long.sea)))
+    assert "'stokes5' is inaccurate for this wave, its length is" in " ".join(sea_warnings(long, make_sea(long.sea)))
 
 
 def test_the_command_says_what_sea_it_is(tmp_path, capsys):

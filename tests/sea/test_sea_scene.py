@@ -86,7 +86,7 @@ BAD = [
     (changed(sea=None), "effects.buoyancy: needs water, but the scene has no [sea]"),
     (changed(sea__packaged="north-sea"), "sea.packaged: 'north-sea' is not a packaged sea; did you mean 'north-"),
     (changed(line__0__diameter=None), "line.0.diameter: missing"),
-    (changed(point__0__position=[0, 0, -30]), "point.0.position: z = -30 m is below the bed"),
+    (changed(point__0__position=[0, 0, -30]), "point.0.position: z = -30 m is below the seabed"),
     (changed(effects__buoyancy__wet_weight=30.0), "line.0.diameter: 0.05 m of link 1 displaces 0.001963 m^3"),
     (changed(effects__buoyancy__wet_weight=80.0), "effects.buoyancy.wet_weight: 80 N of link 1 is not below"),
     (changed(effects__weight__wet_weight=30.0), "effects.weight.wet_weight: is a weight in water"),
@@ -134,7 +134,7 @@ def test_component_files_are_read_with_periods_before_frequencies(tmp_path):
 
 WARN = [
     (changed(sea__waves__amplitude=4.0), "sea.waves: wave height 8 m is beyond breaking, 0.142 L tanh(kd) = 7.656"),
-    (changed(sea__depth=4.0), "sea.depth: the line can reach down to z = -5 m, the bed is at -4 m"),
+    (changed(sea__depth=4.0), "sea.depth: the line can reach down to z = -5 m, but the seabed at -4 m"),
     (
         changed(sea__waves={"kind": "components", "amplitude": [0.1] * 3, "period": [10.0, 5.0, 10 / 3]}),
         "sea.waves: the sea repeats after 10 s, within the run of 100 s",

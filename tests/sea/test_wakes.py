@@ -152,9 +152,12 @@ def test_scenes_take_the_shares_by_the_direction_of_the_current(tmp_path, capsys
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"effects.morison_drag.shelter": 0.8}, "is given beside shelter"),
-        ({"sea.current.amplitude": [1.0], "sea.current.period": [100.0]}, "turns round here"),
-        ({"effects.morison_drag.wakes": "none", "effects.morison_drag.turbulence": 0.1}, "is not used without wakes"),
+        ({"effects.morison_drag.shelter": 0.8}, "cannot be combined with shelter"),
+        ({"sea.current.amplitude": [1.0], "sea.current.period": [100.0]}, "the current reverses here"),
+        (
+            {"effects.morison_drag.wakes": "none", "effects.morison_drag.turbulence": 0.1},
+            "is only used with wakes .porous.",
+        ),
         ({"effects.morison_drag.turbulence": 2.0}, "is out of range"),
         ({"sea.current.speed": 0.0}, "current is zero|no current"),
     ],

@@ -87,7 +87,7 @@ def test_files_keep_the_extremes_and_repeat_the_run(followed, tmp_path, suffix):
     [
         ({"step_tolerance": 0.0}, "run.step_tolerance: 0.0 is out of range"),
         ({"step_tolerance": -1.0}, "run.step_tolerance"),
-        ({"step_tolerance": 0.1, "save_every": 2}, "run.save_every: 2 is given beside run.step_tolerance"),
+        ({"step_tolerance": 0.1, "save_every": 2}, "run.save_every: 2 cannot be combined with run.step_tolerance"),
     ],
 )
 def test_what_cannot_be_followed_is_refused(falling, run, words):

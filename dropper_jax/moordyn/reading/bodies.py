@@ -1,7 +1,7 @@
-"""Bodies and rods of MoorDyn that move by themselves, as `[[body]]` tables.
+"""Free bodies and rods of MoorDyn as `[[body]]` tables.
 
-A body's mass, centre of mass and inertia about that are its own and those of the rods on it, which are its cylinders.
-Its volume, where it has one of its own, is a sphere about the centre of mass. A free rod is a body by itself.
+A body's mass, centre of mass and inertia about it include those of the rods on it, which become its cylinders. A volume
+of the body itself becomes a sphere about the centre of mass. A free rod becomes a separate body.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from dropper_jax.moordyn.reading.values import columns, integer, number, sizes
 
 
 def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> dict[str, Any]:
-    """`[[body]]` of a free body and the rods on it; its attachments come with the points."""
+    """`[[body]]` of a free body and the rods on it; its attachments are added with the points."""
     columns(deck, row, 13, "body")
     where = [number(deck, row, w, "X0, Y0, Z0") for w in row.words[2:5]]
     turned = [math.radians(number(deck, row, w, "r0, p0, y0")) for w in row.words[5:8]]
     if sum(angle != 0.0 for angle in turned) > 1:
-        deck.refuse(row.number, f"body {row.words[0]}: is turned about several axes; allowed: about one of x, y and z")
+        deck.refuse(row.number, f"body {row.words[0]}: is rotated about several axes; allowed: about one of x, y and z")
     mass = number(deck, row, row.words[8], "Mass", 0.0)
     centre = sizes(deck, row, row.words[9], "CG")
     centre = np.array(centre if len(centre) == 3 else [0.0, 0.0, centre[0]])
@@ -92,18 +92,22 @@ def _together(deck: Deck, row: Row, parts: list[tuple[float, np.ndarray, np.ndar
 
 
 def _sphere(deck: Deck, row: Row, centre: list[float], notes: list[str]) -> dict[str, Any] | None:
-    """A body's own volume, with the mean of its drag areas and added masses; None where it has none."""
+    """A body's own volume, with the mean of its drag areas and added masses; None if it has none."""
     volume = number(deck, row, row.words[11], "Volume", 0.0)
     area = sizes(deck, row, row.words[12], "CdA")
     added = sizes(deck, row, row.words[13], "Ca") if len(row.words) > 13 else [0.0]
     if not volume:
         if any(area):
-            notes.append(f"line {row.number}: CdA of body {row.words[0]}, which has no volume, is not represented")
+            notes.append(
+                f"line {row.number}: CdA of body {row.words[0]} is not represented, because the body has no volume"
+            )
         return None
     if len({*area[:3]}) > 1 or len({*added[:3]}) > 1 or any(area[3:]) or any(added[3:]):
-        notes.append(f"line {row.number}: of body {row.words[0]} the means of CdA and Ca are taken, none of turning")
+        notes.append(
+            f"line {row.number}: the means of CdA and Ca of body {row.words[0]} are used; rotational values are ignored"
+        )
     notes.append(
-        f"line {row.number}: the volume of body {row.words[0]} is a sphere about its centre of mass, which may leave "
+        f"line {row.number}: the volume of body {row.words[0]} is a sphere about its centre of mass, which can leave "
         "the water; MoorDyn's stays wet"
     )
     diameter = (6.0 * volume / math.pi) ** (1.0 / 3.0)

@@ -1,4 +1,4 @@
-"""MoorDyn's options: their names, their other names, and what becomes of each in a scene."""
+"""MoorDyn's options: their names, their aliases, and their counterparts in a scene."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import nearest
 from dropper_jax.moordyn.reading.sections import Deck, Row
 
-#: Other names of an option, in lower case.
+#: Aliases of an option, in lower case.
 OTHER_NAMES = {
     "dt": "dtm",
     "gravity": "g",
@@ -28,7 +28,7 @@ OTHER_NAMES = {
     "mc": "statdynfricscale",
     "fric_coeff": "frictioncoefficient",
 }
-#: Numbers that a scene has a place for, with MoorDyn's defaults.
+#: Numbers with a counterpart in a scene, with MoorDyn's defaults.
 NUMBERS = {
     "dtm": None,
     "g": GRAVITY,
@@ -46,21 +46,22 @@ NUMBERS = {
     "statdynfricscale": 1.0,
     "dtout": 0.0,
 }
-#: Options with text values that a scene has a place for.
+#: Options with text values that have a counterpart in a scene.
 TEXTS = ("seafloorfile",)
-#: Known, but with no counterpart in a scene: how MoorDyn integrates, starts, prints and couples.
+#: Known, but without a counterpart in a scene: how MoorDyn integrates, starts, prints and couples.
 WITHOUT = (
     *("writelog", "cfl", "tscheme", "dtic", "cdscaleic", "threshic", "icgendynamic", "unifycurrentgrid", "writeunits"),
     *("disableoutput", "disableouttime", "inertialf", "inertialf_rampt"),
     *("outswitch", "echo", "fileic"),
 )
-#: Known, without a counterpart, and missed in the results: each is named by itself, and what is lacking without it.
+#: Known, without a counterpart, and relevant to the results: each is reported separately, with what is missing without
+#: it.
 MISSED = {
     "waterkin": "the water has no waves or current of that file",
-    "mu_kt": "the bed has no friction across the lines (MoorDyn-F); effects.seabed_friction brings friction",
-    "mu_ka": "the bed has no friction along the lines (MoorDyn-F); effects.seabed_friction brings friction",
+    "mu_kt": "the bed has no friction across the lines (MoorDyn-F); effects.seabed_friction adds friction",
+    "mu_ka": "the bed has no friction along the lines (MoorDyn-F); effects.seabed_friction adds friction",
 }
-#: Values with which such an option changes nothing.
+#: Values with which such an option has no effect.
 NOTHING = ("0", "0.0", "none", "-", '""', "''")
 
 
@@ -69,11 +70,11 @@ class Options:
     """Options of a file.
 
     Attributes:
-        values: numbers, MoorDyn's defaults where the file has none.
+        values: numbers, MoorDyn's defaults if the file does not give them.
         texts: those with text values.
-        lines: line of each option that the file gives.
-        left: names of options that no scene has a place for.
-        missed: a line for each of those that the results lack.
+        lines: line number of each option that the file gives.
+        left: names of options without a counterpart in a scene.
+        missed: one line for each of those that affect the results.
     """
 
     values: dict[str, float | None] = field(default_factory=lambda: dict(NUMBERS))
@@ -87,7 +88,7 @@ def read_options(deck: Deck) -> Options:
     """The options section.
 
     Raises:
-        SceneError: an option that MoorDyn does not have, or a value that is no number, with its line.
+        SceneError: an option that MoorDyn does not have, or a value that is not a number, with its line.
     """
     found = Options()
     for row in deck.rows.get("options", []):
@@ -116,7 +117,7 @@ def _number(deck: Deck, row: Row, found: Options, name: str) -> None:
     try:
         found.values[name] = float(text)
     except ValueError:
-        if name == "wtrdpth":  # MoorDyn-F takes the path of a bathymetry file here
+        if name == "wtrdpth":  # MoorDyn-F accepts the path of a bathymetry file here
             found.texts["seafloorfile"] = text
             return
         deck.refuse(row.number, f"{row.words[1]}: {text!r} is not a number")

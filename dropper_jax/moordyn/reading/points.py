@@ -1,4 +1,4 @@
-"""What lines of a MoorDyn file end at, as `[[point]]` and `[[buoy]]` tables."""
+"""Ends of lines of a MoorDyn file, as `[[point]]` and `[[buoy]]` tables."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from dropper_jax.moordyn.reading.values import columns, integer, number
 
 FIXED = ("fixed", "fix", "anchor")
 COUPLED = ("coupled", "vessel", "cpld", "ves")
-#: Of rods and bodies that turn about end A or their own place; those that a driver would move stay there.
+#: Kinds of rods and bodies that rotate about end A or their own position; those that a driver would move stay there.
 PINNED, PINNED_COUPLED = ("pinned", "pin"), ("coupledpinned", "cpldpin")
 FREE = ("free", "connect", "con", "point", "connection")
 BODY = (("mass", "Mass"), ("volume", "Volume"), ("drag_area", "CdA"), ("added_mass", "Ca"))
-#: Column names of version 1, whose points also take steady forces between volume and drag area.
+#: Column names of version 1, whose points also have steady forces between volume and drag area.
 FORCES = ("FX", "FY", "FZ")
 
 
@@ -24,9 +24,9 @@ FORCES = ("FX", "FY", "FZ")
 class Ends:
     """Ends of lines: the points of the scene, its buoys and bodies, and the name of the point for each word of a file.
 
-    Points on bodies are their attachments, and are not in `points`. `leaving` has, for each end of a rod that stays, by
-    the name of its point, the direction in which a line with bending stiffness leaves; `turning` the points on rods
-    that move.
+    Points on bodies are their attachments, and are not in `points`. `leaving` gives, by the name of its point, the
+    direction of a line with bending stiffness at each end of a fixed rod. `turning` contains the points on rods that
+    move.
     """
 
     points: list[dict[str, Any]] = field(default_factory=list)
@@ -38,7 +38,7 @@ class Ends:
 
 
 def read_ends(deck: Deck, notes: list[str]) -> Ends:
-    """Points, and rods and bodies that lines end at."""
+    """Points, and rods and bodies at which lines end."""
     found = Ends()
     bodies = {row.words[0]: row for row in deck.rows.get("bodies", [])}
     taken = set()
@@ -55,7 +55,7 @@ def read_ends(deck: Deck, notes: list[str]) -> Ends:
         if _holder(row) in moving:
             continue
         if not {f"{word}A", f"{word}B"} & used:
-            notes.append(f"line {row.number}: rod {row.words[0]} is not represented: nothing hangs on it")
+            notes.append(f"line {row.number}: rod {row.words[0]} is not represented: no line ends on it")
             continue
         taken.add(_rod(deck, row, bodies, found, used, notes))
     for key, row in bodies.items():
@@ -65,7 +65,7 @@ def read_ends(deck: Deck, notes: list[str]) -> Ends:
 
 
 def _holder(row: Row) -> str:
-    """Number of the body that a rod is on; empty for others."""
+    """Number of the body that a rod is attached to; empty for others."""
     return row.words[2][4:] if row.words[2].lower().startswith("body") else ""
 
 
@@ -81,7 +81,7 @@ def _carries(deck: Deck, body: Row, used: set[str]) -> bool:
 
 
 def _moves(deck: Deck, body: Row) -> bool:
-    """Whether a body turns: a pinned one, or a free one other than a spar buoy (see `spar`)."""
+    """Whether a body rotates: a pinned one, or a free one other than a spar buoy (see `spar`)."""
     kind, rods = body.words[1].lower(), _on(deck, body)
     if kind != "free":
         return kind in (*PINNED, *PINNED_COUPLED)
@@ -89,7 +89,7 @@ def _moves(deck: Deck, body: Row) -> bool:
 
 
 def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[str]) -> None:
-    """A body with its rods, and the points on it that lines end at."""
+    """A body with its rods, and the points on it at which lines end."""
     connectors = [rod for rod in _on(deck, row) if _is_connector(deck, rod)]
     rods = [rod for rod in _on(deck, row) if rod not in connectors]
     body = free_body(deck, row, rods, notes) | _pinned_field(row, row.words[1], f"body {row.words[0]}", notes)
@@ -108,20 +108,20 @@ def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[st
 
 
 def _pinned_field(row: Row, kind: str, what: str, notes: list[str]) -> dict[str, bool]:
-    """What `[[body]]` says more of a pinned body or rod."""
+    """Additional keys of `[[body]]` for a pinned body or rod."""
     if kind.lower() in PINNED_COUPLED:
-        notes.append(f"line {row.number}: {what} is coupled and pinned: it is pinned in its place")
+        notes.append(f"line {row.number}: {what} is coupled and pinned: it is pinned at its position")
     return {"pinned": True} if kind.lower() in (*PINNED, *PINNED_COUPLED) else {}
 
 
 def _is_connector(deck: Deck, row: Row) -> bool:
-    """Whether a rod has a direction and neither length nor mass: `NumSegs 0`."""
+    """Whether a rod has a direction but neither length nor mass: `NumSegs 0`."""
     columns(deck, row, 10, "rod")
     return not integer(deck, row, row.words[9], "NumSegs", 0)
 
 
 def _rod_ends(rod: Row, shape: dict[str, Any], found: Ends, used: set[str]) -> dict[str, list[float]]:
-    """Places in a body's axes of the ends of a rod that lines end at, by name of the point."""
+    """Positions in a body's axes of the ends of a rod at which lines end, by name of the point."""
     attached = {}
     for end, key in (("A", "from"), ("B", "to")):
         word = f"R{rod.words[0]}{end}"
@@ -139,13 +139,13 @@ def _ends(deck: Deck, row: Row) -> tuple[str, str]:
 
 
 def first_version(deck: Deck) -> bool:
-    """Whether lines have length and segments before their ends, as the names of the columns."""
+    """Whether lines have length and segments before their ends, according to the column names."""
     names = [word.lower() for word in deck.columns.get("lines", ())]
     return len(names) > 2 and names[2].startswith(("unstr", "length", "len"))
 
 
 def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: list[str]) -> set[str]:
-    """A point of the scene; returns the bodies that it is on."""
+    """A point of the scene; returns the bodies to which it is attached."""
     columns(deck, row, 5, "point")
     key, kind = row.words[0], row.words[1].lower()
     if key in found.names:
@@ -157,7 +157,9 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
         point["kind"] = "free"
         point.update(_body(deck, row, notes))
     elif kind in COUPLED:
-        notes.append(f"line {row.number}: point {key} is coupled: it is held in its place; effects.end_motion moves it")
+        notes.append(
+            f"line {row.number}: point {key} is coupled: it is fixed at its position; use effects.end_motion to move it"
+        )
     elif kind.startswith("body") and kind[4:] in bodies and _moves(deck, bodies[kind[4:]]):
         found.names[key] = name
         return {kind[4:]}
@@ -173,31 +175,32 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
 
 
 def _on_held(deck: Deck, row: Row, body: Row, position: list[float], notes: list[str]) -> list[float]:
-    """Where a point on a coupled or fixed body is held: the body's own place, and the point's from there."""
+    """Position of a point on a coupled or fixed body: the body's own position plus the point's offset."""
     columns(deck, body, 8, "body")
     kind = body.words[1].lower()
     if kind not in (*COUPLED, *FIXED):
         deck.refuse(
             row.number,
-            f"point {row.words[0]} on body {body.words[0]}, {body.words[1]!r}: is not read; allowed: free, pinned, "
-            "coupled or fixed bodies, and of a spar buoy (moment of inertia 1e10 kg m^2 or more) its rod's end A",
+            f"point {row.words[0]} on body {body.words[0]}, {body.words[1]!r}: is not supported; allowed: free, "
+            "pinned, coupled or fixed bodies; of a spar buoy (moment of inertia 1e10 kg m^2 or more) its rod's end A",
         )
     origin = [number(deck, body, w, "X0, Y0, Z0") for w in body.words[2:5]]
     turned = [number(deck, body, w, "r0, p0, y0") for w in body.words[5:8]]
     if any(turned):
         deck.refuse(
-            body.number, f"body {body.words[0]} is turned by {turned}; allowed: 0, with the points where they are"
+            body.number,
+            f"body {body.words[0]} is rotated by {turned}; allowed: 0, with rotated positions of its points",
         )
     if kind in COUPLED:
         notes.append(
-            f"line {row.number}: point {row.words[0]} is on coupled body {body.words[0]}: it is held in its place; "
-            "[[vessel]] moves such points together"
+            f"line {row.number}: point {row.words[0]} is on coupled body {body.words[0]}: it is fixed at its position; "
+            "use [[vessel]] to move such points together"
         )
     return [a + b for a, b in zip(origin, position, strict=True)]
 
 
 def _body(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
-    """Mass, volume, drag area and added mass of a free point, where it has any."""
+    """Mass, volume, drag area and added mass of a free point, if it has any."""
     names = [word.upper() for word in deck.columns.get("points", ())]
     words = list(row.words[5:])
     if names[7:10] == list(FORCES):
@@ -210,7 +213,7 @@ def _body(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
 
 
 def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[str], notes: list[str]) -> str:
-    """A free rod, a held one, or a spar buoy and its point; returns its body."""
+    """A free rod, a fixed one, or a spar buoy and its point; returns its body."""
     key, holder = row.words[0], row.words[2]
     if holder.lower() in ("free", *PINNED, *PINNED_COUPLED):
         body = free_rod(deck, row) | _pinned_field(row, holder, f"rod {key}", notes)
@@ -230,7 +233,7 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
             note = "has no length; a line with EI is clamped along it (MoorDyn 2.7.2 lets it turn)"
             notes.append(f"line {row.number}: rod {key} {note}")
         if holder.lower() in COUPLED:
-            note = f"rod {key} is coupled: its ends are held; [[vessel]] moves such points together"
+            note = f"rod {key} is coupled: its ends are fixed; use [[vessel]] to move such points together"
             notes.append(f"line {row.number}: {note}")
         return ""
     body = bodies.get(holder[4:]) if holder.lower().startswith("body") else None

@@ -18,13 +18,13 @@ from dropper_jax.moordyn.reading.types import read_seafloor, read_types
 from dropper_jax.moordyn.reading.values import columns, integer, number
 from dropper_jax.moordyn.reading.water import read_current, read_waves
 
-#: Where the file says nothing: its driver does.
+#: Values used if the file does not give them; MoorDyn's driver would.
 STEP, DURATION = 0.01, 60.0
-#: Outputs that belong to a line: tensions at its ends, and what its nodes do.
+#: Outputs that belong to a line: tensions at its ends, and values of its nodes.
 OUTPUT = re.compile(r"(?:fair|anch)ten(\d+)|l(?:ine)?(\d+)(?:n\d+|[ab])?(?:p|v|t|f|st|sr)\w*", re.IGNORECASE)
-#: Steps below this one are what an explicit scheme needs for stability, not for accuracy [s].
+#: Time steps below this one are needed for the stability of an explicit scheme, not for accuracy [s].
 EXPLICIT = 1e-3
-#: Options by the paths of what they become in a scene.
+#: Options by the scene paths that they set.
 OPTION_OF = {
     **{"effects.weight.gravity": "g", "sea.gravity": "g", "sea.density": "rho", "sea.depth": "wtrdpth"},
     **{"effects.seabed": "seafloorfile", "effects.seabed.depth": "wtrdpth", "effects.seabed.stiffness": "kbot"},
@@ -32,21 +32,22 @@ OPTION_OF = {
     **{"effects.seabed_friction.static": "statdynfricscale", "sea.waves": "wavekin", "sea.ramp": "wavekin_rampt"},
     **{"sea.current": "currents", "run.dt": "dtm", "run.save_every": "dtout", "start": "tmaxic"},
 }
-#: Sections without a place in a scene.
+#: Sections without a counterpart in a scene.
 WITHOUT = ("control", "external loads", "syrope ic")
 
 
 def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]:
-    """The plain values of the scene of a MoorDyn input, version 1 or 2; what it lacks is listed under `notes`.
+    """The plain values of the scene of a MoorDyn input, version 1 or 2; what the scene lacks is listed under `notes`.
 
-    Lines are tension-only ropes of their type; damping acts on taut links only (MoorDyn keeps it on slack ones). Points
-    that move with a vessel are held. Wave and current files are looked for beside the input, as MoorDyn does.
+    Lines are tension-only ropes of their type. Damping acts on taut links only (MoorDyn also applies it to slack ones).
+    Points that move with a vessel are fixed. Wave and current files are expected in the folder of the input, as in
+    MoorDyn.
 
     Args:
-        depth: of the water [m], where the file has none.
+        depth: depth of the water [m], if the file has none.
 
     Raises:
-        SceneError: with file and line: an unknown section or option, a value that is no number, a line whose type or
+        SceneError: with file and line: an unknown section or option, a value that is not a number, a line whose type or
             points are not in the file.
     """
     path = Path(path)
@@ -68,9 +69,9 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
     _check_outputs(deck)
     held = {point["name"] for point in ends.points if point.get("kind") != "free"}
     if not ends.bodies and all(line["links"] == 1 and {line["from"], line["to"]} <= held for line in lines):
-        for line in lines:  # MoorDyn's only stretch; here something must be free to move
+        for line in lines:  # MoorDyn's only stretch; here at least one node must be free
             line["links"] = 2
-            notes.append(f"line {line['name']!r}: NumSegs 1 between points that are held: 2 links are taken")
+            notes.append(f"line {line['name']!r}: NumSegs 1 between fixed points: 2 links are used")
     at_ends = {line[key] for line in lines for key in ("from", "to")}
     for point in ends.points:
         if point["name"] not in at_ends:
@@ -97,8 +98,8 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
     _apply_free_text(deck, scene)
     if "duration" not in scene["run"]:
         scene["run"]["duration"] = max(DURATION, scene["run"]["dt"])
-        notes.append(f"the file has no duration: {scene['run']['duration']:g} s are taken")
-    earlier = scene.get("notes")  # of the file that the scene came from
+        notes.append(f"the file has no duration: {scene['run']['duration']:g} s are used")
+    earlier = scene.get("notes")  # of the source file of the scene
     all_notes = [*(earlier if isinstance(earlier, list) else []), *(f"{path.name}: {note}" for note in notes)]
     return LocatedValues(
         {**scene, **({"notes": all_notes} if all_notes else {})}, str(path), _lines_of(deck, scene, ends, options)
@@ -106,7 +107,7 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
 
 
 def _lines_of(deck: Deck, scene: dict[str, Any], ends: Ends, options: Options) -> dict[str, int]:
-    """The file's line of each thing of the scene, by path."""
+    """The line number in the file of each item of the scene, by path."""
     found = {key: deck.noted[key] for key in deck.given}
     found |= {key: options.lines[name] for key, name in OPTION_OF.items() if name in options.lines}
     of = {row.words[0]: row.number for row in deck.rows.get("line types", [])}
@@ -125,13 +126,13 @@ def _lines_of(deck: Deck, scene: dict[str, Any], ends: Ends, options: Options) -
 
 
 def _check_depth(deck: Deck, options: Options, depth: float) -> None:
-    """Take the caller's depth where the file has none."""
+    """Use the caller's depth if the file has none."""
     if not 0.0 < depth < math.inf:
         raise SceneError(f"--depth: {depth:g} is out of range; allowed: > 0 m")
     known = options.values["wtrdpth"]
     if known or "seafloorfile" in options.texts:
         at = options.lines.get("wtrdpth", options.lines.get("seafloorfile", 1))
-        deck.refuse(at, f"--depth: {depth:g} m, but the file has its own; allowed: without --depth")
+        deck.refuse(at, f"--depth: {depth:g} m, but the file gives its own. Remove --depth")
     options.values["wtrdpth"] = depth
 
 
@@ -152,9 +153,9 @@ def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list
             deck.refuse(row.number, f"line type {row.words[1]!r} is not in the file; {nearest(row.words[1], types)}")
         for end_word in (start, end):
             if end_word.upper() not in by_upper:
-                deck.refuse(row.number, f"{end_word!r} is no point of the file; {nearest(end_word, names)}")
+                deck.refuse(row.number, f"{end_word!r} is not a point of the file; {nearest(end_word, names)}")
         if start.upper() == end.upper():
-            deck.refuse(row.number, f"line {row.words[0]} ends at {start}, where it starts; allowed: two points")
+            deck.refuse(row.number, f"line {row.words[0]} starts and ends at {start}; allowed: two different points")
         found.append(
             {
                 "name": row.name or f"line-{row.words[0]}",
@@ -169,7 +170,7 @@ def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list
 
 
 def _check_outputs(deck: Deck) -> None:
-    """Refuse an output of a line that is not in the file."""
+    """Reject an output of a line that is not in the file."""
     known = [row.words[0] for row in deck.rows.get("lines", [])]
     for row in deck.rows.get("outputs", []):
         for word in row.words:
@@ -179,7 +180,7 @@ def _check_outputs(deck: Deck) -> None:
 
 
 def _failures(deck: Deck, lines: list[dict[str, Any]], names: dict[str, str], notes: list[str]) -> list[dict[str, Any]]:
-    """`[[failure]]` entries: the first or last link of each line that comes off a point."""
+    """`[[failure]]` entries: the first or last link of each line that detaches from a point."""
     found: list[dict[str, Any]] = []
     by_upper = {key.upper(): name for key, name in names.items()}
     numbers = [row.words[0] for row in deck.rows.get("lines", [])]
@@ -196,24 +197,26 @@ def _failures(deck: Deck, lines: list[dict[str, Any]], names: dict[str, str], no
                 link = 1 if line["from"] == point else line["links"]
                 found.append({"line": line["name"], "link": link, **given})
         if load > 0.0 and "," in row.words[2]:
-            notes.append(f"line {row.number}: the lines of a failure come off one by one, each at its own tension")
+            notes.append(f"line {row.number}: the lines of a failure detach one by one, each at its own tension")
     return found
 
 
 def _run(options: Options, notes: list[str]) -> dict[str, Any]:
     dt = options.values["dtm"]
     if dt is None or dt <= 0.0:
-        notes.append(f"the file has no time step dtM: {STEP:g} s is taken")
+        notes.append(f"the file has no time step dtM: {STEP:g} s is used")
         dt = STEP
     elif dt < EXPLICIT:
-        notes.append(f"dtM of {dt:g} s keeps MoorDyn's explicit scheme stable: {STEP:g} s is taken; run.dt is another")
+        notes.append(
+            f"dtM of {dt:g} s keeps MoorDyn's explicit scheme stable: {STEP:g} s is used. Use run.dt for another step"
+        )
         dt = STEP
     every = max(1, round(options.values["dtout"] / dt))
     return {"dt": dt, **({"save_every": every} if every > 1 else {})}
 
 
 def _bending(lines: list[dict[str, Any]], types: dict[str, Any], ends: Ends, notes: list[str]) -> dict[str, Any] | None:
-    """`[effects.bending]` of lines with EI, clamped where they end at rods that stay (as MoorDyn); None without any."""
+    """`[effects.bending]` of lines with EI, clamped where they end at fixed rods (as in MoorDyn); None without any."""
     stiff = [line for line in lines if "EI" in types[line["type"]]]
     if not stiff:
         return None
@@ -224,10 +227,10 @@ def _bending(lines: list[dict[str, Any]], types: dict[str, Any], ends: Ends, not
             rod = name.removeprefix("point-")
             if name in ends.turning:
                 notes.append(
-                    f"line {line['name']!r} is pinned on {rod}, which moves; MoorDyn's is clamped along the rod"
+                    f"line {line['name']!r} is pinned on {rod}, which moves; in MoorDyn it is clamped along the rod"
                 )
             elif name in ends.leaving and every.count(name) > 1:
-                notes.append(f"line {line['name']!r} is pinned on {rod}, where others end; MoorDyn's is clamped")
+                notes.append(f"line {line['name']!r} is pinned on {rod}, where others end; in MoorDyn it is clamped")
             elif name in ends.leaving:
                 clamped.append(name)
     return {"clamped": clamped, "directions": [ends.leaving[name] for name in clamped]} if clamped else {}
@@ -253,14 +256,14 @@ def _effects(options: Options, folder: Path, bending: dict[str, Any] | None) -> 
 
 
 def _seafloor(options: Options, folder: Path) -> Path:
-    """The file of the bed: next to the deck or, as MoorDyn has it, from the working folder."""
+    """The seabed file: in the input's folder or, as in MoorDyn, relative to the working folder."""
     text = options.texts["seafloorfile"]
     own = None if not (folder / text).exists() and Path(text).exists() else folder
     return find_referenced(text, "SeafloorFile", own)
 
 
 def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
-    """`[sea]`; none where the water has no density."""
+    """`[sea]`; None if the water has no density."""
     values, folder = options.values, deck.path.parent
     if not values["rho"]:
         return {}
@@ -276,12 +279,12 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
     if waves in (2.0, 3.0, 7.0):
         sea["waves"] = read_waves(folder, int(waves), values["dtwave"], notes)
         if waves == 2.0:
-            notes.append("WaveKin 2: components are summed as they are listed, not interpolated to even frequencies")
+            notes.append("WaveKin 2: components are summed as listed, not interpolated to even frequencies")
     elif waves:
         notes.append(f"WaveKin {waves:g} is not represented: the water has no waves")
     if values["wavekin_rampt"] and "waves" in sea:
         sea["ramp"] = values["wavekin_rampt"]
-        notes.append("waveKin_rampT: MoorDyn's ramp is linear, ours is sin^2 of the same length")
+        notes.append("waveKin_rampT: MoorDyn's ramp is linear; here it is sin^2 of the same length")
     if current == 1.0:
         sea["current"] = read_current(folder)
     elif current:
@@ -290,19 +293,19 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
 
 
 def _apply_free_text(deck: Deck, scene: dict[str, Any]) -> None:
-    """Names, run settings and lines that are in pieces, from the free text."""
+    """Names, run settings and lines in several pieces, from the free text."""
     for key, text in deck.given.items():
         if key not in ("name", "description", "notes", "pieces", "law") and not key.startswith("run."):
             continue
         try:
             value = parsed_toml(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
-            continue  # a remark of somebody, not a value of ours
+            continue  # a remark of the user, not a value written by this package
         if key == "pieces":
             _join_pieces(scene["line"], value)
         elif key == "law":
             for kind in scene["line_type"]:
-                kind.setdefault("law", value)  # tables have theirs
+                kind.setdefault("law", value)  # tables have their own
         elif key.startswith("run."):
             scene["run"][key.removeprefix("run.")] = value
         else:
@@ -310,7 +313,7 @@ def _apply_free_text(deck: Deck, scene: dict[str, Any]) -> None:
 
 
 def _join_pieces(lines: list[dict[str, Any]], given: Any) -> None:
-    """Tell lines which line they are a piece of; a list of anything else is somebody's remark."""
+    """Set the line from which each piece was cut; a list of anything else is a remark of the user."""
     for names in given if isinstance(given, list) else ():
         if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
             for line in lines:

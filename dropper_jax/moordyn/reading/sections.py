@@ -1,8 +1,8 @@
 """A MoorDyn input file as sections of rows, each with its line number. Plain text only; nothing is interpreted here.
 
-Sections are found by their header, words between dashes. What stands before the first one is free text, where MoorDyn
-looks for nothing; lines of the form `! KEY = VALUE` there are values of the scene that MoorDyn's tables have no place
-for (names, run settings).
+Sections are recognised by their header, words between dashes. Text before the first header is free text, which MoorDyn
+ignores. Lines of the form `! KEY = VALUE` there are values of the scene without a counterpart in MoorDyn's tables
+(names, run settings).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NoReturn
 
 from dropper_jax.base.errors import SceneError, nearest
 
-#: Headers of both versions, and the section that they begin.
+#: Headers of both versions, and the section that they start.
 HEADERS = {
     "LINE TYPES": "line types",
     "LINE DICTIONARY": "line types",
@@ -63,7 +63,7 @@ class Row:
 
     @property
     def name(self) -> str:
-        """The name that a comment `name: NAME` gives, empty where there is none; MoorDyn itself only numbers things."""
+        """The name given by a comment `name: NAME`, or an empty text; MoorDyn itself only numbers its objects."""
         label, colon, name = self.comment.partition(":")
         return name.strip() if colon and label.strip() == "name" else ""
 
@@ -73,8 +73,8 @@ class Deck:
     """A file in sections.
 
     Attributes:
-        path: where it is.
-        rows: of each section that the file has.
+        path: path of the file.
+        rows: rows of each section that the file has.
         first: line of each section's header.
         columns: words of the line of column names of each table.
         given: values of the free text, by key.
@@ -89,11 +89,11 @@ class Deck:
     noted: dict[str, int] = field(default_factory=dict)
 
     def refuse(self, number: int, text: str) -> NoReturn:
-        """Raise the error of a line of this file."""
+        """Raise an error for a line of this file."""
         raise SceneError(f"{self.path}:{number}: {text}")
 
     def require(self, section: str) -> list[Row]:
-        """Rows of a section that must be there."""
+        """Rows of a required section."""
         if not self.rows.get(section):
             at = self.first.get(section, 1)
             self.refuse(at, f"section {section.upper()!r} is {'empty' if section in self.first else 'missing'}")
@@ -101,13 +101,14 @@ class Deck:
 
 
 def header(line: str) -> str | None:
-    """Words of a header line in capitals; None where the line is none."""
+    """Words of a header line in capitals; None if the line is not a header."""
     found = _HEADER.match(line)
     return None if found is None else " ".join(found.group(1).strip("- ").upper().split())
 
 
 def _name(words: str) -> str | None:
-    """The section that a header begins: some files add words to it, as MoorDyn, which looks for its own in the line."""
+    """The section that a header starts; some files add words to headers, and MoorDyn only searches for its own
+    words."""
     words = " ".join(re.split(r"[(:,]", words)[0].split())
     matching = [known for known in HEADERS if f"{words} ".startswith(f"{known} ")]
     return HEADERS[max(matching, key=len)] if matching else None
@@ -122,7 +123,7 @@ def split_file(path: str | Path, text: str) -> Deck:
     """The sections of a file.
 
     Raises:
-        SceneError: a header after the first section that is not known, or a section given twice, with its line.
+        SceneError: an unknown header after the first section, or a section given twice, with its line.
     """
     deck, section, skip = Deck(Path(path)), None, 0
     for number, line in enumerate(text.splitlines(), start=1):
@@ -147,7 +148,7 @@ def split_file(path: str | Path, text: str) -> Deck:
         row = _row(number, line)
         if skip:
             if skip == 2 and _COUNT.match(line):
-                continue  # older files say how many rows there are
+                continue  # older files give the number of rows
             if skip == 2:
                 deck.columns[section] = row.words
             skip -= 1
@@ -165,7 +166,7 @@ def _free_text(deck: Deck, line: str, number: int) -> None:
 
 
 def _row(number: int, line: str) -> Row:
-    """Words up to a comment, which begins with `!`, `#` or `%` (a `#` inside a word is part of it)."""
+    """Words up to a comment, which starts with `!`, `#` or `%` (a `#` inside a word is part of it)."""
     found = re.search(r"(^|\s)[!#%]", line)
     if found is None:
         return Row(number, tuple(line.split()))

@@ -1,7 +1,7 @@
-"""Spar buoys in MoorDyn: an upright massless rod on a free body that cannot turn.
+"""Spar buoys in MoorDyn: an upright massless rod on a free body that cannot rotate.
 
-A rod, unlike a point, knows the water surface. The body carries the mass and so large a moment of inertia that the rod
-stays upright: three translations, as `[[buoy]]` has them.
+A rod, unlike a point, accounts for the water surface. The body carries the mass and so large a moment of inertia that
+the rod stays upright. It has three translations, as a `[[buoy]]` does.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import Any
 from dropper_jax.moordyn.reading.sections import Deck, Row
 from dropper_jax.moordyn.reading.values import columns, number, sizes
 
-#: Moment of inertia [kg m^2] from which on a body counts as one that does not turn.
+#: Moment of inertia [kg m^2] above which a body counts as one that does not rotate.
 UPRIGHT = 1e10
-#: Segments of a rod that stands for a buoy.
+#: Number of segments of a rod that represents a buoy.
 SEGMENTS = 10
 
 
@@ -23,7 +23,7 @@ def rod_types(deck: Deck) -> dict[str, Row]:
 
 
 def spar(deck: Deck, body: Row, rod: Row, name: str) -> dict[str, Any] | None:
-    """`[[buoy]]` of a body and its rod, with the place of its base under `position`; None where they are no spar."""
+    """`[[buoy]]` of a body and its rod, with the position of its base under `position`; None if they are not a spar."""
     columns(deck, body, 14, "body")
     columns(deck, rod, 9, "rod")
     types = rod_types(deck)

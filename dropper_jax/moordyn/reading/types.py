@@ -18,7 +18,7 @@ SECOND = ("cdn", "can", "cdt", "cat")
 
 
 def read_types(deck: Deck, notes: list[str]) -> dict[str, dict[str, Any]]:
-    """Line types by name; what they have and a scene has not goes into the notes.
+    """Line types by name; properties without a counterpart in a scene are added to the notes.
 
     Version 1 has nine columns, version 2 ten or more, with EI in the sixth.
     """
@@ -48,20 +48,20 @@ def read_types(deck: Deck, notes: list[str]) -> dict[str, dict[str, Any]]:
 
 
 def _second_version(deck: Deck, row: Row) -> bool:
-    """Whether a row has EI and the order of version 2, by the names of the columns; without these by their number."""
+    """Whether a row has EI and the order of version 2, by the column names; without these by their number."""
     names = [word.lower() for word in deck.columns.get("line types", ())]
     if "ei" in names:
         columns(deck, row, 10, "line type")
         return True
     if any(word in names for word in ("cdax", "caax")):
-        deck.refuse(deck.first["line types"] + 1, "LINE TYPES: columns CdAx CaAx without EI; allowed: EI before Cd")
+        deck.refuse(deck.first["line types"] + 1, "LINE TYPES: columns CdAx CaAx without EI; needed: EI before Cd")
     if any(word in names for word in ("can", "cat", "cdt")) and len(row.words) > 9:
         deck.refuse(row.number, f"line type: has {len(row.words)} values under a header of version 1; allowed: 9")
     return len(row.words) >= 10
 
 
 def _bending(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
-    """`EI` [N m^2] where there is any; of a table of moments nothing, with a note."""
+    """`EI` [N m^2] if there is any; a table of moments is ignored, with a note."""
     text = row.words[5]
     try:
         float(text)
@@ -73,11 +73,11 @@ def _bending(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
 
 
 def _stiffness(deck: Deck, row: Row, notes: list[str]) -> dict[str, Any]:
-    """`EA` [N], or the table of a file; of a viscoelastic rope its static part, with a note."""
+    """`EA` [N], or the table of a file; for a viscoelastic rope its static part, with a note."""
     text = row.words[3]
     if "|" in text:
         static = text.split("|")[0]
-        notes.append(f"line {row.number}: EA {text} is not represented: the static part {static} is taken")
+        notes.append(f"line {row.number}: EA {text} is not represented: the static part {static} is used")
         if static.upper().startswith("SYROPE:"):
             deck.refuse(row.number, "EA: working curves (SYROPE) are not represented; allowed: a number or a table")
         text = static
@@ -89,16 +89,16 @@ def _stiffness(deck: Deck, row: Row, notes: list[str]) -> dict[str, Any]:
 
 
 def _table(deck: Deck, row: Row, text: str) -> dict[str, list[float]]:
-    """Strain and tension [N] of a file with three header lines; `force_table` joins its rows smoothly."""
+    """Strain and tension [N] of a file with three header lines; `force_table` interpolates its rows smoothly."""
     file = find_referenced(text, f"{deck.path.name}:{row.number}: EA", deck.path.parent)
     try:
         lines = file.read_text(encoding="utf-8").splitlines()[3:]
         rows = [[float(word) for word in line.split()[:2]] for line in lines if line.strip()]
         strain, tension = ([float(row[i]) for row in rows] for i in (0, 1))
     except OSError as error:
-        deck.refuse(row.number, f"EA: {text!r} is no number, and no such file: {error.strerror}")
+        deck.refuse(row.number, f"EA: {text!r} is neither a number nor a readable file: {error.strerror}")
     except (ValueError, IndexError):
-        deck.refuse(row.number, f"EA: {text!r} is no table of strain and tension after three header lines")
+        deck.refuse(row.number, f"EA: {text!r} is not a table of strain and tension after three header lines")
     try:
         ForceTable.read(strain, tension, text)
     except SceneError as error:
@@ -107,10 +107,10 @@ def _table(deck: Deck, row: Row, text: str) -> dict[str, list[float]]:
 
 
 def _damping(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
-    """BA [N s] or, where negative, the ratio of critical damping."""
+    """BA [N s] or, if negative, the ratio of critical damping."""
     text = row.words[4]
     if "|" in text:
-        notes.append(f"line {row.number}: BA {text} is not represented: the static part is taken")
+        notes.append(f"line {row.number}: BA {text} is not represented: the static part is used")
         text = text.split("|")[0]
     value = number(deck, row, text, "BA/-zeta")
     if value < 0.0:
@@ -126,7 +126,9 @@ def read_seafloor(path: Path) -> dict[str, list[float]]:
         positions = {(float(a), float(b)): abs(float(z)) for a, b, z in (line[:3] for line in lines[3:])}
         depths = [positions[a, b] for a in x for b in y]
     except (ValueError, IndexError):
-        raise SceneError(f"{path}: is no seafloor file: sizes, all x, all y, then rows of x y depth") from None
+        raise SceneError(
+            f"{path}: is not a seafloor file; needed: sizes, all x, all y, then rows of x y depth"
+        ) from None
     except KeyError as error:
         raise SceneError(f"{path}: has no depth at x, y = {error.args[0]}") from None
     return {"bed_x": x, "bed_y": y, "bed_depth": depths}

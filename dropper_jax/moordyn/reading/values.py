@@ -1,4 +1,4 @@
-"""Numbers of table rows, with the line of the file in every refusal."""
+"""Numbers of table rows; every error contains the line number in the file."""
 
 from __future__ import annotations
 
@@ -37,6 +37,6 @@ def sizes(deck: Deck, row: Row, text: str, what: str) -> list[float]:
 
 
 def columns(deck: Deck, row: Row, least: int, what: str) -> None:
-    """Refuse a row with too few values."""
+    """Reject a row with too few values."""
     if len(row.words) < least:
         deck.refuse(row.number, f"{what}: has {len(row.words)} values; allowed: {least}")

@@ -1,7 +1,7 @@
-"""Wave and current files that stand beside a MoorDyn input, read as `[sea.waves]` and `[sea.current]` and written back.
+"""Wave and current files in the folder of a MoorDyn input, read as `[sea.waves]` and `[sea.current]`, and written.
 
-MoorDyn's components are `eta = sum A sin(w t - k . x + e)` with `A exp(i e)` given by real and imaginary part; ours are
-`a cos(k . x - w t + p)`, so that `p = pi/2 - e`.
+MoorDyn's components are `eta = sum A sin(w t - k . x + e)`, with `A exp(i e)` given by real and imaginary part. Those
+here are `a cos(k . x - w t + p)`, so `p = pi/2 - e`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from dropper_jax.sea.readers import elevation_components
 FREQUENCIES, ELEVATION, CURRENT = "wave_frequencies.txt", "wave_elevation.txt", "current_profile.txt"
 
 
-#: Share of the variance of an elevation series that its smallest components, left out, may have together. A series of
-#: whole periods has one component, one that is half a sample longer hundreds; each costs every node in every step.
+#: Fraction of the variance of an elevation series that its omitted smallest components may have together. A series of
+#: whole periods has one component, a series half a sample longer has hundreds. Each costs time at every node in every
+#: step.
 NEGLIGIBLE = 1e-4
-#: Digits that survive the way through real and imaginary part and back.
+#: Digits that survive the conversion to real and imaginary part and back.
 DIGITS = 12
 
 
@@ -29,13 +30,13 @@ def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> dict[s
     """`[sea.waves]` of WaveKin 2, 3 or 7.
 
     Args:
-        folder: where the file stands.
+        folder: folder of the file.
         kind: MoorDyn's WaveKin.
-        step: dtWave [s], to which an elevation series is resampled first, as MoorDyn does.
-        notes: where to add how many components of a series are left out.
+        step: dtWave [s], to which an elevation series is resampled first, as in MoorDyn.
+        notes: list to which the number of omitted components of a series is added.
 
     Raises:
-        SceneError: a missing file or a line that is no row of numbers.
+        SceneError: a missing file or a line that is not a row of numbers.
     """
     if kind == 3:
         t, eta = np.array([row[:2] for _, row in _rows(folder / ELEVATION, 2, 0)]).T
@@ -66,19 +67,19 @@ def read_current(folder: Path) -> dict[str, Any]:
 
 
 def _largest(found: dict[str, np.ndarray], notes: list[str]) -> dict[str, np.ndarray]:
-    """The components without the smallest ones, which have `NEGLIGIBLE` of the variance together at most."""
+    """The components without the smallest ones, which together have at most `NEGLIGIBLE` of the variance."""
     order = np.argsort(found["amplitude"])
     below = np.cumsum(found["amplitude"][order] ** 2) <= NEGLIGIBLE * np.sum(found["amplitude"] ** 2)
     if below.any():
         left, several = int(below.sum()), len(order)
         notes.append(
-            f"{ELEVATION}: {left} of {several} components are left out, {NEGLIGIBLE:.2%} of the variance or less"
+            f"{ELEVATION}: {left} of {several} components are omitted, {NEGLIGIBLE:.2%} of the variance or less"
         )
     return {key: values[np.sort(order[~below])] for key, values in found.items()}
 
 
 def _short(values: np.ndarray) -> list[float]:
-    """Numbers without the rounding of the last digits, so that what was written is read again."""
+    """Numbers without the rounding of the last digits, so that written values are read back exactly."""
     return [float(f"{x:.{DIGITS}g}") for x in values]
 
 

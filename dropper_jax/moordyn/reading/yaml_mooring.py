@@ -14,11 +14,11 @@ from dropper_jax.base.read import Plain
 from dropper_jax.moordyn.reading.reader import DURATION, STEP, read_moordyn
 
 SUFFIXES = (".yaml", ".yml")
-#: Links of each line, of which these files say nothing.
+#: Number of links of each line, which these files do not give.
 LINKS = 20
-#: Stiffness [Pa/m] and damping [Pa s/m] of the bed, MoorDyn's.
+#: Stiffness [Pa/m] and damping [Pa s/m] of the seabed, MoorDyn's.
 BED = {"stiffness": 3.0e6, "damping": 3.0e5}
-#: Keys of a line type: ours, theirs, and whether it must be there.
+#: Keys of a line type: here, in the file, and whether they are required.
 TYPE = (
     ("diameter", "diameter", True),
     ("mass", "mass_density", True),
@@ -29,18 +29,19 @@ TYPE = (
     ("can", "transverse_added_mass", False),
     ("cat", "tangential_added_mass", False),
 )
-#: Beginnings of the words for kinds of points, as MoorPy looks for them.
+#: First letters of the words for kinds of points, as MoorPy recognises them.
 HELD, VESSEL, FREE = ("anch", "fix"), ("fair", "ves", "coupled"), ("con", "free")
 
 
 def read_yaml_mooring(path: str | Path, depth: float | None = None) -> dict[str, Any]:
-    """The plain values of the scene of a YAML file of MoorPy, or of the `mooring` of one of RAFT.
+    """The plain values of the scene of a YAML file of MoorPy, or of the `mooring` of a RAFT file.
 
-    Lines are tension-only ropes of their type, `diameter` that of the displaced volume; points of a vessel are held.
-    What the file has and the scene has not is named under `notes`. Where it names a MoorDyn file, that is read.
+    Lines are tension-only ropes of their type, with `diameter` that of the displaced volume; points of a vessel are
+    fixed. Contents of the file that the scene lacks are listed under `notes`. If the file refers to a MoorDyn file,
+    that is read.
 
     Args:
-        depth: of the water [m], where the file has none.
+        depth: depth of the water [m], if the file has none.
 
     Raises:
         SceneError: one line, with the path inside the file.
@@ -65,7 +66,9 @@ def read_yaml_mooring(path: str | Path, depth: float | None = None) -> dict[str,
     lines = _entries_by_name(path, mooring, "lines", lambda row, at: _line(path, row, at, types, points, notes))
     ends = {line[key] for line in lines.values() for key in ("from", "to")}
     notes += [f"point {name!r} is not represented: no line ends there" for name in points if name not in ends]
-    notes.append(f"the file has no links, time step or duration: {LINKS} links a line, {STEP:g} s, {DURATION:g} s")
+    notes.append(
+        f"the file has no links, time step or duration: {LINKS} links per line, {STEP:g} s and {DURATION:g} s are used"
+    )
     return {
         "name": path.stem,
         "description": "",
@@ -86,7 +89,7 @@ def _load(path: Path) -> dict[str, Any]:
     try:
         yaml = importlib.import_module("yaml")
     except ImportError:
-        raise SceneError("yaml is not installed; needed: pip install 'dropper-jax[yaml]'") from None
+        raise SceneError("yaml is not installed. Use pip install 'dropper-jax[yaml]'") from None
     try:
         found = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -102,7 +105,7 @@ def _load(path: Path) -> dict[str, Any]:
 
 def _table(path: Path, value: Plain, at: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise SceneError(f"{path}: {at}: is no table; allowed: a mooring of MoorPy or RAFT")
+        raise SceneError(f"{path}: {at}: is not a table; allowed: a mooring of MoorPy or RAFT")
     return value
 
 
@@ -119,7 +122,7 @@ def _entries_by_name(
         _table(path, row, at)
         name = row.get("name", f"{key.rstrip('s')}-{i + 1}")
         if not isinstance(name, (str, int)) or str(name) in found:
-            raise SceneError(f"{path}: {at}.name: {name!r} is there twice or no name; allowed: a name of its own")
+            raise SceneError(f"{path}: {at}.name: {name!r} is duplicate or not a name; allowed: a unique name")
         found[str(name)] = {"name": str(name), **read(row, at)}
     return found
 
@@ -136,7 +139,7 @@ def _type(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[st
         found.pop("breaking_load", None)
     zero = [theirs for ours, theirs, _ in TYPE[4:] if ours not in found]
     if zero:
-        notes.append(f"{at}: {', '.join(zero)} taken as 0, as MoorPy does: no such forces on these lines")
+        notes.append(f"{at}: {', '.join(zero)} are set to 0, as in MoorPy: these lines have no such forces")
         found |= {ours: 0.0 for ours, theirs, _ in TYPE if theirs in zero}
     return found
 
@@ -145,16 +148,18 @@ def _point(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[s
     _note_ignored(notes, f"{at}.", row, ("name", "type", "location", "mass", "volume"))
     position = row.get("location")
     if not isinstance(position, list) or len(position) != 3:
-        raise SceneError(f"{path}: {at}.location: {position!r} is no place; allowed: [x, y, z] in m")
+        raise SceneError(f"{path}: {at}.location: {position!r} is not a position; allowed: [x, y, z] in m")
     found: dict[str, Any] = {"position": [_number(path, x, f"{at}.location") for x in position]}
     kind = str(row.get("type", "")).lower()
     if any(word in kind for word in HELD):
         return found
     if "body" in kind:
-        why = "is on a body, of which these files say nothing"
+        why = "is on a body, which these files do not describe"
         raise SceneError(f"{path}: {at}.type: {kind!r} {why}; allowed: fixed, vessel, free")
     if any(word in kind for word in VESSEL):
-        notes.append(f"{at}: {row.get('name')!r} is on the vessel: it is held; [[vessel]] moves such points together")
+        notes.append(
+            f"{at}: {row.get('name')!r} is on the vessel: it is fixed; use [[vessel]] to move such points together"
+        )
         return found
     if not any(word in kind for word in FREE):
         raise SceneError(f"{path}: {at}.type: {kind!r} is unknown; allowed: fixed, vessel, free")
@@ -178,19 +183,19 @@ def _line(
 
 
 def _number(path: Path, value: Plain, at: str, low: float = -math.inf, open_low: bool = False) -> float:
-    """A finite number; PyYAML takes `1e8`, without a point, for text."""
+    """A finite number; PyYAML reads `1e8`, without a point, as text."""
     try:
         found = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
         found = math.nan
     if not math.isfinite(found) or found < low or (open_low and found == low):
         limit = "" if low == -math.inf else f" {'>' if open_low else '>='} {low:g}"
-        raise SceneError(f"{path}: {at}: {value!r} is out of range or no number; allowed: a number{limit}")
+        raise SceneError(f"{path}: {at}: {value!r} is out of range or not a number; allowed: a number{limit}")
     return found
 
 
 def _first(path: Path, *tables: tuple[dict[str, Any], str], default: float) -> float:
-    """The first of these that is there."""
+    """The first of these that exists."""
     return next((_number(path, table[key], key, 0.0, True) for table, key in tables if key in table), default)
 
 
@@ -198,7 +203,7 @@ def _depth(path: Path, mooring: dict[str, Any], site: dict[str, Any], depth: flo
     for table in (mooring, site):
         if "water_depth" in table:
             if depth is not None:
-                raise SceneError(f"{path}: --depth: {depth:g} m, but the file has its own; allowed: without --depth")
+                raise SceneError(f"{path}: --depth: {depth:g} m, but the file gives its own. Remove --depth")
             return _number(path, table["water_depth"], "water_depth", 0.0, True)
     if depth is None:
         raise SceneError(f"{path}: water_depth: missing; needed: > 0 m, in the file or as --depth")
@@ -206,7 +211,7 @@ def _depth(path: Path, mooring: dict[str, Any], site: dict[str, Any], depth: flo
 
 
 def _note_ignored(notes: list[str], before: str, table: dict[str, Any], read_keys: tuple[str, ...]) -> None:
-    """Name the keys of a table that nothing here reads."""
+    """Add a note with the keys of a table that are not read."""
     keys = [f"{before}{key}" for key in table if key not in read_keys]
     if keys:
         notes.append(f"not read: {', '.join(keys)}")

@@ -18,10 +18,10 @@ def body_numbers(scene: Scene) -> dict[str, int]:
 
 
 def check_bodies(scene: Scene) -> None:
-    """Refuse bodies whose forces a file would lack.
+    """Reject bodies whose forces a file would lack.
 
     Raises:
-        SceneError: products of inertia, several turns, spheres other than one about the centre of mass.
+        SceneError: products of inertia, several rotations, spheres other than one about the centre of mass.
     """
     for i, body in enumerate(scene.bodies):
         if np.count_nonzero(body.attitude) > 1:
@@ -31,7 +31,7 @@ def check_bodies(scene: Scene) -> None:
             why = "MoorDyn's bodies have one volume, at their centre of mass; allowed: one sphere there"
             raise SceneError(f"body.{i}.spheres: {why}")
         if np.any(body.inertia[3:]):
-            why = "MoorDyn's bodies have no products of inertia; allowed: axes in which they are 0"
+            why = "MoorDyn's bodies have no products of inertia. Use axes in which they are 0"
             raise SceneError(f"body.{i}.inertia: {body.inertia.tolist()}: {why}")
 
 
@@ -40,7 +40,7 @@ def body_tables(scene: Scene) -> Iterator[tuple[str, list[str]]]:
     types, bodies, rods = [], [], []
     for i, b in enumerate(scene.buoys):
         types.append(_row(f"buoy{i + 1}", b.diameter, 0.0, b.cdn, b.can, b.cdt, b.cat))
-        base = scene.point(b.point).position  # MoorDyn hangs lines on the base
+        base = scene.point(b.point).position  # in MoorDyn lines end at the base
         whole = _row(i + 1, "Free", *base, "0 0 0", b.mass, "0", 100 * UPRIGHT, "0 0 0")
         bodies.append(f"{whole}  ! name: {b.point}")
         rod = _row(i + 1, f"buoy{i + 1}", f"Body{i + 1}", "0 0 0 0 0", b.height, SEGMENTS, "-")
@@ -66,7 +66,7 @@ def body_tables(scene: Scene) -> Iterator[tuple[str, list[str]]]:
 
 
 def _body(number: int, body: BodySpec) -> str:
-    """A body with its mass, those of its cylinders included: they are rods without mass."""
+    """A body with its mass, including that of its cylinders, which are written as massless rods."""
     centre, moments = ("|".join(repr(float(x)) for x in values[:3]) for values in (body.centre_of_mass, body.inertia))
     volume, area, added = 0.0, 0.0, 0.0
     for s in body.spheres:

@@ -26,7 +26,7 @@ ALLOWED = "FairTen1, AnchTen1, Line1TenA, L1N3T, L1N3px, L1N3vx, Point2px, Con2v
 
 
 def channels_of(path: str | Path) -> list[str]:
-    """Channels that the OUTPUTS section of a MoorDyn input asks for; none where it is another file or no file."""
+    """Channels requested by the OUTPUTS section of a MoorDyn input; none for another kind of file or no file."""
     path = Path(path)
     if not path.is_file():
         return []
@@ -39,7 +39,7 @@ def channels_of(path: str | Path) -> list[str]:
 
 
 class Numbers(NamedTuple):
-    """Numbers by which channels name points and lines, and the names these have in the scene."""
+    """Numbers by which channels refer to points and lines, and the scene's names for them."""
 
     points: Mapping[int, str]
     lines: Mapping[int, str]
@@ -52,7 +52,7 @@ class Numbers(NamedTuple):
 
 
 def numbers_of(path: str | Path) -> Numbers | None:
-    """The IDs of a MoorDyn input's points and lines; None of another file."""
+    """The IDs of a MoorDyn input's points and lines; None for another file."""
     path = Path(path)
     if not path.is_file():
         return None
@@ -66,7 +66,7 @@ def numbers_of(path: str | Path) -> Numbers | None:
 
 
 def default_channels(solution: Solution) -> list[str]:
-    """Tension at both ends of every line, and the place of every free point."""
+    """Tension at both ends of every line, and the position of every free point."""
     found = [f"{end}Ten{i + 1}" for i in range(len(solution.lines)) for end in ("Fair", "Anch")]
     points = [i + 1 for i, point in enumerate(solution.scene.points) if point.kind == "free"]
     return found + [f"Point{i}p{axis}" for i in points for axis in "xyz"]
@@ -79,21 +79,21 @@ def write_out(
     skip: bool = False,
     numbers: Numbers | None = None,
 ) -> list[str]:
-    """Write a MoorDyn-like table of a run: times [s], names, units, and one row per saved time.
+    """Write a table of a run in MoorDyn's form: times [s], names, units, and one row per saved time.
 
-    Lines and points have the IDs of the MoorDyn input where there is one (`numbers`), else they count from 1 as the
-    scene has them. Tensions [N] at an end are the size of the force on the end node, as MoorDyn's: the pull of the link
-    there and the weight in water of half of it (its drag and inertia, small beside them, are left out). At an inner
-    node they are the size of the mean of both links' pulls. They belong to `solution.t_tension`, half a step before
-    the row's time in midpoint schemes.
+    Lines and points have the IDs of the MoorDyn input if there is one (`numbers`), otherwise they count from 1 in the
+    scene's order. As in MoorDyn, the tension [N] at an end is the magnitude of the force on the end node: the tension
+    of the link there and half its weight in water. Its drag and inertia, which are small in comparison, are neglected.
+    At an inner node it is the magnitude of the mean of both links' tension vectors. Tensions belong to
+    `solution.t_tension`, half a step before the row's time in midpoint schemes.
 
     Args:
-        channels: what to write; default: tensions at all ends, places of free points.
-        skip: leave out channels that a run does not have, instead of refusing them.
-        numbers: from `numbers_of`, of the file that the scene was read from.
+        channels: channels to write; default: tensions at all ends, positions of free points.
+        skip: omit channels that a run does not have, instead of raising an error.
+        numbers: from `numbers_of`, of the file from which the scene was read.
 
     Returns:
-        The channels left out.
+        The omitted channels.
 
     Raises:
         SceneError: a channel that a run does not have.
@@ -132,7 +132,7 @@ def channel_values(solution: Solution, channel: str, numbers: Numbers | None = N
         name = _name_of_number(channel, "points", found["point"], numbers.points)
         node = point_nodes(solution.scene)[name]
         return _axis(solution, node, found["what"])
-    raise _refuse(channel, "is not among what a run has")
+    raise _refuse(channel, "is not available from a run")
 
 
 def _refuse(channel: str, reason: str) -> SceneError:

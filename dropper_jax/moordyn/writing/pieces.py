@@ -1,4 +1,4 @@
-"""Stretches of equal links, which are MoorDyn's lines: their types, and the failures at their ends."""
+"""Stretches of equal links, which become MoorDyn's lines: their types, and the failures at their ends."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ COEFFICIENTS = (
 class Piece:
     """A stretch of equal links: the values of its line type, its number of links and its length [m].
 
-    `table` holds the rows (strain, tension [N]) of a tabulated law; the type's EA has no say then.
+    `table` holds the rows (strain, tension [N]) of a tabulated law; the EA of the type is then not used.
     """
 
     type: tuple[float, ...]
@@ -39,7 +39,7 @@ class Piece:
 
     @property
     def kind(self) -> tuple[Any, ...]:
-        """What makes two stretches of one line type."""
+        """The values that two stretches of the same line type share."""
         return (*self.type, self.table)
 
 
@@ -86,14 +86,14 @@ def short(x: float) -> float:
 
 
 class Detachment(NamedTuple):
-    """Where MoorDyn takes a line off a point: the stretch of the line, and whether at its first end."""
+    """Where MoorDyn detaches a line from a point: the stretch of the line, and whether at its first end."""
 
     stretch: int
     first: bool
 
 
 def detachment(scene: Scene, failure: FailureSpec) -> Detachment | None:
-    """Where a failure's link ends at a point of the file; None for other links, and where no link is named."""
+    """Where a failure's link ends at a point of the file; None for other links, and if no link is specified."""
     if failure.link is None:
         return None
     index = next(i for i, line in enumerate(scene.lines) if line.name == failure.line)

@@ -1,4 +1,4 @@
-"""From a scene to a MoorDyn v2 input, with its wave and current files beside it."""
+"""From a scene to a MoorDyn v2 input, with its wave and current files in the same folder."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from dropper_jax.scene import LineSpec
 from dropper_jax.sea.make import make_current, wave_components
 from dropper_jax.sea.spec import CurrentSpec
 
-#: Heights of the table that stands for a profile given by a formula.
+#: Heights of the table that represents a profile given by a formula.
 HEIGHTS = 61
 
 
@@ -38,29 +38,29 @@ def write_moordyn(
     options: Mapping[str, Any] | None = None,
     force: bool = False,
 ) -> list[str]:
-    """Write a system of lines as a MoorDyn v2 input; returns what the file cannot say, one line each.
+    """Write a system of lines as a MoorDyn v2 input; returns what the file cannot represent, one line each.
 
-    Lines of unequal links become several lines joined at free points. Spar buoys become upright massless rods on
-    bodies that cannot turn, bodies become bodies with massless rods, moving points coupled ones. The files of waves and
-    current have the names that MoorDyn looks for, `wave_frequencies.txt` and `current_profile.txt`, in the same folder;
-    other files carry the name of `path`.
+    Lines with unequal links become several lines joined at free points. Spar buoys become upright massless rods on
+    bodies that cannot rotate. Bodies become bodies with massless rods, and moving points become coupled ones. The files
+    of waves and current have the names that MoorDyn expects, `wave_frequencies.txt` and `current_profile.txt`, in the
+    same folder. The names of other files contain that of `path`.
 
     Args:
         scene: lines of elastic links (`rope` or `elastic`).
         path: the file to write.
-        dt: MoorDyn's time step [s] where it must be smaller than the scene's: its schemes are explicit.
+        dt: MoorDyn's time step [s] if it must be smaller than the scene's: its schemes are explicit.
         options: further MoorDyn options by name, such as tScheme.
-        force: replace files of waves and current that are there and differ.
+        force: replace existing files of waves and current that differ.
 
     Raises:
-        SceneError: rigid links, links without a diameter, a scene that is no system of lines, bodies that MoorDyn does
-            not have, or a file of waves or current of another deck in the folder.
+        SceneError: rigid links, links without a diameter, a scene that is not a system of lines, bodies that MoorDyn
+            does not support, or a file of waves or current of another input in the folder.
     """
     given = load_scene(scene)
     scene, path = overgrown(given), Path(path)
     if not scene.branched or any(line.rigid for line in scene.lines):
         raise SceneError(
-            "scene: MoorDyn's lines are elastic; allowed: a system of lines with EA (a line with a [[line_type]])"
+            "scene: MoorDyn's lines are elastic. Use a system of lines with EA (a line with a [[line_type]])"
         )
     if displaced_diameter(scene.line, scene) is None:
         raise SceneError("line.diameter: missing; MoorDyn needs the diameter of every line [m]")
@@ -74,7 +74,7 @@ def write_moordyn(
     for file, words in files.items():
         if file.name in (FREQUENCIES, CURRENT) and not force and file.exists() and file.read_text() != words:
             raise SceneError(
-                f"{file}: exists and differs: MoorDyn knows no other name for it, so it may be that of another deck; "
+                f"{file}: exists and differs. MoorDyn requires this name, so the file may belong to another input; "
                 "use another folder, or --force to replace it"
             )
     for file, words in files.items():
@@ -92,7 +92,7 @@ def _value(x: float) -> str:
 
 
 def _front(scene: Scene) -> Iterator[str]:
-    """Free text: what MoorDyn has no place for."""
+    """Free text: values without a counterpart in MoorDyn."""
     yield _rule("MoorDyn input, written by dropper-jax")
     yield f"! name = {json.dumps(scene.name)}"
     yield f"! description = {json.dumps(' '.join(scene.description.split()))}"
@@ -101,7 +101,7 @@ def _front(scene: Scene) -> Iterator[str]:
     for key, value in scene.to_dict()["run"].items():
         yield f"! run.{key} = {json.dumps(value)}"
     if any(line.axial_law == "damped_rope" for line in scene.lines):
-        yield '! law = "damped_rope"'  # what MoorDyn's lines are, where ours are ropes unless told otherwise
+        yield '! law = "damped_rope"'  # the axial law of MoorDyn's lines; by default they become ropes when read
     whole = _lines_in_pieces(scene)
     if whole:
         yield f"! pieces = {json.dumps(whole)}"
@@ -178,7 +178,7 @@ def _joints(line: LineSpec, part: list[Piece]) -> list[str]:
 
 
 def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], first: dict[str, int]) -> Iterator[str]:
-    """Lines that come off a point at a time or a tension; `first` numbers the first stretch of each line."""
+    """Lines that detach from a point at a time or a tension; `first` numbers the first stretch of each line."""
     rows = []
     for failure in scene.failures:
         position = detachment(scene, failure)
@@ -211,7 +211,7 @@ def _join(scene: Scene, line: LineSpec, part: list[Piece], words: dict[str, str]
     along = np.cumsum([piece.length for piece in part]) / sum(piece.length for piece in part)
     for name, share in zip(_joints(line, part), along[:-1], strict=True):
         if name in words:
-            raise SceneError(f"point {name!r}: is needed for a joint of line {line.name!r}; allowed: another name")
+            raise SceneError(f"point {name!r}: this name is needed for a joint of line {line.name!r}. Use another name")
         words[name] = str(len(rows) + 1)
         rows.append(_point(len(rows) + 1, "Free", start + share * (end - start), [None] * 4, name))
 
@@ -249,7 +249,7 @@ def _options(scene: Scene, path: Path, dt: float | None, more: Mapping[str, Any]
 
 
 def _below(scene: Scene) -> float:
-    """A depth [m] that nothing reaches, where the scene has no bed."""
+    """A depth [m] that nothing reaches, for a scene without seabed."""
     return 10.0 * (sum(line.total for line in scene.lines) + max(np.max(np.abs(p.position)) for p in scene.points))
 
 
@@ -266,13 +266,13 @@ def _table_file(path: Path, name: str) -> str:
 
 
 def _files(scene: Scene, path: Path) -> dict[str, str]:
-    """Text of the files beside the input, by name."""
+    """Text of the accompanying files, by name."""
     found, sea, bed = {}, scene.sea, scene.effects.get("seabed")
     for (*_, table), name in line_types([pieces(scene, i) for i in range(len(scene.lines))]).items():
         if table is not None:
             rows = [f"{_value(e)} {_value(tension)}" for e, tension in table]
             head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]
-            found[_table_file(path, name)] = "\n".join([*head, *rows])  # MoorDyn takes an empty last line for a bad row
+            found[_table_file(path, name)] = "\n".join([*head, *rows])  # MoorDyn rejects an empty last line
     if sea is not None and sea.waves is not None:
         drawn = wave_components(sea.waves, sea.depth, sea.gravity)
         arrays = (drawn.amplitude, drawn.omega, drawn.phase, drawn.direction)
@@ -289,14 +289,14 @@ def _files(scene: Scene, path: Path) -> dict[str, str]:
 
 
 def waves_text(amplitude: np.ndarray, omega: np.ndarray, phase: np.ndarray, direction: np.ndarray) -> str:
-    """Text of the frequency file for components of ours (c,) [m], [rad/s], [rad], [rad]."""
+    """Text of the frequency file for components (c,) of this package [m], [rad/s], [rad], [rad]."""
     turn = 0.5 * np.pi - phase
     table = np.stack([omega, amplitude * np.cos(turn), amplitude * np.sin(turn), direction * np.ones_like(omega)], 1)
     return "\n".join(["0.0 0.0 0.0 0.0", *(" ".join(repr(float(x)) for x in row) for row in table)]) + "\n"
 
 
 def current_text(spec: CurrentSpec, profile: Callable[[np.ndarray], np.ndarray], depth: float) -> str:
-    """Text of the current file: a table as it stands, or a formula at heights that grow dense towards the bed."""
+    """Text of the current file: a table unchanged, or a formula at heights that become dense towards the seabed."""
     heights = spec.heights
     if heights is None:
         heights = depth * (np.linspace(0.0, 1.0, HEIGHTS) ** 2 - 1.0)

@@ -369,7 +369,7 @@ def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, capsys
         (["--errors", "--skip", "-1"], "--skip: -1 is out of range"),
         (["--errors", "--skip", "nan"], "--skip: nan is out of range"),
         (["--errors", "--skip", "0.09"], "allowed: a run with at least 3"),
-        (["--skip", "0.02"], "allowed: beside --errors"),
+        (["--skip", "0.02"], "can only be left out together with --errors"),
     ],
 )
 def test_a_skip_that_leaves_nothing_or_belongs_to_nothing_is_refused(options, said, tmp_path, capsys):

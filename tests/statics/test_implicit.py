@@ -95,7 +95,7 @@ def test_a_pose_inside_a_compiled_program_needs_one_near_by(mooring):
     model, _ = mooring
     with pytest.raises(dj.SceneError, match="near: no pose to start from inside jit or vmap"):
         jax.jit(lambda m: dj.equilibrium(m).tension)(model)
-    with pytest.raises(dj.SceneError, match="loads, t, near: belong to a model"):
+    with pytest.raises(dj.SceneError, match="loads, t, near: need a model"):
         dj.equilibrium("string", t=1.0)
 
 

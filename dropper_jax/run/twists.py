@@ -70,6 +70,6 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
             gives = 2.0 * np.pi * turns * float(np.min(twisting[where.links])) / float(np.sum(line.length))
             if turns > COILED and gives > FELT * float(np.max(turning)):
                 yield (
-                    f"{line.name}: it coils by {turns:.2g} turns in the run; its twist would change by as many, which  "
+                    f"{line.name}: it coils by {turns:.2g} turns in the run; its twist would change by as many, which "
                     "the torsion model omits"
                 )

@@ -355,7 +355,7 @@ def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, capsys
     assert main(["run", str(scene), "--errors", "--skip", "0.02", "--quiet"]) == 0
     shown = capsys.readouterr().out
     assert "+-" in shown
-    assert "errors: of the step and of the links together" in shown
+    assert "errors of step and links together" in shown
     assert main(["run", str(scene), "--errors", "--quiet", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["load_errors"]
     assert set(found) == {"loads", "chaotic", "horizon_s", "not_resolved", "left_out"}

@@ -123,7 +123,7 @@ def test_what_cannot_go_on_is_told_in_one_line(half, tmp_path, capsys):
 def test_a_run_that_failed_does_not_go_on(half):
     bad = {"step": 7, "time_s": 0.07, "residual": 1.0, "reason": "of a test"}
     failed = dataclasses.replace(half, status="not_converged", first_bad=bad)
-    with pytest.raises(SceneError, match=r"the run to go on from failed, not_converged: step 7"):
+    with pytest.raises(SceneError, match=r"the run to continue failed, not_converged: step 7"):
         failed.continued()
 
 

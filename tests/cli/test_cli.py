@@ -368,7 +368,7 @@ def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, capsys
         (["--errors", "--skip", "0.1"], "--skip: 0.1 is out of range"),
         (["--errors", "--skip", "-1"], "--skip: -1 is out of range"),
         (["--errors", "--skip", "nan"], "--skip: nan is out of range"),
-        (["--errors", "--skip", "0.09"], "allowed: a run with at least 3"),
+        (["--errors", "--skip", "0.09"], "needed: at least 3"),
         (["--skip", "0.02"], "can only be left out together with --errors"),
     ],
 )

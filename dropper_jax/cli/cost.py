@@ -66,7 +66,6 @@ def text(found: dict[str, Any]) -> str:
             "",
             f"removing the effects of a scene gives the program of a scene without them: "
             f"{yes[proof['removed_is_never_had']]}",
-            f"adding an effect to the package does not change this program: "
-            f"{yes[proof['new_effect_changes_nothing']]}",
+            f"adding an effect to the package does not change this program: {yes[proof['new_effect_changes_nothing']]}",
         ]
     )

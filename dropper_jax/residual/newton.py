@@ -31,8 +31,8 @@ STALLED = 0.3
 FEW = 2
 #: Minimum number of corrections of a step: in float32 a guess may be within the tolerance, and a line would not move.
 LEAST = {"float32": 2}
-#: Maximum number of preconditioned corrections of a derivative solve. The condensed solver needs about as many as Newton
-#: does.
+#: Maximum number of preconditioned corrections of a derivative solve. The condensed solver needs about as many
+#: as Newton.
 REFINEMENTS = 200
 
 

@@ -48,7 +48,7 @@ def _rebound(t: np.ndarray, positions: np.ndarray) -> float:
 
 
 def _gain(t: np.ndarray, positions: np.ndarray) -> float:
-    """How far a weight comes above where it was let go [m]."""
+    """Height of a weight above its release position [m]."""
     return float(np.max(positions[:, 2]) - positions[0, 2])
 
 
@@ -58,7 +58,7 @@ def _impact(dt: float, duration: float, measure: Any) -> Any:
 
 @cache
 def sloping(friction: float | None) -> Scene:
-    """A weight on a slope, let go."""
+    """A weight released on a slope."""
     position = (2.0 * DOWN + np.array([0.0, 0.0, -BED])).tolist()
     bed: dict[str, Any] = {
         "seabed": {
@@ -139,8 +139,8 @@ CASES = [
           "the greatest depth", 0.01, "relative", _impact(0.002, 2.0, _deepest)),
     watch("bed-impact-rebound", "the same: error of the height it comes back to", 0.01, "relative",
           _impact(0.002, 2.0, _rebound)),
-    watch("bed-impact-coarse", "the same, bouncing for 50 s at steps longer than it touches the bed: how far it comes "
-          "above where it was let go", 1e-9, "m", _impact(0.05, 50.0, _gain)),
+    watch("bed-impact-coarse", "the same, bouncing for 50 s at steps longer than it touches the seabed: maximum "
+          "height above its release height", 1e-9, "m", _impact(0.05, 50.0, _gain)),
     watch("slope-smooth", "a weight slides down a slope of 1 in 2 without friction, 3 s at dt 0.01 s: error of the "
           "distance", 0.01, "relative", _slid(None, 0.01, 3.0)),
     watch("slope-rough", "the same with friction 0.2", 0.01, "relative", _slid(0.2, 0.01, 3.0)),

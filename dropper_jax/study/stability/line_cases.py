@@ -52,7 +52,8 @@ def _fallen(short: bool) -> Solution:
 def _crossing_outcome(short: bool) -> Outcome:
     """1 where the ropes are above each other in two rows of the run and have changed sides in between.
 
-    The weight bounces off sideways, round the end of the lower rope: that it is below that rope later is no passage.
+    The weight bounces off sideways, round the end of the lower rope: if it is below this rope later, it has not passed
+    through it.
     """
     ran = _fallen(short)
     low, *high = (ran.positions[:, line.nodes] for line in ran.lines)

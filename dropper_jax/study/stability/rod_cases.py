@@ -100,7 +100,7 @@ def _drum(short: bool) -> Outcome:
 
 
 def pinned_arm() -> Scene:
-    """An arm that a pin holds at one end, let go almost upright: it turns over and over."""
+    """An arm with a pin at one end, released almost upright: it rotates continuously."""
     body = {
         "name": "arm",
         "position": [0.0, 0.0, 0.0],

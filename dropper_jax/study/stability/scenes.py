@@ -1,5 +1,5 @@
-"""Hard scenes as plain tables, such as a user could write. Names and numbers of links are alike where they can be,
-so that many scenes share one compiled program."""
+"""Hard scenes as plain tables, as a user would write them. Names and numbers of links are equal if possible, so that
+many scenes share one compiled program."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LINKS = 7
 def loop(
     name: str, width: float, length: Any = 0.1, mass: Any = 0.03, effects: dict[str, Any] | None = None, **start: Any
 ) -> Scene:
-    """Seven links between two held points `width` [m] apart."""
+    """Seven links between two fixed points `width` [m] apart."""
     return load_scene(
         {
             "name": name,
@@ -67,7 +67,7 @@ def with_motion(scene: Scene, positions: np.ndarray, velocities: np.ndarray) -> 
 
 
 def lifted_loop(name: str, width: float, force: float = 0.5, **more: Any) -> Scene:
-    """A loop let go from a pose in which its third node is lifted and pulled aside by `force` [N]."""
+    """A loop released from the equilibrium in which its third node is lifted and pulled aside by `force` [N]."""
     return loop(name, width, release_nodes=[3], release_force=[[0.1 * force, 0.1 * force, force]], **more)
 
 
@@ -101,7 +101,7 @@ def driven() -> Scene:
 
 
 def thousand_links(links: int = 1000) -> Scene:
-    """A loop of 100 m, pulled aside in its middle and let go."""
+    """A loop of 100 m, pulled aside in its middle and released."""
     table = loop("thousand-links", 0.3).to_dict()
     table["point"][1]["position"] = [60.0, 0.0, 0.0]
     table["line"][0].update(links=links, length=100.0 / links, mass=100.0 / links)

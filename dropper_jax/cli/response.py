@@ -19,7 +19,7 @@ help = "mean shift, amplitude and phase of the first link in regular waves, over
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--periods", required=True, metavar="LO:HI:N", help="periods [s], N from LO to HI")
-    parser.add_argument("--no-more", action="store_true", help="leave out the runs with waves that are 10 % higher")
+    parser.add_argument("--no-more", action="store_true", help="leave out the runs with waves of 1.1 times the height")
     add_plot(parser, "the curves over the period")
     add_out(parser)
     add_quiet(parser)

@@ -246,7 +246,7 @@ def draw(solution: Solution, target: Path) -> list[Path]:
     if not anything_moves(readable(solution)):
         still = [name for name in pictures if name in OF_MOTION]
         pictures = {name: function for name, function in pictures.items() if name not in still}
-        print_line(f"pictures: nothing moves; left out: {', '.join(still)}")
+        print_line(f"pictures: no motion; left out: {', '.join(still)}")
     for name, function in pictures.items():
         files.append(target / f"{name}.png")
         getattr(plots, function)(solution, files[-1])

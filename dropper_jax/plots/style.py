@@ -88,7 +88,7 @@ def save(figure: Figure, path: str | Path) -> Path:
     path = Path(path)
     kind = path.suffix.lstrip(".").lower() or "png"
     layout = figure.get_layout_engine()
-    if layout is not None:  # laid out here, once; `savefig` would draw the whole figure once more to do it
+    if layout is not None:  # the layout is computed once here; `savefig` would draw the figure again for it
         layout.execute(figure)
         figure.set_layout_engine(None)
     atomic_write(path, lambda file: figure.savefig(file, format=kind))
@@ -107,7 +107,7 @@ def how(run: Run) -> tuple[str, str]:
 
 
 def title(figure: Figure, run: Run, what: str) -> None:
-    """Title over the whole figure, and how the run was made under it."""
+    """Title of the figure, with integrator and step below it."""
     text, colour = how(run)
     figure.suptitle(heading(run, what), fontsize=12, fontweight="bold", x=0.01, ha="left")
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")

@@ -108,7 +108,7 @@ def _in_water(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
 def _pieces(
     scene: SceneData, rigid: RigidBodies, sliced: bool, only: Callable[[BodySpec], bool] = lambda _: True
 ) -> Pieces:
-    """The cylinders, whole or in slices, and spheres of the bodies, or only of some."""
+    """The cylinders, complete or in slices, and spheres of all or some bodies."""
     found = []
     chosen = [(i, body) for i, body in enumerate(scene.bodies) if only(body)]
     for i, body in chosen:

@@ -135,7 +135,7 @@ class Coupled:
         self._saved: _Saved | None = None
 
     def init(self, positions: Vectors | None = None, velocities: Vectors | None = None) -> np.ndarray:
-        """Start at t = 0 as the scene's `[start]` says, with the points at `positions` (c, 3) [m].
+        """Start at t = 0 as defined in the scene's `[start]`, with the points at `positions` (c, 3) [m].
 
         Args:
             positions: default: as in the scene; lines that start at rest are in equilibrium with these positions.

@@ -74,7 +74,7 @@ def _layer(scene: Scene, line: LineSpec, z: np.ndarray) -> tuple[np.ndarray, np.
 def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[dict[str, Any]]:
     """Mass, diameter and wet weight per metre by month and depth, of each bare rope that `[growth]` grows on.
 
-    Without the random factor, nothing harvested.
+    The values are without the random factor and without harvest.
 
     Returns:
         Rows of lines, month, depth_m, thickness_m, diameter_m, mass_kg_per_m, wet_weight_n_per_m.

@@ -139,7 +139,7 @@ def _wrong_arrays(solution: Samples) -> Iterator[str]:
             yield f"{name} has the shape {value.shape} and kind {value.dtype}, but its scene requires {shape} floats"
             return
         if solution.status == "ok" and not np.all(np.isfinite(value)):
-            yield f"{name} is not finite, though its status says ok"
+            yield f"{name} is not finite, although its status is ok"
     if solution.step_status.shape != (k,) or solution.step_status.dtype.kind not in "iu":
         yield f"step_status has the shape {solution.step_status.shape} and kind {solution.step_status.dtype}"
     if solution.scene.bodies and solution.body_position is None:

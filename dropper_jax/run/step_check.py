@@ -210,7 +210,7 @@ def step_words(found: dict[str, Any]) -> str:
     off = _off(found, [name for name in WORDS if found[name] is not None])
     chaos = found["chaotic_from_s"]
     until = "" if chaos is None else f"; chaotic from {chaos:.3g} s: positions until then, tensions above chance"
-    return f"{off or 'nothing moves'}; from {found['repeated']} at half the step{until}"
+    return f"{off or 'no motion'}; from {found['repeated']} at half the step{until}"
 
 
 def _off(found: dict[str, Any], names: list[str]) -> str:

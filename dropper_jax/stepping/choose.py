@@ -16,7 +16,8 @@ from dropper_jax.stepping.stepper import Stepper
 SYSTEM_ITERATIONS = 16
 
 
-#: Below this many unknowns LU of the whole Jacobian beats block elimination (measured at 3 compound links).
+#: Number of unknowns below which LU of the full Jacobian is faster than block elimination (measured at 3 compound
+#: links).
 SMALL = 16
 
 

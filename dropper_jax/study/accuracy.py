@@ -61,7 +61,7 @@ def accuracy(
     model, s = build(scene, "float64")
     chosen, refused = runnable(default_schemes(model, not extras) if schemes is None else schemes, model)
     if not chosen:
-        raise SceneError(f"--integrators: none runs this scene: {refused[0]['reason']}")
+        raise SceneError(f"--integrators: none of them can run this scene: {refused[0]['reason']}")
     say(0.0, "how long errors mean something")
     grid = max(dts)
     longest = max(min(scene.run.duration, LONGEST), 2 * grid)

@@ -1,4 +1,4 @@
-"""Impact on the bed, slopes, and friction that sticks and slips, against closed forms."""
+"""Impact on the seabed, slopes, and stick-slip friction, compared with closed forms."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MASS = 50.0
 #: Impact [m/s] and the height it takes [m].
 SPEED = 8.9
 FALL = SPEED**2 / (2 * G)
-#: Time for which the bed of the impact touches a weight [s], and its stiffness under one [N/m].
+#: Contact time of a weight with the seabed of the impact [s], and the seabed stiffness under a weight [N/m].
 TOUCH = 0.04
 HARD = MASS * (np.pi / TOUCH) ** 2
 AREA = 0.5 * THREAD * THICK
@@ -25,12 +25,12 @@ AREA = 0.5 * THREAD * THICK
 SLOPE = 0.5
 DOWN = np.array([1.0, 0.0, -SLOPE]) / np.hypot(1.0, SLOPE)
 STEEP = float(np.arctan(SLOPE))
-#: Stiffness of the beds that are slid on, under a weight [N/m], and their damping [N s/m].
+#: Stiffness of the sliding seabeds under a weight [N/m], and their damping [N s/m].
 FIRM, DULL = 1e6, 1e4
 
 
 def dropped_weight() -> Scene:
-    """A weight that falls onto a bed without damping."""
+    """A weight that falls onto a seabed without damping."""
     bed = {"seabed": {"depth": BED, "stiffness": HARD / AREA, "damping": 0.0}}
     return weight_on_thread("bed-impact", {"mass": MASS}, [0.0, 0.0, FALL - BED], bed)
 
@@ -82,20 +82,20 @@ def _slid(friction: float | None, dt: float, duration: float) -> Any:
 
 
 def _late_motion(t: np.ndarray, positions: np.ndarray) -> float:
-    """After the first second, in which the weight sinks into the bed."""
+    """Motion after the first second, in which the weight sinks into the seabed."""
     late = positions[t >= 1.0]
     return float(np.max(np.linalg.norm(late - late[0], axis=1)))
 
 
-#: The sledge: its spring [N/m], the speed at which that is pulled [m/s], and what holds the sledge and slows it.
+#: The sledge: stiffness of its spring [N/m], speed of the spring end [m/s], static and kinetic friction.
 SPRING, PULLED, STATIC, KINETIC = 5000.0, 0.05, 0.5, 0.3
 STRETCH = STATIC * MASS * G / SPRING
-#: Half of what it slips by were it pulled infinitely slowly [m].
+#: Half of the slip distance in the limit of slow motion [m].
 HALF = (STATIC - KINETIC) * MASS * G / SPRING
 
 
 def sledge() -> Scene:
-    """A weight on the bed, pulled along by a spring whose other end moves evenly."""
+    """A weight on the seabed, pulled by a spring whose other end moves at constant speed."""
     length = 5.0
     bed = {
         "seabed": {"depth": BED, "stiffness": FIRM / (0.5 * length * 0.01), "damping": DULL / (0.5 * length * 0.01)},

@@ -1,4 +1,5 @@
-"""Lines that touch and twist: what falls on a rope stays above it and gains nothing, twist swings for ever."""
+"""Lines in contact and torsion: a rope that falls onto another stays above it without energy gain; twist oscillates
+undamped."""
 
 from __future__ import annotations
 
@@ -87,7 +88,7 @@ LONG, STIFF, HEAVY, MOMENT = 2.0, 1.0, 0.01, 0.3
 
 
 def twisted_rod() -> Scene:
-    """A rod that hangs, a moment put on its lower end at once."""
+    """A hanging rod with a moment applied suddenly at its lower end."""
     twist = {"GJ": STIFF, "polar_inertia": HEAVY, "torque": MOMENT, "begins": "untwisted"}
     rod = {"length": LONG / 40, "mass": 0.2 / 40, "diameter": 0.02, "axial": {"law": "elastic", "EA": 2000.0}}
     return load_scene(

@@ -82,7 +82,7 @@ def kicked_string(nodes: int = LINKS) -> Scene:
 
 
 def whirling(rate: float = 30.0) -> Scene:
-    """A loop that turns as a whole about the line through its ends at `rate` [rad/s]."""
+    """A loop that rotates rigidly about the line through its ends at `rate` [rad/s]."""
     scene = loop("whirling-loop", 0.3)
     positions = equilibrium(scene).positions
     return with_motion(scene, positions, np.cross(np.array([rate, 0.0, 0.0]), positions))
@@ -91,7 +91,7 @@ def whirling(rate: float = 30.0) -> Scene:
 def driven() -> Scene:
     """A loop whose right end moves across its plane with the period of its own swing about the line through the ends.
 
-    Turning as a whole about that line is an exact motion of the loop: `w^2 = g sum(m z) / sum(m z^2)`.
+    Rigid rotation about this line is an exact motion of the loop: `w^2 = g sum(m z) / sum(m z^2)`.
     """
     scene = loop("driven-at-resonance", 0.3)
     depth = -equilibrium(scene).positions[1:-1, 2]

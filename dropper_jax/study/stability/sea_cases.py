@@ -23,7 +23,7 @@ RHO = SEA_WATER
 
 
 def _wet(height: np.ndarray | float, diameter: float) -> Any:
-    """Wet share of what is `height` [m] below the surface and so large [m] upwards, as the laws of the water say it."""
+    """Wet fraction of a body at `height` [m] below the surface with a vertical extent [m], as in the water effects."""
     s = np.clip(0.5 + height / diameter, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)
 
@@ -92,7 +92,7 @@ CURRENT, ROPE, WIDE, DRAG, HEAVY = 5.0, 10.0, 0.05, 1.2, 50.0
 
 
 def streaming() -> Scene:
-    """A weight on one link in a current that moves the link with the water within a thousandth of a step."""
+    """A weight on one link in a current that accelerates the link to the water velocity within 0.1 % of a step."""
     neutral = RHO * 0.25 * np.pi * WIDE**2
     return load_scene(
         {

@@ -1,4 +1,4 @@
-"""Small systems of lines as plain tables: weights on ropes and threads, on the bed and in the water."""
+"""Small systems of lines as plain tables: weights on ropes and threads, on the seabed and in the water."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 
 G = GRAVITY
-#: Depth of the bed under weights on threads [m].
+#: Depth of the seabed under weights on threads [m].
 BED = 10.0
-#: Of a thread: its length and diameter [m], whose product is twice the area with which its end lies on the bed.
+#: Of a thread: its length and diameter [m], whose product is twice the contact area of its end on the seabed.
 THREAD, THICK = 30.0, 0.02
 #: Diameter of a thread in the water [m], where others give it buoyancy.
 THIN = 1e-4

@@ -229,8 +229,7 @@ def write_netcdf(solution: Samples, path: str | Path) -> Path:
 def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], arrays: Iterable[Any]) -> None:
     """The dataset into an open file.
 
-    HDF5 crashes the process if a write fails while it closes a file. The file object therefore reports success to HDF5,
-    and its error is raised afterwards.
+    HDF5 crashes if a write fails while it closes a file, so errors are hidden from HDF5 and raised afterwards.
     """
     held = DeferredErrorFile(file, lambda: release_pages(arrays))
     names = [name for name in dataset.data_vars if str(name).startswith(LAST)]

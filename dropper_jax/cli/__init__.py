@@ -1,9 +1,8 @@
 """The command line `dropper`: commands are found by the entry-point group `dropper.commands`.
 
-A command is imported when it is asked for, and imports JAX when its arguments and files have been looked at; only
-here and in the package's root may imports stand inside functions. Runs are compiled to one kernel each, and
-programs are kept for the next start. With `--json`
-each command prints exactly one object on standard output, whatever the exit code.
+A command is imported only when it is used, and imports JAX after it has checked its arguments and files. Imports inside
+functions are allowed only here and in the root of the package. Each run is compiled to one kernel, and programs are
+cached for the next start. With `--json` each command prints exactly one object on standard output, for every exit code.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             code = args.run(args)
             sys.stdout.flush()
             return code
-        except BrokenPipeError:  # `dropper scenes | head`: the reader has what it wanted
+        except BrokenPipeError:  # `dropper scenes | head`: the reader has closed the pipe
             close_stdout()
             return OK
         except (Exception, KeyboardInterrupt) as error:

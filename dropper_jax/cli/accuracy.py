@@ -1,4 +1,4 @@
-"""`dropper accuracy SCENE`: what accuracy costs in time."""
+"""`dropper accuracy SCENE`: run time against accuracy."""
 
 from __future__ import annotations
 
@@ -21,11 +21,18 @@ help = "measure errors and times of all integrators over a range of steps, and a
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument(
-        "--integrators", nargs="+", metavar="NAME[:GAMMA]", help="what to compare (default: all that run)"
+        "--integrators",
+        nargs="+",
+        metavar="NAME[:GAMMA]",
+        help="integrators to compare (default: all that can run the scene)",
     )
     parser.add_argument("--dts", nargs="+", type=number, metavar="S", help="time steps [s] (default: 1/32 to 1/2048)")
-    parser.add_argument("--span", type=number, help="time compared [s] (default: until chaos amplifies rounding)")
-    parser.add_argument("--peers", action="store_true", help="also MuJoCo and diffrax, where installed and able")
+    parser.add_argument(
+        "--span", type=number, help="duration of the comparison [s] (default: until chaos amplifies rounding)"
+    )
+    parser.add_argument(
+        "--peers", action="store_true", help="also MuJoCo and diffrax, if installed and able to run the scene"
+    )
     parser.add_argument(
         "--quick", action="store_true", help="each scheme once, without retries: errors, times, orders and advice"
     )
@@ -48,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def report(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
-    """Measure what the options ask for."""
+    """Measure the quantities that the options request."""
     from dropper_jax.study.accuracy import DTS, accuracy
     from dropper_jax.study.schemes import parse
 
@@ -61,7 +68,7 @@ def report(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def draw(found: dict[str, Any], path: Path) -> None:
-    """The work-precision picture to `path`, the others beside it."""
+    """Write the work-precision picture to `path` and the others next to it."""
     from dropper_jax.study import pictures
 
     pictures.work_precision(found, path)
@@ -74,7 +81,7 @@ def draw(found: dict[str, Any], path: Path) -> None:
 
 
 def text(found: dict[str, Any]) -> str:
-    """The report for people."""
+    """The report as text."""
     reference = found["reference"]
     parts = [
         f"{found['scene']}: compared over {reference['horizon_s']:.4g} s; perturbations grow at "
@@ -95,7 +102,7 @@ def text(found: dict[str, Any]) -> str:
 
 
 def _loads(found: dict[str, Any]) -> str:
-    """Errors of the loads over the step, and from which step they are small."""
+    """Errors of the loads over the step, and the step below which they are small."""
     if not found["rows"]:
         return f"loads: {found['skipped']}"
     names = ("mean", "deviation", "window_maximum", "maximum")
@@ -103,7 +110,7 @@ def _loads(found: dict[str, Any]) -> str:
     for row in found["rows"]:
         errors = (_short(row["errors"][name], "{:.2%}") for name in names)
         rows.append((f"{row['dt']:.4g}", *errors, f"{row['us_per_step']:.3g}", row["status"]))
-    head = f"errors of loads, the worst line's, against {found['reference_dt']:.4g} s:"
+    head = f"errors of the loads of the worst line, against {found['reference_dt']:.4g} s:"
     return "\n".join([head, table(rows), *(item["text"] for item in found["advice"])])
 
 

@@ -2,6 +2,6 @@
 
 OK = 0
 INVALID_INPUT = 2
-#: A run or a search that failed; what it has is kept.
+#: A run or a search failed; its partial result is kept.
 FAILED = 3
 INTERRUPTED = 130

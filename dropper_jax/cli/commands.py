@@ -1,4 +1,4 @@
-"""The commands: found by their entry points, imported when they are asked for."""
+"""The commands: found by their entry points and imported when used."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ HELP = ("-h", "--help")
 
 
 class Command(Protocol):
-    """What an entry point names, a module mostly; its own name is the command's.
+    """The object of an entry point, usually a module; the name of the entry point is that of the command.
 
     Attributes:
-        help: one line for people.
+        help: one line of help.
     """
 
     help: str
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Declare the arguments; nothing heavy is imported here."""
+        """Declare the arguments, without heavy imports."""
 
     def run(self, args: argparse.Namespace) -> int:
-        """Do the work; returns an exit code of `dropper_jax.cli.codes`."""
+        """Run the command; returns an exit code of `dropper_jax.cli.codes`."""
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, like every other invalid input."""
+    """A parser with one-line errors, like those of all other invalid input."""
 
     def error(self, message: str) -> NoReturn:
         raise SceneError(f"{self.prog}: {' '.join(message.split())}")
 
 
 class _Version(argparse.Action):
-    """Print versions and stop; they are looked up only when asked for."""
+    """Print versions and stop; they are looked up only if requested."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         print("\n".join(f"{package} {_version_of(package)}" for package in PACKAGES))
@@ -61,7 +61,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     """Arguments of a command, with its `run`.
 
     Raises:
-        SceneError: arguments that cannot be used, or a command that cannot be imported.
+        SceneError: invalid arguments, or a command that cannot be imported.
     """
     # every option in front of the command ends the program, so the first other word is the command
     asked = next((word for word in argv if not word.startswith("-")), None)

@@ -1,4 +1,4 @@
-"""`dropper cost SCENE`: what each effect of a scene costs per step."""
+"""`dropper cost SCENE`: cost of each effect of a scene per step."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def text(found: dict[str, Any]) -> str:
-    """The report for people."""
+    """The report as text."""
     columns = {
         **{
             "us_per_step": ("us/step", ".2f"),
@@ -59,14 +59,13 @@ def text(found: dict[str, Any]) -> str:
     yes = {True: "yes", False: "NO"}
     return "\n".join(
         [
-            f"{found['scene']}: {found['integrator']}, solver {found['solver']}; counts are per pass of a loop's body; "
-            "corrections are Newton's, per step",
+            f"{found['scene']}: {found['integrator']}, solver {found['solver']}; counts are per loop iteration;   "
+            "corrections are Newton iterations per step",
             "",
             table(rows),
             "",
-            f"a scene stripped of its effects is the program of one that never had them: "
+            f"removing the effects of a scene gives the program of a scene without them: "
             f"{yes[proof['removed_is_never_had']]}",
-            f"adding an effect to the package leaves this scene's program as it was: "
-            f"{yes[proof['new_effect_changes_nothing']]}",
+            f"adding an effect to the package does not change this program: {yes[proof['new_effect_changes_nothing']]}",
         ]
     )

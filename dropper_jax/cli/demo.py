@@ -1,7 +1,7 @@
-"""`dropper demo`: release the lab dropper of scenario A, then whatever the entry-point group `dropper.demo` adds.
+"""`dropper demo`: release the lab dropper of scenario A, then run the parts of the entry-point group `dropper.demo`.
 
-A part of the demo is a module with `title` and `run_part(folder, progress)`, which leaves its files in `folder` and
-returns a `DemoPart`. The simulator knows none of them: `fitting` registers the calibration.
+A part of the demo is a module with `title` and `run_part(folder, progress)`, which writes its files to `folder` and
+returns a `DemoPart`. The simulator does not import any part: `fitting` registers the calibration.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SCENE, DT, DURATION = "dropper-release-a", 0.005, 50.0
 
 @dataclass(frozen=True)
 class DemoPart:
-    """What a part of the demo shows: text for the terminal, Markdown for the report, values for the JSON object."""
+    """Result of a part of the demo: text for the terminal, Markdown for the report, values for the JSON object."""
 
     status: str
     text: str

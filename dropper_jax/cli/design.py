@@ -1,4 +1,4 @@
-"""`dropper design SCENE`: solve for the value that gives a wanted static tension or depth."""
+"""`dropper design SCENE`: solve for the value that gives a required static tension or depth."""
 
 from __future__ import annotations
 
@@ -10,18 +10,21 @@ from dropper_jax.cli.options import add_scene, number, read_scene
 from dropper_jax.cli.output import done_object, listing
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
-help = "solve for a value of the scene that gives a wanted static tension or depth"
+help = "solve for a value of the scene that gives a required static tension or depth"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument(
-        "--vary", required=True, metavar="PATH=LOW:HIGH", help="the value to find, such as line.0.EA=1e5:1e7"
+        "--vary",
+        required=True,
+        metavar="PATH=LOW:HIGH",
+        help="the value to solve for and its range, such as line.0.EA=1e5:1e7",
     )
     parser.add_argument(
         "--target", required=True, metavar="WHAT", help="tension.LINE.first, .last or .max [N], or depth.POINT [m]"
     )
-    parser.add_argument("--value", required=True, type=number, help="the wanted value of the target")
+    parser.add_argument("--value", required=True, type=number, help="the required value of the target")
     add_out(parser)
 
 
@@ -30,9 +33,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         low, high = (float(x) for x in limits.split(":"))
     except ValueError:
-        raise SceneError(
-            f"--vary: {args.vary!r} is not PATH=LOW:HIGH; allowed: such as line.0.length=4.0:4.5"
-        ) from None
+        raise SceneError(f"--vary: {args.vary!r} is not PATH=LOW:HIGH. Use for example line.0.length=4.0:4.5") from None
     out = out_file(args.out)
     scene = read_scene(args)
 
@@ -43,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     more = {"wanted": found.requested, "reached": found.reached, "solves": found.solves}
     text = [
         (found.path, f"{found.value:.9g}"),
-        (found.target, f"{found.reached:.9g}, wanted {found.requested:g}"),
+        (found.target, f"{found.reached:.9g}, required {found.requested:g}"),
         ("static poses", str(found.solves)),
     ]
     if found.end_forces is not None:

@@ -1,4 +1,4 @@
-"""`dropper doctor`: whether this installation computes what it should, and with what."""
+"""`dropper doctor`: check the installation, and list its versions and devices."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json
 from dropper_jax.cli.output import done_object, failure_object, listing, print_line, print_result
 
-help = "versions, devices, cache, and whether known answers come out"
+help = "versions, devices, cache, and checks against known results"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> int:
 
     found = examine()
     failed = [check["name"] for check in found["checks"] if not check["ok"]]
-    error = f"not as it should be: {', '.join(failed)}" if failed else None
+    error = f"failed checks: {', '.join(failed)}" if failed else None
     about = failure_object("unhealthy", error) if error else done_object()
     if error:
         print_line(f"error: {error}")
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def text(found: dict[str, Any]) -> str:
-    """The examination for people."""
+    """The report as text."""
     pairs = []
     for extra, packages in found["versions"].items():
         named = ", ".join(f"{name} {version or 'is not installed'}" for name, version in packages.items())
@@ -39,7 +39,7 @@ def text(found: dict[str, Any]) -> str:
     system, cache, options = found["system"], found["cache"], found["compiler_options"]
     kept = f"{cache['folder']}: {cache['programs']} programs, {in_words(cache['bytes'])}"
     pairs += [
-        ("system", f"{system['platform']}, {system['cores']} cores, memory {in_words(system['memory_bytes'])} left"),
+        ("system", f"{system['platform']}, {system['cores']} cores, free memory {in_words(system['memory_bytes'])}"),
         ("devices", ", ".join(found["devices"])),
         ("precision", "float64" if found["float64"] else "float32 (JAX_ENABLE_X64 is off)"),
         ("one kernel", "each run is one CPU kernel" if found["one_kernel"] else "off (DROPPER_ONE_KERNEL)"),

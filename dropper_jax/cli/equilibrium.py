@@ -1,4 +1,4 @@
-"""`dropper equilibrium SCENE`: the static pose."""
+"""`dropper equilibrium SCENE`: static equilibrium."""
 
 from __future__ import annotations
 
@@ -19,14 +19,16 @@ if TYPE_CHECKING:
     from dropper_jax.scene.slices import LineSlice
     from dropper_jax.statics.search import Equilibrium
 
-help = "find the static pose of a scene, held by its release force where it has one"
+help = "find the static equilibrium of a scene, under its release force if it has one"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--tide", action="store_true", help="poses through a cycle of current and level")
-    parser.add_argument("--times", type=positive_integer, default=13, help="of the cycle, both ends included (13)")
-    add_plot(parser, "the pose, or curves through the tide,")
+    parser.add_argument("--tide", action="store_true", help="equilibria through a cycle of current and level")
+    parser.add_argument(
+        "--times", type=positive_integer, default=13, help="number of equilibria in the cycle, both ends included (13)"
+    )
+    add_plot(parser, "the equilibrium, or curves through the tide,")
     add_out(parser)
 
 
@@ -82,7 +84,7 @@ def _tide(scene: Scene, args: argparse.Namespace, plot: Path | None, out: Path |
     head = failure_object(failed, failed) if failed else done_object()
     deliver(args.json, {**head, "scene": scene.name, **found}, _tide_text(found), out)
     if failed:
-        print_line(f"error: {failed}: a pose of the cycle was not found")
+        print_line(f"error: {failed}: no equilibrium found for one instant of the cycle")
     return FAILED if failed else OK
 
 
@@ -96,7 +98,7 @@ def _tide_text(found: dict[str, Any]) -> str:
         used = (100.0 * share for share in row["anchor_utilisation"].values())
         values = (row["t_s"] / 3600.0, row["level_m"], row["speed_m_per_s"], row["moved_m"], *loads, *used)
         rows.append(tuple(f"{value:.4g}" for value in values))
-    note = "moved: horizontally, of the node that is farthest from the pose without current at the mean level"
+    note = "moved: maximum horizontal displacement of a node from the equilibrium without current at the mean level"
     return f"{table(rows)}\n{note}"
 
 
@@ -126,7 +128,7 @@ def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray) ->
         if len(lines) > 1:
             parts.append(f"line {line.name}")
         parts.append(_line_table(found.positions[line.nodes], found.tension[line.links], angles[line.links]))
-    note = "angles and tension: of the link that ends at the node; polar is 0 at the horizontal, down > 0"
+    note = "angles and tension are those of the link that ends at the node; polar is 0 at the horizontal, down > 0"
     return "\n".join([*parts, note])
 
 
@@ -139,17 +141,17 @@ def _forces(scene: Scene, found: Equilibrium) -> dict[str, dict[str, float]]:
 
 
 def _end_forces(scene: Scene, found: Equilibrium) -> str:
-    """Forces on the lines' end points: with the weight in water of the share of the end link that the point carries."""
+    """Forces on the end points of lines, including the weight in water of the part of the end link at the point."""
     rows = [("line", "force on first point [N]", "force on last point [N]")]
     rows += [(name, f"{both['first']:.5g}", f"{both['last']:.5g}") for name, both in _forces(scene, found).items()]
     return table(rows)
 
 
 def _loads(scene: Scene, found: Equilibrium) -> str:
-    """What the lines pull on the held points."""
+    """Forces of the lines on the fixed points."""
     from dropper_jax.scene.slices import held_loads
 
-    rows = [("held point", "horizontal [N]", "vertical, upwards [N]", "total [N]", "uplift angle [deg]")]
+    rows = [("fixed point", "horizontal [N]", "vertical, upwards [N]", "total [N]", "uplift angle [deg]")]
     for name, load in held_loads(scene, found.positions, found.tension).items():
         across, up, size = np.hypot(load[0], load[1]), load[2], np.linalg.norm(load)
         angle = "-" if size == 0 else f"{np.degrees(np.arctan2(up, across)):.2f}"

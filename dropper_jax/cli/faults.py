@@ -1,7 +1,7 @@
-"""Ends of a command that are no result: bad input, signals, streams that take nothing, faults of our own.
+"""Abnormal ends of a command: invalid input, signals, streams that cannot be written, internal errors.
 
-Each ends in one line on standard error and, with `--json`, one object on standard output. What nobody foresaw is told
-in one line too, and exits as a failed run; `DROPPER_TRACEBACK=1` shows where it happened.
+Each ends in one line on standard error and, with `--json`, one object on standard output. An unexpected error is also
+reported in one line, with the exit code of a failed run; `DROPPER_TRACEBACK=1` shows where it happened.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, INTERRUPTED, INVALID_INPUT
 from dropper_jax.cli.output import failure_object, print_json, print_line
 
-#: Shows where a fault of our own happened.
+#: Environment variable that shows the traceback of an internal error.
 TRACEBACK = "DROPPER_TRACEBACK"
-#: What JAX says of a platform that it does not have, and of memory.
+#: Messages of JAX on an unavailable platform, and on memory.
 NO_BACKEND, NO_MEMORY = "Unable to initialize backend", ("RESOURCE_EXHAUSTED", "Out of memory")
-#: Errors of a stream that takes nothing more.
+#: Errors of a stream that cannot be written.
 REFUSALS = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF, errno.EFBIG)
-#: Errors of a disk that takes nothing more: no input that can be mended.
+#: Errors of a disk that cannot be written, which are not errors of the input.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG)
-#: Longest text of a fault in its line.
+#: Maximum length of the text of an error in its line.
 SHOWN = 300
 
 
 def with_streams() -> None:
-    """Somewhere to write to where a stream was closed at the start: else `print` fails, or the next file opened takes
-    its place."""
+    """Replace standard streams that are closed at the start: otherwise `print` fails, or the next opened file replaces
+    them."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - as long as the process
@@ -42,7 +42,7 @@ def with_streams() -> None:
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """SIGTERM does as SIGINT: what is done is kept. A handler of somebody else's stays."""
+    """Handle SIGTERM like SIGINT, so that partial results are kept. A handler set by other code is not replaced."""
     mine = threading.current_thread() is threading.main_thread()
     if not mine or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
@@ -56,7 +56,7 @@ def terminated_as_interrupted() -> Iterator[None]:
 
 @contextmanager
 def defer_signals() -> Iterator[None]:
-    """What is begun here is ended before a signal is heeded; a second one is heeded at once."""
+    """Finish this block before a signal is handled; a second signal is handled immediately."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -84,9 +84,9 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def report_error(error: BaseException, as_json: bool) -> int:
-    """Tell what ended the command; returns its exit code."""
+    """Report the error that ended the command; returns its exit code."""
     nameless = isinstance(error, OSError) and error.filename is None and error.errno in REFUSALS
-    if nameless or _output_is_stuck():  # what is written to files has their names
+    if nameless or _output_is_stuck():  # errors of files have the names of the files
         close_stdout()
         reason = getattr(error, "strerror", None) or "is closed"
         print_line(f"error: standard output: cannot be written: {reason}")
@@ -107,7 +107,7 @@ def report_error(error: BaseException, as_json: bool) -> int:
 
 
 def classify_error(error: BaseException) -> tuple[str, str, int]:
-    """Status, message and exit code of what ended a command."""
+    """Status, message and exit code of the error that ended a command."""
     if isinstance(error, KeyboardInterrupt):
         return "interrupted", "interrupted", INTERRUPTED
     if isinstance(error, SceneError):
@@ -121,22 +121,26 @@ def classify_error(error: BaseException) -> tuple[str, str, int]:
         wanted = os.environ.get("JAX_PLATFORMS", "")
         return "invalid_input", f"JAX_PLATFORMS: {wanted!r} cannot be used here; allowed: cpu, or unset", INVALID_INPUT
     if isinstance(error, MemoryError) or any(word in text for word in NO_MEMORY):
-        return "out_of_memory", f"out of memory: {text[:SHOWN] or 'nothing is left'}; a shorter run needs less", FAILED
+        return (
+            "out_of_memory",
+            f"out of memory: {text[:SHOWN] or 'no memory is free'}; a shorter run needs less",
+            FAILED,
+        )
     if isinstance(error, RecursionError):
         return "invalid_input", "the input is nested too deeply", INVALID_INPUT
     what = f"{type(error).__name__}: {text}"[:SHOWN]
-    return "internal_error", f"internal: {what} ({TRACEBACK}=1 shows where; no fault of the input)", FAILED
+    return "internal_error", f"internal: {what} ({TRACEBACK}=1 shows where; the input is not the cause)", FAILED
 
 
 def _of_file(error: OSError) -> str:
-    """The file and what is wrong with it."""
+    """The file and its error."""
     if error.filename is None or error.strerror is None:
         return str(error)
     return f"{error.filename}: {error.strerror}"
 
 
 def _output_is_stuck() -> bool:
-    """Whether standard output refuses what was printed."""
+    """Whether standard output cannot be written."""
     try:
         sys.stdout.flush()
     except (OSError, ValueError):
@@ -145,6 +149,6 @@ def _output_is_stuck() -> bool:
 
 
 def close_stdout() -> None:
-    """Nothing more goes to standard output: else Python complains as it flushes at the end."""
+    """Discard further output: otherwise Python reports an error when it flushes at exit."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

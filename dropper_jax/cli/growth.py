@@ -1,4 +1,4 @@
-"""`dropper growth SCENE`: what grows on its lines, by month and depth."""
+"""`dropper growth SCENE`: mussels on its lines, by month and depth."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ help = "mussels of a scene by month and depth: mass, diameter, wet weight"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--months", nargs="+", type=number, metavar="MONTH", help="months, else those of the scene")
+    parser.add_argument(
+        "--months", nargs="+", type=number, metavar="MONTH", help="months (default: those of the scene)"
+    )
     add_plot(parser, "layer and wet weight over depth")
     add_out(parser)
 

@@ -1,4 +1,4 @@
-"""Runs kept as they go on: scratch folders beside their files, what killed runs left, disks that refuse."""
+"""Storage of running simulations: scratch folders next to their files, recovery of killed runs, disk errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def scratch_beside(out: Path | None) -> Iterator[Path | None]:
-    """An empty folder beside the file that a run is to be saved to, gone afterwards; None where it is not saved."""
+    """A temporary empty folder next to the output file of a run; None if the run is not saved."""
     if out is None:
         yield None
         return
@@ -34,7 +34,7 @@ def scratch_beside(out: Path | None) -> Iterator[Path | None]:
 
 
 def recover_leftovers(out: Path | None) -> None:
-    """Keep and name what a killed run left beside `out`."""
+    """Recover and report the files of a killed run next to `out`."""
     if out is None:
         return
     from dropper_jax.run.recovery import recover
@@ -44,7 +44,7 @@ def recover_leftovers(out: Path | None) -> None:
 
 
 def save_or_report(solution: Solution, out: Path | None) -> str | None:
-    """Save a run; where that fails, save it where temporary files go, and return what is wrong in one line."""
+    """Save a run; if this fails, save it in the folder for temporary files, and return the error in one line."""
     if out is None:
         return None
     with defer_signals():
@@ -57,7 +57,7 @@ def save_or_report(solution: Solution, out: Path | None) -> str | None:
         with suppress(OSError):
             folder = Path(tempfile.mkdtemp(prefix="dropper-"))
             try:
-                return f"{reason}; the run is kept in {solution.save(folder / f'{out.stem}.npz')}"
+                return f"{reason}; the run was saved to {solution.save(folder / f'{out.stem}.npz')}"
             except (SceneError, OSError):
                 remove(folder)
-    return f"{reason}; nothing could be kept"
+    return f"{reason}; the run could not be saved"

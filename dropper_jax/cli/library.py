@@ -14,7 +14,7 @@ help = "list ropes, chains, floats and crops, or print one as TOML to paste"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "name", nargs="?", metavar="NAME", help="print this part, a family and its size: chain-studlink-0.022"
+        "name", nargs="?", metavar="NAME", help="print this part, given by family and size: chain-studlink-0.022"
     )
     add_json(parser)
 

@@ -1,4 +1,4 @@
-"""`dropper modes SCENE`: natural periods, damping ratios and shapes about the static pose."""
+"""`dropper modes SCENE`: natural periods, damping ratios and shapes about the equilibrium."""
 
 from __future__ import annotations
 
@@ -17,16 +17,19 @@ if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from dropper_jax.statics.modes import Modes
 
-help = "natural periods, damping ratios and modes about the static pose"
+help = "natural periods, damping ratios and modes about the static equilibrium"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--count", type=positive_integer, default=10, help="how many, the slowest first (10)")
+    parser.add_argument("--count", type=positive_integer, default=10, help="number of modes, the slowest first (10)")
     parser.add_argument(
-        "--amplitude", type=number, metavar="A", help="damping ratios of swings of A metres too, with quadratic drag"
+        "--amplitude",
+        type=number,
+        metavar="A",
+        help="also damping ratios at an amplitude of A metres, with quadratic drag",
     )
-    add_plot(parser, "the shapes of the slowest nine")
+    add_plot(parser, "the shapes of the nine slowest modes")
     add_out(parser)
 
 
@@ -67,7 +70,7 @@ def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:
     ratios = {"damping ratio": modes.damping_ratio}
     if "amplitude_m" in found:
         ratios[f"at {found['amplitude_m']:g} m"] = found["damping_ratio_at_amplitude"]
-    rows = [("mode", "period [s]", "frequency [Hz]", *ratios, "share of x, y, z in the motion")]
+    rows = [("mode", "period [s]", "frequency [Hz]", *ratios, "fraction of x, y, z in the motion")]
     for i, (period, shape) in enumerate(zip(modes.period, modes.shape, strict=True)):
         share = np.sum(shape**2, axis=0) / np.sum(shape**2)
         damping = (f"{ratio[i]:.3g}" for ratio in ratios.values())
@@ -76,7 +79,7 @@ def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:
 
 
 def _bodies(scene: Scene, moved: np.ndarray) -> str:
-    """Motion of the bodies in each mode: moves of the reference point, and turns about the scene's axes."""
+    """Motion of the bodies in each mode: displacement of the reference point, rotation about the scene's axes."""
     rows = [("mode", "body", "surge [m]", "sway [m]", "heave [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")]
     for i, mode in enumerate(moved, 1):
         rows += [(str(i), body.name, *(f"{x:.3f}" for x in own)) for body, own in zip(scene.bodies, mode, strict=True)]

@@ -33,9 +33,7 @@ def add_scene(parser: argparse.ArgumentParser, optional: bool = False) -> None:
 
 def add_allow_outside(parser: argparse.ArgumentParser) -> None:
     """--allow-outside."""
-    parser.add_argument(
-        "--allow-outside", action="store_true", help="the scene may name files that are not below its folder"
-    )
+    parser.add_argument("--allow-outside", action="store_true", help="allow the scene to use files outside its folder")
 
 
 def add_set(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +58,7 @@ def add_quiet(parser: argparse.ArgumentParser) -> None:
 
 
 def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scene:
-    """The scene with `--set` and options for keys of `[run]`; JAX is imported once the file is there and is TOML."""
+    """The scene with `--set` and options for keys of `[run]`; JAX is imported after the file was found to be TOML."""
     values = given_values(args, run_values)
     if args.scene is None:
         raise SceneError("SCENE: missing; needed: the name of a packaged scene or a file")
@@ -78,13 +76,13 @@ def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scen
 
 
 def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> dict[str, Any]:
-    """Values by path that `--set` and options for keys of `[run]` give."""
+    """Values by path from `--set` and options for keys of `[run]`."""
     values = assignments(args.set)
     return values | {f"run.{key}": getattr(args, key) for key in run_values if getattr(args, key) is not None}
 
 
 def read_run(file: str) -> Solution:
-    """A saved run; JAX is imported once the file is there, or what a killed run left of it."""
+    """A saved run; JAX is imported after the file, or the rest of a killed run, was found."""
     refuse_pipe(Path(file), "run")
     left = leftovers(Path(file)) if not Path(file).exists() else []
     try:
@@ -112,7 +110,7 @@ def assignments(texts: list[str]) -> dict[str, Any]:
 
 
 def _assignment(text: str) -> tuple[str, Any]:
-    """Path and value of `KEY=VALUE`; the value is read as TOML, and as plain text where it is none."""
+    """Path and value of `KEY=VALUE`; the value is read as TOML, or as plain text if it is not valid TOML."""
     path, equals, value = text.partition("=")
     if not equals or not path.strip():
         raise SceneError(f"--set: {text!r} is not KEY=VALUE; allowed: a path, '=' and a value, such as run.dt=0.01")
@@ -123,10 +121,10 @@ def _assignment(text: str) -> tuple[str, Any]:
 
 
 def output_file(text: str | None, option: str, suffixes: tuple[str, ...], folders: tuple[str, ...] = ()) -> Path | None:
-    """A file to write, refused before the work starts where its suffix or its folder is wrong.
+    """A file to write; a wrong suffix or folder is rejected before the work starts.
 
     Args:
-        folders: suffixes of what is a folder.
+        folders: suffixes of folders.
     """
     if text is None:
         return None
@@ -141,7 +139,7 @@ def output_file(text: str | None, option: str, suffixes: tuple[str, ...], folder
 
 
 def output_folder(text: str | None, option: str) -> Path | None:
-    """A folder to write to, which need not exist, refused before the work starts where it is a file."""
+    """A folder to write to, which need not exist; a file is rejected before the work starts."""
     if text is None:
         return None
     path = Path(text)
@@ -151,7 +149,7 @@ def output_folder(text: str | None, option: str) -> Path | None:
 
 
 def number(text: str) -> float:
-    """A number of the command line; its range is checked with the scene."""
+    """A number on the command line; its range is checked with the scene."""
     try:
         return float(text)
     except ValueError:
@@ -159,13 +157,13 @@ def number(text: str) -> float:
 
 
 def positive_integer(text: str) -> int:
-    """A whole number of the command line, at least 1."""
+    """A whole number on the command line, at least 1."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number >= 1")
     return int(text)
 
 
-#: Names of the integrators, which stand beside JAX and are not imported for a help text.
+#: Names of the integrators, whose modules need JAX and are not imported for a help text.
 SCHEMES = (
     "energy_momentum",
     "rattle",
@@ -181,7 +179,7 @@ SCHEMES = (
     "dop853",
     "thesis_angles",
 )
-#: Options that stand for a value of `[run]`, by its key.
+#: Options for values of `[run]`, by their key.
 RUN_VALUES: dict[str, dict[str, Any]] = {
     "integrator": {"metavar": "NAME", "help": f"time integration scheme: {', '.join(SCHEMES)}"},
     "solver": {"metavar": "NAME", "help": "linear solver: auto, dense, banded, condensed or network"},
@@ -190,15 +188,15 @@ RUN_VALUES: dict[str, dict[str, Any]] = {
     "dtype": {"metavar": "NAME", "help": "float64 or float32"},
     "step_tolerance": {
         "type": number,
-        "help": "let steps follow the snaps of lines: speed [m/s] that a step's change of tension may give to a link",
+        "help": "adapt the steps to snap loads: speed [m/s] that a step's change of tension may give to a link",
     },
     "error_tolerance": {
         "type": number,
-        "help": "error of a step in places [m] and velocities [m/s] that tsit5 and dop853 allow (default: 1e-6)",
+        "help": "error of a step in positions [m] and velocities [m/s] that tsit5 and dop853 allow (default: 1e-6)",
     },
     "gamma": {"type": number, "help": "weight of the new time in the theta schemes, 0 to 1"},
     "rho_infinity": {
         "type": number,
-        "help": "what a step of generalized_alpha leaves of the fastest vibrations, 0 to 1",
+        "help": "fraction of the highest-frequency amplitude that a step of generalized_alpha keeps, 0 to 1",
     },
 }

@@ -1,4 +1,4 @@
-"""What commands print: one JSON object or a short table on standard output, everything else on standard error."""
+"""Output of commands: one JSON object or a short table on standard output, everything else on standard error."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from typing import Any
 from dropper_jax.base.json_values import SCHEMA, jsonable
 
 BAR = 30
-#: Characters of a word that a message repeats whole (paths of files are as long), and how many are left of longer ones.
+#: Maximum length of a word in a message (paths are as long), and the length to which longer words are cut.
 LONGEST, LEFT = 500, 60
-#: Away from a terminal a progress line is printed at these shares of the whole.
+#: Without a terminal a progress line is printed at these fractions of the run.
 MARKS = (0.25, 0.5, 0.75, 1.0)
 
 
@@ -25,7 +25,7 @@ def print_json(found: dict[str, Any]) -> None:
 
 
 def print_result(as_json: bool, found: dict[str, Any], text: str) -> None:
-    """What came of a command: its JSON object, or a text for people."""
+    """Print the result of a command: its JSON object or its text."""
     if as_json:
         print_json(found)
     else:
@@ -39,24 +39,24 @@ def shorten(text: str) -> str:
 
 
 def print_line(text: str) -> None:
-    """A line for people, on standard error; nowhere, where that takes nothing."""
+    """Print a line on standard error, if that can be written."""
     with suppress(OSError):
         print(shorten(text), file=sys.stderr, flush=True)
 
 
 def print_warnings(warnings: Iterable[str]) -> None:
-    """A line for each, on standard error."""
+    """Print a line for each on standard error."""
     for warning in warnings:
         print_line(f"warning: {warning}")
 
 
 def failure_object(status: str, message: str) -> dict[str, Any]:
-    """The JSON object of a command that could not do its work."""
+    """The JSON object of a failed command."""
     return {"schema": SCHEMA, "status": status, "error": shorten(message)}
 
 
 def done_object(**values: Any) -> dict[str, Any]:
-    """The JSON object of a command that has done its work."""
+    """The JSON object of a successful command."""
     return {"schema": SCHEMA, "status": "ok", **values}
 
 
@@ -89,7 +89,7 @@ def _bar() -> Callable[[float, str], None]:
     def show(fraction: float, text: str = "") -> None:
         nonlocal last
         now = time.monotonic()
-        if fraction < 1.0 and now - last < 0.1:  # ten times a second is smooth and costs nothing
+        if fraction < 1.0 and now - last < 0.1:  # ten times a second looks smooth and has no noticeable cost
             return
         last = now
         full = int(BAR * min(max(fraction, 0.0), 1.0))

@@ -1,6 +1,6 @@
-"""One vocabulary for what commands write: `--plot DIR` pictures, `--out FILE` the result, `--report DIR` both to read.
+"""Common output options: `--plot DIR` writes pictures, `--out FILE` the result, `--report DIR` a report with both.
 
-`--plot` takes a file FILE.png too, for its first picture; the result is the JSON object that `--json` prints.
+`--plot` also accepts a file FILE.png for the first picture; the result is the JSON object that `--json` prints.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ def add_out(parser: argparse.ArgumentParser) -> None:
 
 
 def plot_folder(text: str | None, option: str = "--plot") -> Path | None:
-    """Where the pictures go: a folder, or one file FILE.png; refused before the work starts."""
+    """Output of the pictures: a folder, or one file FILE.png; checked before the work starts."""
     if text is None:
         return None
     if Path(text).suffix.lower() in (".png", ".pdf", ".svg"):
         return output_file(text, option, (".png",))
     if Path(text).suffix and not Path(text).is_dir():
-        raise SceneError(f"{option}: {text!r} has no known suffix; allowed: .png, or a folder, whose name has none")
+        raise SceneError(f"{option}: {text!r} has no known suffix; allowed: .png, or a folder without suffix")
     return output_folder(text, option)
 
 
 def picture(target: Path, name: str) -> Path:
-    """The file of a picture: in the folder, which is made, or the file that was asked for."""
+    """The file of a picture: in the folder, which is created, or the requested file."""
     if target.suffix.lower() == ".png":
         return target
     target.mkdir(parents=True, exist_ok=True)
@@ -55,14 +55,14 @@ def out_file(text: str | None) -> Path | None:
 
 
 def deliver(as_json: bool, found: dict[str, Any], text: str, out: Path | None) -> None:
-    """The result to its file, where one was asked for, and printed."""
+    """Print the result and write it to its file, if one was requested."""
     if out is not None:
         atomic_write(out, json.dumps(jsonable(found), allow_nan=False, indent=1))
     print_result(as_json, found, text)
 
 
 def weights_table(scene: Scene) -> list[str]:
-    """Mass, weight in water and density of the lines, a row for lines alike; nothing without water."""
+    """Mass, weight in water and density of the lines, a row for equal lines; empty without water."""
     from dropper_jax.run.weights import line_weights, lines_in_words
 
     rows = [("line", "mass [kg/m]", "displaced [kg/m]", "weight in water [N/m]", "density [kg/m^3]")]

@@ -1,4 +1,4 @@
-"""The reference of scenes as text and as Markdown: the same rows from the same declarations."""
+"""The reference of scenes as text and as Markdown, from the same declarations."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ and symbols are in the [glossary](glossary.md).
 
 
 def as_text(sections: Sequence[Section]) -> str:
-    """Sections for people at a terminal."""
+    """Sections as text for a terminal."""
     parts = []
     for section in sections:
         parts.append("\n".join(x for x in (section.head or "(top of the file)", _indent(section.about)) if x))

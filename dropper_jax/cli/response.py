@@ -1,4 +1,4 @@
-"""`dropper response SCENE`: a pendulum's answer to regular waves over their period."""
+"""`dropper response SCENE`: response of a pendulum to regular waves over their period."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ help = "mean shift, amplitude and phase of the first link in regular waves, over
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--periods", required=True, metavar="LO:HI:N", help="periods [s], N from LO to HI")
-    parser.add_argument("--no-more", action="store_true", help="leave out the waves higher by a tenth")
+    parser.add_argument("--no-more", action="store_true", help="leave out the runs with waves of 1.1 times the height")
     add_plot(parser, "the curves over the period")
     add_out(parser)
     add_quiet(parser)
@@ -38,10 +38,10 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study import rest_pictures
 
         rest_pictures.responses(scene.name, rows, picture(plot, "response"))
-    head = failure_object(failed, f"{failed}: a run did not come to its end") if failed else done_object()
+    head = failure_object(failed, f"{failed}: a run did not complete") if failed else done_object()
     deliver(args.json, {**head, "scene": scene.name, "rows": rows}, _text(rows), out)
     if failed:
-        print_line(f"error: {failed}: a run did not come to its end")
+        print_line(f"error: {failed}: a run did not complete")
     return FAILED if failed else OK
 
 
@@ -50,7 +50,7 @@ def _periods(text: str) -> np.ndarray:
         low, high, count = text.split(":")
         found = np.linspace(float(low), float(high), int(count))
     except ValueError:
-        raise SceneError(f"--periods: {text!r} is not LO:HI:N; allowed: such as 2.0:4.0:9") from None
+        raise SceneError(f"--periods: {text!r} is not LO:HI:N. Use for example 2.0:4.0:9") from None
     if not found.size or not np.all(np.isfinite(found)) or found.min() <= 0.0:
         raise SceneError(f"--periods: {text!r} is out of range; allowed: periods above 0 s, at least one")
     return found

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 help = "simulate a scene"
 
-#: Files that hold a whole run.
+#: Suffixes of files that contain a complete run.
 RUN_SUFFIXES = (".npz", ".nc", ".zarr")
-#: Options that stand for a value of the scene.
+#: Options for a value of the scene.
 OVERRIDES = (
     "integrator",
     "solver",
@@ -42,7 +42,7 @@ OVERRIDES = (
     "gamma",
     "rho_infinity",
 )
-#: Lines of a system whose tensions are printed.
+#: Maximum number of lines of a system whose tensions are printed.
 MOST_LINES = 12
 PICTURES = {
     "snapshot": "snapshot",
@@ -52,9 +52,9 @@ PICTURES = {
     "phase": "phase_space",
     "spectrum": "amplitude_spectrum",
 }
-#: What there is to see only where something moves.
+#: Pictures that need motion.
 OF_MOTION = ("motion", "bodies", "phase", "spectrum", "response")
-#: Further pictures of a scene with water.
+#: Additional pictures of a scene with water.
 WATER_PICTURES = {
     "elevation": "elevation",
     "surface": "under_surface",
@@ -70,8 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--continue",
         dest="start",
         metavar="FILE",
-        help="go on from the end of a saved run, for --duration more seconds (default: what is left of one that was "
-        "interrupted, else as long again); SCENE may be left out",
+        help="continue from the end of a saved run, for --duration more seconds (default: the remaining time of an "
+        "interrupted run, else as long again); SCENE may be left out",
     )
     parser.add_argument(
         "--out",
@@ -81,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tables",
         metavar="DIR",
-        help="write angles.csv (what `dropper fit` reads) and tensions.csv, for systems of lines moordyn.out too",
+        help="write angles.csv (what `dropper fit` reads) and tensions.csv, for systems of lines also moordyn.out",
     )
     parser.add_argument("--plot", metavar="DIR_OR_FILE", help="write all pictures to a folder, or a snapshot to a file")
     parser.add_argument("--report", metavar="DIR", help="write report.md, report.json and their pictures")
@@ -89,16 +89,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--errors",
         action="store_true",
-        help="loads with their errors: runs again with smaller steps and more links, about 12 times the time",
+        help="loads with their errors: repeats the run with smaller steps and more links, about 12 times the run time",
     )
     parser.add_argument(
         "--no-step-check",
         dest="step_check",
         action="store_false",
-        help="do not repeat the run, or stretches of a long one, at half the step to see whether the step is too long",
+        help="do not repeat the run, or stretches of a long one, at half the step to check the step",
     )
     parser.add_argument(
-        "--skip", metavar="S", type=float, default=0.0, help="time left out of those loads at the start [s]"
+        "--skip", metavar="S", type=float, default=0.0, help="time at the start [s] that is left out of these loads"
     )
     add_quiet(parser)
 
@@ -144,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report_unsaved(args: argparse.Namespace, solution: Solution, refused: str) -> int:
-    """The result of a run whose file cannot be written."""
+    """Report a run whose file cannot be written."""
     print_line(f"error: {refused}")
     report(solution, args.json, {"status": "not_saved", "error": refused} if solution.status == "ok" else None)
     return FAILED
@@ -181,7 +181,7 @@ def _write_outputs(
 
 
 def _further(args: argparse.Namespace, before: Solution) -> Scene:
-    """The scene of a run to go on from, with the values that the command line gives; its own one where it names one."""
+    """The scene of the run to continue, or that of the command line if given, with the values of the command line."""
     values = {"run.duration": before.further, **given_values(args, OVERRIDES)}
     if args.scene is None:
         return before.scene.with_values(values)
@@ -198,7 +198,7 @@ def _plot_target(text: str | None) -> Path | None:
 
 
 def _write_report(solution: Solution, folder: Path) -> None:
-    """What `dropper report` writes of this run."""
+    """The report of this run, as by `dropper report`."""
     from dropper_jax.report.build import report_runs
     from dropper_jax.report.settings import Settings
     from dropper_jax.report.write import write_report
@@ -208,23 +208,23 @@ def _write_report(solution: Solution, folder: Path) -> None:
 
 
 def _write_channels(source: str, solution: Solution, path: Path) -> None:
-    """MoorDyn's table: the channels that a MoorDyn input asks for, else tensions at all ends."""
+    """MoorDyn's table: the channels of a MoorDyn input, else tensions at all ends."""
     from dropper_jax.moordyn.writing.outputs import channels_of, numbers_of, write_out
 
     wanted = channels_of(source) or None
     for channel in write_out(solution, path, wanted, skip=True, numbers=numbers_of(source)):
-        print_line(f"warning: output {channel!r} is not among what a run has; it is left out")
+        print_line(f"warning: output {channel!r} is not available from a run; it is left out")
 
 
 def _steps(solution: Solution) -> str:
     used, end = solution.settings, f"{solution.t[-1]:g} s"
     if "refused_steps" not in used:
         return f"{used['steps']} steps of {used['dt']:g} s to {end}"
-    refused = f"{used['refused_steps']} more refused"
+    refused = f"{used['refused_steps']} more rejected"
     if solution.tension_max is None:
-        held = f"{used['steps']} steps held by an error of {used['error_tolerance']:g} to {end}"
+        held = f"{used['steps']} steps with an error tolerance of {used['error_tolerance']:g} to {end}"
         return f"{held}, {refused}; saved every {used['dt'] * used['save_every']:g} s"
-    return f"{used['steps']} steps that follow the snaps to {end}, {refused}; saved every {used['dt']:g} s"
+    return f"{used['steps']} snap-adaptive steps to {end}, {refused}; saved every {used['dt']:g} s"
 
 
 def draw(solution: Solution, target: Path) -> list[Path]:
@@ -246,7 +246,7 @@ def draw(solution: Solution, target: Path) -> list[Path]:
     if not anything_moves(readable(solution)):
         still = [name for name in pictures if name in OF_MOTION]
         pictures = {name: function for name, function in pictures.items() if name not in still}
-        print_line(f"pictures: nothing moves; left out: {', '.join(still)}")
+        print_line(f"pictures: no motion; left out: {', '.join(still)}")
     for name, function in pictures.items():
         files.append(target / f"{name}.png")
         getattr(plots, function)(solution, files[-1])
@@ -265,7 +265,7 @@ def report(solution: Solution, as_json: bool, more: Mapping[str, Any] | None = N
 
 
 def _flow(solution: Solution) -> dict[str, Any]:
-    """Keulegan-Carpenter and Reynolds number and diameter over wavelength, where the scene has water on a line."""
+    """Keulegan-Carpenter and Reynolds number and diameter over wavelength, if the scene has water on a line."""
     from dropper_jax.report.regime import regime
 
     if solution.scene.sea is None or solution.scene.lines[0].diameter is None:
@@ -274,7 +274,7 @@ def _flow(solution: Solution) -> dict[str, Any]:
 
 
 def text(solution: Solution) -> str:
-    """The result for people."""
+    """The result as text."""
     from dropper_jax.run.failures import words as failure_words
     from dropper_jax.scene import link_mass_words
 
@@ -286,9 +286,9 @@ def text(solution: Solution) -> str:
         ("mass of links", link_mass_words(solution.scene.link_mass_nodes)),
         ("steps", f"{solution.failed_steps} failed, {solution.retried_steps} retried"),
         *_step_facts(solution),
-        ("residual", f"{solution.max_residual:.1e} largest, scaled; closure {solution.max_closure_error:.1e} m"),
-        ("energy", f"balance drifts by {solution.energy_drift:.1e} J of a scale of {solution.energy_scale:.3g} J"),
-        ("speed", f"{solution.max_speed:.3g} m/s largest"),
+        ("residual", f"{solution.max_residual:.1e} maximum, scaled; closure {solution.max_closure_error:.1e} m"),
+        ("energy", f"balance error {solution.energy_drift:.1e} J (reference {solution.energy_scale:.3g} J)"),
+        ("speed", f"{solution.max_speed:.3g} m/s maximum"),
         *(("broken", failure_words(row)) for row in solution.broken),
         ("wall time", f"{solution.compile_s:.2f} s compilation, {solution.run_s:.3f} s run"),
     ]
@@ -296,7 +296,7 @@ def text(solution: Solution) -> str:
 
 
 def _step_facts(solution: Solution) -> list[tuple[str, str]]:
-    """What the steps resolve, where it says something."""
+    """Resolution of the steps, if it is known."""
     from math import degrees
 
     from dropper_jax.run.resolution import step_facts
@@ -310,9 +310,9 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
         step = f"a step of {facts['axial_step_s']:.2g} s resolves it"
         found.append(("axial motion", f"{text}, {facts['axial_period_s']:.2g} s; {step}"))
     if facts["largest_turn_rad"] is not None and degrees(facts["largest_turn_rad"]) > 1.0:
-        found.append(("turns", f"links turn by up to {degrees(facts['largest_turn_rad']):.2g} degrees in a step"))
+        found.append(("turns", f"links rotate by up to {degrees(facts['largest_turn_rad']):.2g} degrees in a step"))
     if facts["slack_to_taut_steps"]:
-        found.append(("snaps", f"links go from slack to taut in {facts['slack_to_taut_steps']} steps"))
+        found.append(("snaps", f"links change from slack to taut in {facts['slack_to_taut_steps']} steps"))
     return found
 
 
@@ -332,19 +332,19 @@ def _errors(solution: Solution) -> list[str]:
 
 
 def _about_errors(found: dict[str, Any], reported: list[dict[str, Any]]) -> list[str]:
-    """What the errors are of, and what else would change the loads."""
+    """Sources of the errors, and other influences on the loads."""
     worst = reported[0]["maximum"]
     of_links = "not known" if worst["links"] is None else f"{worst['links']:.2g} N"
-    lines = [f"errors: of the step and of the links together; in the largest load {worst['step']:.2g} N and {of_links}"]
+    lines = [f"errors of step and links together; in the maximum load {worst['step']:.2g} N and {of_links}"]
     if worst["chance"] is not None:
-        lines.append(f"by chance: another storm of this length moves the largest load by about {worst['chance']:.2g} N")
+        lines.append(f"scatter: another storm of this length changes the maximum load by about {worst['chance']:.2g} N")
     lines += [
-        f"twice the {what}: the largest load changes by {worst[key]:.2g} N"
-        for key, what in (("twice_damping", "internal damping"), ("twice_bed", "stiffness of the bed"))
+        f"twice the {what}: the maximum load changes by {worst[key]:.2g} N"
+        for key, what in (("twice_damping", "internal damping"), ("twice_bed", "stiffness of the seabed"))
         if key in worst
     ]
     if found["chaotic"]:
-        lines.append(f"the motion is chaotic from {found['horizon_s']:.3g} s on: steps that differ draw other storms")
+        lines.append(f"the motion is chaotic from {found['horizon_s']:.3g} s on: other steps give other storms")
     return [*lines, *(f"left out: {name}: {why}" for name, why in found["left_out"].items())]
 
 
@@ -366,12 +366,12 @@ def _tensions(solution: Solution) -> list[str]:
         if name in parts or not solution.scene.branched:
             for end, values in both.items():
                 ends.append((f"{name}, {end}", *(f"{round(value, 4) + 0.0:.4f}" for value in values.values())))
-    more = [f"and {left} lines with lower maxima (--json has all)"] if left else []
+    more = [f"{left} more lines with lower maxima; use --json to see all"] if left else []
     return [table(rows), *more, "", table(ends), *weights_table(solution.scene)]
 
 
 def result_line(solution: Solution) -> str:
-    """One line: what came of the run."""
+    """The outcome of the run in one line."""
     if solution.failure:
         return f"failed: {solution.failure}"
     return (

@@ -28,19 +28,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_set(parser)
     add_allow_outside(parser)
     parser.add_argument(
-        "--expanded", action="store_true", help="print it without parameters, repetitions and arrays: the plain scene"
+        "--expanded", action="store_true", help="print it as a plain scene, without parameters, repetitions and arrays"
     )
     parser.add_argument("--moordyn", metavar="FILE", help="write the scene as a MoorDyn v2 input instead")
     parser.add_argument(
-        "--force", action="store_true", help="let --moordyn replace files of waves and current that differ"
+        "--force", action="store_true", help="allow --moordyn to replace files of waves and current that differ"
     )
-    parser.add_argument("--dt", type=number, help="MoorDyn's time step [s], else the scene's: its schemes are explicit")
+    parser.add_argument(
+        "--dt", type=number, help="time step of MoorDyn [s], whose schemes are explicit (default: that of the scene)"
+    )
     parser.add_argument(
         "--reference",
         nargs="?",
         const="",
         metavar="KEY",
-        help="print what scenes may hold: all, or this key or section",
+        help="print the keys of scenes: all, or this key or section",
     )
     parser.add_argument("--schema", action="store_true", help="print the JSON Schema of scenes, for editors")
     add_json(parser)
@@ -58,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         ("--expanded", args.expanded),
     ):
         if given:
-            raise SceneError(f"{option}: needs a scene; allowed: dropper scenes SCENE {option} ...")
+            raise SceneError(f"{option}: needs a scene. Use dropper scenes SCENE {option} ...")
     found = {scene: packaged_scene(scene)["description"] for scene in scene_names()}
     print_result(
         args.json,
@@ -69,9 +71,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _reference(args: argparse.Namespace) -> int:
-    """Every key of a scene, or those that are asked for."""
+    """Every key of a scene, or the requested ones."""
     if args.scene is not None:
-        raise SceneError(f"SCENE: {args.scene!r} is not needed with --reference and --schema; allowed: without it")
+        raise SceneError(f"SCENE: {args.scene!r} cannot be combined with --reference and --schema")
 
     from dropper_jax.cli.reference import as_text, as_values
     from dropper_jax.effects import register_installed
@@ -94,7 +96,7 @@ def _one(args: argparse.Namespace) -> int:
     changes = assignments(args.set)
     found, label = find_scene(args.scene)
     if is_packaged(args.scene) and not (changes or file or args.expanded):
-        return _show({"name": label, **found}, args.json)  # good as packaged: values are looked at with JAX imported
+        return _show({"name": label, **found}, args.json)  # packaged scenes are valid: checking values would import JAX
 
     from dropper_jax.base.references import references_of
     from dropper_jax.load.scene import Scene
@@ -122,7 +124,7 @@ def _show(table: dict[str, Any], as_json: bool) -> int:
 
 
 def _moordyn(scene: Scene, file: Path, args: argparse.Namespace) -> int:
-    """The scene as a MoorDyn input; what that cannot say is listed."""
+    """The scene as a MoorDyn input; unsupported parts are listed."""
     from dropper_jax.moordyn.writing.writer import write_moordyn
 
     lost = write_moordyn(scene, file, dt=args.dt, force=args.force)

@@ -1,4 +1,4 @@
-"""`dropper sea SCENE`: what kind of sea a scene has."""
+"""`dropper sea SCENE`: properties of the waves and the current of a scene."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ help = "waves and current of a scene: theory, length, breaking, regime"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
-    add_plot(parser, "the map of theories and, behind lines, that of the current")
+    add_plot(parser, "the map of wave theories and the map of the current behind lines")
     add_out(parser)
     parser.add_argument("--flow", metavar="FILE.png", help="map of the current behind the lines, from above")
-    parser.add_argument("--regimes", metavar="FILE.png", help="theories by depth and height, the scene's wave marked")
+    parser.add_argument(
+        "--regimes", metavar="FILE.png", help="map of wave theories by depth and height, with the wave of the scene"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -33,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     plot, out = plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
     if scene.sea is None:
-        raise SceneError(f"sea: scene {scene.name!r} has no [sea]; allowed: a scene with water")
+        raise SceneError(f"sea: scene {scene.name!r} has no [sea]. Use a scene with water")
 
     from dropper_jax.load.checks_water import line_reach, sea_warnings
     from dropper_jax.run.flow_coefficients import flow_table, follows
@@ -60,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _wakes(scene: Scene, picture: Any) -> dict[str, Any]:
-    """What the lines do to the current, and its map."""
+    """Effect of the lines on the current, and its map."""
     from dropper_jax.run.flow_coefficients import with_flow_coefficients
     from dropper_jax.run.growth import overgrown
     from dropper_jax.run.wakes import scene_wakes, wake_facts
@@ -74,15 +76,15 @@ def _wakes(scene: Scene, picture: Any) -> dict[str, Any]:
 
 
 def _wake_lines(found: dict[str, Any]) -> list[str]:
-    """Shares of the current, by line."""
+    """Fractions of the current, by line."""
     if "wakes" not in found:
         return []
     rows = [("line", "share of the current")]
     for row in found["wakes"]["lines"]:
         rows.append((row["line"], f"{row['share']['min']:.3g} to {row['share']['max']:.3g}"))
     balance = found["wakes"]["balance"]
-    note = f"momentum lost behind all over their drag: {balance:.3f}"
-    more = "" if balance > 0.99 else "; the farm is too dense for its wakes alone, water will turn aside"
+    note = f"momentum deficit behind all lines over their drag: {balance:.3f}"
+    more = "" if balance > 0.99 else "; the farm is too dense for wakes alone: water would flow around it"
     return ["", table(rows), note + more]
 
 
@@ -91,14 +93,14 @@ def _draw(name: str, found: dict[str, Any], gravity: float, picture: Any) -> Non
 
     waves = found["waves"]
     if waves is None:
-        raise SceneError(f"--regimes: scene {name!r} has no waves; allowed: a scene with [sea.waves]")
+        raise SceneError(f"--regimes: scene {name!r} has no waves. Use a scene with [sea.waves]")
     height, period = ("height_m", "period_s") if waves["kind"] == "regular" else SIGNIFICANT
     regimes([(name, waves[height], waves[period], found["depth_m"])], gravity, picture)
 
 
-#: Of an irregular sea its significant height and peak period are marked.
+#: For an irregular sea the significant height and peak period are marked.
 SIGNIFICANT = ("significant_height_m", "peak_period_s")
-#: Words for people, with units.
+#: Names in the text, with units.
 WORDS = {
     "height_m": "height [m]",
     "period_s": "period [s]",
@@ -113,8 +115,8 @@ WORDS = {
     "steepness": "steepness",
     "ursell": "Ursell number H L^2/d^3",
     "second_harmonic": "second harmonic over the first",
-    "fitting_theory": "theory that `auto` takes",
-    "highest_m": "highest wave of this length [m]",
+    "fitting_theory": "theory that `auto` selects",
+    "highest_m": "maximum wave height of this length [m]",
     "share_of_highest": "share of it",
     "harmonics": "harmonics",
     "significant_height_m": "significant height Hs [m]",
@@ -145,7 +147,7 @@ def _text(found: dict[str, Any]) -> str:
 
 
 def _coefficients(found: dict[str, Any]) -> list[str]:
-    """Coefficients that follow the flow, by line."""
+    """Flow-dependent coefficients, by line."""
     if "coefficients" not in found:
         return []
     keys = [key for key in ("cdn", "can") if key in found["coefficients"][0]]
@@ -154,5 +156,5 @@ def _coefficients(found: dict[str, Any]) -> list[str]:
         shown = ("keulegan_carpenter", "reynolds", "current_share", *keys)
         rows.append((row["line"], *(f"{row[key]['min']:.3g} to {row[key]['max']:.3g}" for key in shown)))
     low = [row["line"] for row in found["coefficients"] if not row["post_critical"]]
-    note = f"Re below 1e5, where rough cylinders may not be post-critical yet: {', '.join(low)}"
+    note = f"Re below 1e5, where rough cylinders may not yet be post-critical: {', '.join(low)}"
     return ["", table(rows), *([note] if low else [])]

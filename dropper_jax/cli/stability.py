@@ -13,13 +13,13 @@ from dropper_jax.cli.options import add_json, add_quiet
 from dropper_jax.cli.output import done_object, failure_object, print_line, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
-help = "run a catalogue of hard cases, each against its limit, beside the thesis' schemes and MoorDyn"
+help = "run a catalogue of hard cases, each against its limit, with the thesis' schemes and MoorDyn for comparison"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="only these (default: all)")
-    parser.add_argument("--short", action="store_true", help="shortened runs, with nobody beside them")
+    parser.add_argument("--short", action="store_true", help="shortened runs, without comparison programs")
     add_out(parser)
     add_quiet(parser)
 
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 def report(rows: list[dict[str, Any]], as_json: bool, out: Path | None = None) -> int:
     """Print the rows; returns the exit code."""
     missed = [row["name"] for row in rows if not row["ok"]]
-    error = f"beyond their limits: {', '.join(missed)}" if missed else None
+    error = f"limits exceeded: {', '.join(missed)}" if missed else None
     if error:
         print_line(f"error: {error}")
     head = failure_object("not_converged", error) if error else done_object()
@@ -56,7 +56,7 @@ def report(rows: list[dict[str, Any]], as_json: bool, out: Path | None = None) -
 
 
 def text(rows: list[dict[str, Any]]) -> str:
-    """A table for people."""
+    """The result as a table."""
     beside = PEERS if any("peers" in row for row in rows) else ()
     cells = [("case", "measured", "limit", "unit", "holds", "status", *BASELINES, *beside)]
     for row in rows:
@@ -78,12 +78,12 @@ def text(rows: list[dict[str, Any]]) -> str:
 
 
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
-#: The column is left out where the package `moordyn` is not installed.
+#: The column is left out if the package `moordyn` is not installed.
 PEERS = ("moordyn rk2", "moordyn default")
 
 
 def _short(found: dict[str, Any] | None) -> str:
-    """A baseline in a cell: where it failed, or what became of the energy."""
+    """A baseline in a cell: the time of its failure, or its energy error."""
     if found is None:
         return "-"
     if found["status"] == "ok":
@@ -94,7 +94,7 @@ def _short(found: dict[str, Any] | None) -> str:
 
 
 def _peer(found: dict[str, Any] | None) -> str:
-    """MoorDyn in a cell: whether the claim holds there, and what was measured."""
+    """MoorDyn in a cell: whether the claim holds there, and the measured value."""
     if found is None:
         return "-"
     if found["status"] != "ok":

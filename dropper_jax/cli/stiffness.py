@@ -1,4 +1,4 @@
-"""`dropper stiffness SCENE`: the mooring stiffness matrix of points about the static pose."""
+"""`dropper stiffness SCENE`: the mooring stiffness matrix of points about the equilibrium."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from dropper_jax.statics.stiffness import Stiffness
 
-help = "stiffness matrix of points and rigid bodies about the static pose, all else in equilibrium"
+help = "stiffness matrix of points and rigid bodies about the static equilibrium, all else in equilibrium"
 
-#: Degrees of freedom up to which the whole matrix is printed.
+#: Maximum number of degrees of freedom of a printed matrix.
 SHOWN = 12
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--points", metavar="A,B", help="points and bodies (default: all bodies, else all free points)")
-    parser.add_argument("--out", metavar="FILE", help="write the matrix (.csv), or what --json prints (.json)")
+    parser.add_argument("--out", metavar="FILE", help="write the matrix (.csv) or the output of --json (.json)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,7 +67,7 @@ def _names(scene: Scene, given: str | None) -> list[str]:
     names = names or [p.name for p in scene.points if p.kind != "fixed" and p.on is None]
     if not names:
         held = ", ".join(p.name for p in scene.points)
-        raise SceneError(f"--points: the scene has no free point; allowed: held ones by name, such as {held}")
+        raise SceneError(f"--points: the scene has no free point; allowed: fixed points by name, such as {held}")
     return names
 
 
@@ -75,14 +75,14 @@ def _text(found: Stiffness) -> str:
     if len(found.freedoms) <= SHOWN:
         rows = [("", *found.freedoms)]
         rows += [(name, *(f"{x:.5g}" for x in line)) for name, line in zip(found.freedoms, found.matrix, strict=True)]
-        return f"{table(rows)}\nN/m; N, N m/rad where bodies turn: minus the force on a row by moving a column"
+        return f"{table(rows)}\nN/m; N, N m/rad for rotations: minus the force on a row per displacement of a column"
     first = {freedom.rsplit(".", 1)[0]: i for i, freedom in reversed(list(enumerate(found.freedoms)))}
     rows = [("point", "xx [N/m]", "yy [N/m]", "zz [N/m]", "xy [N/m]", "xz [N/m]", "yz [N/m]")]
     for name in found.names:
         own = found.matrix[first[name] : first[name] + 3, first[name] : first[name] + 3]
         cells = (own[0, 0], own[1, 1], own[2, 2], own[0, 1], own[0, 2], own[1, 2])
         rows.append((name, *(f"{x:.5g}" for x in cells)))
-    return f"{table(rows)}\nof each point, the other {len(found.names) - 1} held; the whole matrix: --json or --out"
+    return f"{table(rows)}\nof each point, the other {len(found.names) - 1} fixed; the full matrix: --json or --out"
 
 
 def _write(file: Path, found: Stiffness) -> None:

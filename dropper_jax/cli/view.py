@@ -13,8 +13,8 @@ help = "make an interactive 3D page of a saved run"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run_file", metavar="RUN", help="file written by `dropper run --out`, .npz or .nc")
-    parser.add_argument("other", metavar="RUN", nargs="?", help="a second one, beside the first")
-    parser.add_argument("--out", required=True, metavar="FILE.html", help="the page; it needs no network")
+    parser.add_argument("other", metavar="RUN", nargs="?", help="a second run, shown side by side")
+    parser.add_argument("--out", required=True, metavar="FILE.html", help="the page, which works offline")
     add_json(parser)
 
 

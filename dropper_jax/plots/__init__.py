@@ -1,7 +1,7 @@
 """Pictures of a solution, one call each: `snapshot(solution, "pose.png")`.
 
-Files are written whole or not at all and no global matplotlib state is left changed. Of a run that blew up, the part
-before that is shown.
+Files are written atomically, and global matplotlib settings are not changed. Pictures of a diverged run show the part
+before the divergence.
 """
 
 from dropper_jax.plots.animation import animate

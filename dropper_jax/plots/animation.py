@@ -1,4 +1,4 @@
-"""Animation of a motion as a small GIF, or as an MP4 where ffmpeg is installed."""
+"""Animation of a motion as a small GIF, or as an MP4 if ffmpeg is installed."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from dropper_jax.base.progress import Progress
 from dropper_jax.plots import style, system, view
 from dropper_jax.plots.run import Run
 
-#: Most frames: 240 frames of about 700 x 470 pixels take 1.5 s and 1 to 3 MB.
+#: Maximum number of frames: 240 frames of about 700 x 470 pixels take 1.5 s and 1 to 3 MB.
 MOST_FRAMES = 240
-#: Trace of the middle node: the way it has gone in this many frames.
+#: Length of the trace of the middle node in frames.
 TRACE = 10
-#: Points of a cut through the surface.
+#: Number of points on a cut through the surface.
 SURFACE_POINTS = 80
 
 SUFFIXES = (".gif", ".mp4")
@@ -44,14 +44,14 @@ def animate(
     seconds: float | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """The motion as a GIF or MP4, links coloured by tension, with a trace of the middle node; a GIF loops for ever.
+    """The motion as a GIF or MP4, links coloured by tension, with a trace of the middle node; a GIF repeats endlessly.
 
-    In real time where that needs at most 240 frames, else faster: the title says how fast.
+    The animation is in real time if that needs at most 240 frames, else faster; the title shows the speed.
 
     Args:
         fps: frames per second of playback; a GIF counts hundredths of a second, so 100/fps is rounded.
         seconds: how much of the motion [s] to show, from its start; None: all.
-        progress: called with the part done, 0 to 1, and "animation".
+        progress: called with the fraction done, 0 to 1, and "animation".
 
     Returns:
         path of the file.
@@ -87,10 +87,10 @@ def animate(
 
 
 def check_animation(path: Path) -> None:
-    """Refuse a suffix that cannot be written here.
+    """Reject a suffix that cannot be written.
 
     Raises:
-        SceneError: naming what can.
+        SceneError: with the allowed suffixes.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise SceneError(f"animation: {path.name!r} has no known suffix; allowed: {', '.join(SUFFIXES)}")
@@ -99,15 +99,15 @@ def check_animation(path: Path) -> None:
 
 
 def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
-    """Frames (height, width, 3) of bytes as H.264 by ffmpeg, whole or not at all."""
+    """Frames (height, width, 3) of bytes as H.264 by ffmpeg, atomically."""
     first = next(images)
     height, width = first.shape[:2]
     remove_leftovers(path)
-    # ffmpeg tells the kind by the suffix; the name is nobody's to guess
+    # ffmpeg derives the format from the suffix; the rest of the name must not be predictable
     folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=part_prefix(path), suffix=PART))
     part = folder / "film.mp4"
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-"]
-    # players want even sizes and 4:2:0
+    # players require even sizes and 4:2:0
     target = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
     call = [shutil.which("ffmpeg"), "-y", "-loglevel", "error", *source, *target, str(part)]
     try:
@@ -123,7 +123,7 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
 
 
 def _feed(process: subprocess.Popen, first: np.ndarray, images: Iterator[np.ndarray]) -> None:
-    """All frames to the encoder; one that ended early says why itself."""
+    """Write all frames to the encoder; an encoder that ended early reports its own error."""
     try:
         process.stdin.write(first.tobytes())
         for image in images:
@@ -145,7 +145,7 @@ def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndar
 
 
 class _Stage:
-    """A drawn background and the few things that move before it, redrawn alone for each frame."""
+    """A drawn background and the moving parts, which alone are redrawn for each frame."""
 
     def __init__(self, run: Run, frames: np.ndarray, speed: float) -> None:
         self.t, self.run = run.t, run
@@ -193,7 +193,7 @@ class _Stage:
         self.figure.text(0.98, 0.012, text, color=colour, fontsize=7, ha="right")
 
     def _surroundings(self, positions: np.ndarray, limits: np.ndarray, frames: np.ndarray, flat: bool) -> None:
-        """Surface and buoys of a system at the frames, on the screen; nothing of a single line."""
+        """Surface and buoys of a system at the frames, in screen coordinates; empty for a single line."""
         run, right = self.run, system.right_of(self.axes, flat)
         surface = system.surface_lines(run, limits, flat, self.t[frames])
         self.surfaces = {} if surface is None else dict(zip(frames, self._project(surface, flat), strict=True))
@@ -205,11 +205,11 @@ class _Stage:
             see = partial(self._project, flat=flat)
             for frame in frames:
                 self.floats[frame] = [*self.floats.get(frame, []), *run.bodies.outlines(frame, see)]
-        # a system's first buoy tells more than a node in the middle of its list
+        # the first buoy of a system is more informative than the middle of its list of nodes
         self.traced = run.buoys[0].node if run.buoys else self.screen.shape[1] // 2
 
     def _project(self, positions: np.ndarray, flat: bool) -> np.ndarray:
-        """Places (..., 3) on the axes' plane, (..., 2)."""
+        """Project positions (..., 3) to the plane of the axes, (..., 2)."""
         if flat:
             return positions[..., [0, 2]]
         x, y, _ = proj3d.proj_transform(*positions.reshape(-1, 3).T, self.axes.get_proj())
@@ -237,14 +237,15 @@ class _Stage:
         return np.asarray(self.canvas.buffer_rgba())[..., :3].copy()
 
     def _at_surface(self, frame: int) -> np.ndarray:
-        """Points on the surface (cuts, points, 3) [m]; along x only where the motion is seen from the side."""
+        """Points on the surface (cuts, points, 3) [m]; along x only if the motion is seen from the side."""
         points = self.water.copy()
         points[..., 2] = self.eta[frame].reshape(points.shape[:2])
         return points[:1] if self.flat else points
 
 
 def _water(run: Run, positions: np.ndarray, frames: np.ndarray) -> tuple[Any, dict[int, np.ndarray]]:
-    """Where the surface is drawn, (2, points, 3) along x and along y through the line's middle, and its heights."""
+    """Points of the drawn surface, (2, points, 3) along x and along y through the middle of the line, and its
+    heights."""
     if run.surface is None:
         return None, {}
     limits = view.box(positions)
@@ -257,7 +258,7 @@ def _water(run: Run, positions: np.ndarray, frames: np.ndarray) -> tuple[Any, di
 
 
 def _with_water(positions: np.ndarray, eta: dict[int, np.ndarray]) -> np.ndarray:
-    """Points (k, 3) that the picture must hold: the nodes, and the lowest and highest surface above them."""
+    """Points (k, 3) that the picture must contain: the nodes, and the lowest and highest surface above them."""
     nodes = positions.reshape(-1, 3)
     if not eta:
         return nodes
@@ -280,13 +281,13 @@ def _palette(run: Run) -> Image.Image:
 
 
 def _solid(run: Run) -> tuple[str, ...]:
-    """Colours beside that of the tension."""
+    """Additional colours besides those of the tension."""
     own = (style.CYCLE[5], style.CYCLE[0], style.ALERT)
     return own if run.scene is None else (*own, system.BUOY, system.BED)
 
 
 def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:
-    """Axes that leave room for the title and, on the right, for the colour bar."""
+    """Axes with space for the title and, on the right, for the colour bar."""
     inch = 1 / figure.get_figwidth()
     if flat:
         axes = view.flat_axes(figure, 111, limits)

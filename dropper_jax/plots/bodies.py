@@ -20,7 +20,7 @@ COLOUR, EDGE = style.CYCLE[4], "#A87400"
 def draw_bodies(axes: Axes, bodies: Bodies | None, index: int, flat: bool, axis: int = 0, grow: bool = False) -> None:
     """Bodies at a sample: their outlines in the plane of x (0) or y (1) and z, or their faces in space.
 
-    With `grow` the limits of the axes make room for them.
+    With `grow` the limits of the axes are extended to include them.
     """
     if bodies is None or not bodies.shapes:
         return
@@ -43,7 +43,7 @@ def _faces(rings: np.ndarray) -> list[np.ndarray]:
 
 @style.with_style
 def body_motion(run: Run, path: str | Path) -> Path:
-    """Heave [m] and way from the start [m], roll and pitch [deg] of each body against time.
+    """Heave [m] and displacement [m], roll and pitch [deg] of each body against time.
 
     Returns:
         path of the picture; its suffix chooses the format.
@@ -60,7 +60,7 @@ def body_motion(run: Run, path: str | Path) -> Path:
             turn = DEGREE * bodies.attitude[:, i, j]
             if j == 1 or np.ptp(turn) > 0.1:
                 panels[2].plot(run.t, turn, color=colour, lw=1.0, ls=dash)
-    panels[0].set_ylabel("way from the start [m]")
+    panels[0].set_ylabel("displacement [m]")
     panels[1].set_ylabel("heave [m]")
     panels[2].set_ylabel("pitch, roll dashed [deg]")
     if len(bodies.names) > 1:

@@ -11,13 +11,13 @@ from dropper_jax.plots import moving, panels, style
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.units import force_unit
 
-#: Drift below this part of the largest energy is rounding: the log axis ends there.
+#: Drift below this fraction of the maximum energy is rounding: the log axis ends there.
 ROUNDING = 1e-17
 
 
 @style.with_style
 def energy_balance(run: Run, path: str | Path) -> Path:
-    """Kinetic and potential energy (from its least), minus the work of each contribution, their sum, its drift [J].
+    """Kinetic and potential energy (above its minimum), minus the work of each contribution, their sum, its drift [J].
 
     The sum is constant for an exact solution; below it, the absolute drift on a logarithmic axis.
     """
@@ -26,10 +26,10 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     figure = style.new_figure(8.5, 5.8)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1))
     mark = {"marker": style.marker(t), "ms": 4}
-    # The sum lies under the others: where nothing but one energy is there, both stay visible.
+    # The sum is drawn below the others: if there is only one energy, both stay visible.
     upper.plot(t, kinetic + potential - work.sum(axis=1), color=style.DARK, lw=2.4, label="sum", **mark)
     upper.plot(t, kinetic, color=style.CYCLE[0], lw=0.9, label="kinetic", **mark)
-    upper.plot(t, potential, color=style.CYCLE[2], lw=0.9, label="potential, from its least", **mark)
+    upper.plot(t, potential, color=style.CYCLE[2], lw=0.9, label="potential, above its minimum", **mark)
     for index, name in enumerate(run.work_names):
         colour = style.CYCLE[1:2] + style.CYCLE[3:]
         upper.plot(t, -work[:, index], color=colour[index % len(colour)], label=f"minus work, {_words(name)}", **mark)
@@ -47,7 +47,7 @@ def energy_balance(run: Run, path: str | Path) -> Path:
 
 @style.with_style
 def tension_traces(run: Run, path: str | Path) -> Path:
-    """Tension [N or kN] of every link against time (a mean of the step where the scheme gives one)."""
+    """Tension [N or kN] of every link against time (the mean over the step if the scheme gives it)."""
     unit, size = force_unit(run.tension)
     least = moving.TENSION * float(np.nanmax(np.abs(run.tension), initial=0.0)) / size
     columns = [(f"tension [{unit}]", run.tension / size)]

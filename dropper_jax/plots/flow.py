@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.plots import style
 from dropper_jax.run.wakes import SceneWakes
 
-#: Places along and across the current.
+#: Number of points along and across the current.
 ALONG, ACROSS = 90, 160
 
 

@@ -12,13 +12,13 @@ from dropper_jax.analysis import spectrum
 from dropper_jax.plots import moving, panels, style, view
 from dropper_jax.plots.run import Run
 
-#: Height of a spectrum's axis [decades], and the part of the power that its frequency axis shows.
+#: Height of the axis of a spectrum [decades], and the fraction of the power that its frequency axis shows.
 DECADES, SHOWN = 4, 0.999
 
 
 @style.with_style
 def angle_traces(run: Run, path: str | Path) -> Path:
-    """Polar angle [rad] of every link against time, positive below the horizontal; in space the azimuth too."""
+    """Polar angle [rad] of every link against time, positive below the horizontal; in space also the azimuth."""
     t, positions = run.t, run.positions
     polar, azimuth = run.angles()
     columns = [("polar angle [rad]", polar)]
@@ -31,7 +31,7 @@ def angle_traces(run: Run, path: str | Path) -> Path:
 def phase_space(run: Run, path: str | Path) -> Path:
     """Polar angle [rad] against its rate [rad/s], one panel per link that moves (at most twelve).
 
-    Of one line they are chosen evenly, of several lines each line's liveliest.
+    They are evenly spaced in one line; of several lines they are those that move most.
     """
     (angle, _), (rate, _) = run.angles(), run.angle_rates()
     long = len(angle) > 4000
@@ -55,9 +55,9 @@ def phase_space(run: Run, path: str | Path) -> Path:
 def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     """Amplitude spectrum of each link's motion (Hann window), one panel per link that moves (at most twelve).
 
-    Of one line they are chosen evenly, of several lines each line's liveliest.
-    In a plane of the polar angle [rad]; in space of the x and y components of the unit link vector [-], since the
-    angles of a conical motion are constant or grow for ever.
+    They are evenly spaced in one line; of several lines they are those that move most.
+    In a plane the spectrum is that of the polar angle [rad]. In space it is that of the x and y components of the unit
+    link vector [-], since the angles of a conical motion are constant or grow without limit.
     """
     t, positions = run.t, run.positions
     flat = view.planar(positions)
@@ -97,14 +97,14 @@ def _directions(run: Run) -> dict[str, np.ndarray]:
 
 
 def _uniform(t: np.ndarray) -> int:
-    """How many samples to take: a last step that was cut short at the end of the run is left out."""
+    """Number of samples to use, without a shorter last step at the end of the run."""
     if len(t) < 3:
         return len(t)
     return len(t) if abs((t[-1] - t[-2]) - (t[1] - t[0])) < 1e-3 * (t[1] - t[0]) else len(t) - 1
 
 
 def _last_frequency(frequency: np.ndarray, amplitudes: np.ndarray) -> float:
-    """End of the frequency axis [Hz]: a little beyond what holds nearly all the power of every link."""
+    """End of the frequency axis [Hz]: slightly above the band with nearly all the power of every link."""
     if frequency[-1] == 0:
         return 1.0
     power = np.cumsum((amplitudes**2).sum(axis=(0, 2)))

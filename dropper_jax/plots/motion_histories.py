@@ -11,7 +11,7 @@ from dropper_jax.plots import moving, style, system, view
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.series import Curve, Panel, history
 
-#: Points in one picture.
+#: Maximum number of points in one picture.
 MOST = 4
 
 
@@ -19,8 +19,8 @@ MOST = 4
 def motion_history(run: Run, path: str | Path) -> Path:
     """x, y and z [m] of buoys, else of free points or nodes, against time, and the surface over the first of them.
 
-    Of several the most moved, each from where it starts. Directions in which nothing moves are left out; a long record
-    is drawn as its envelope, with a zoom.
+    Of several, those with the largest motion, each from its initial position. Directions without motion are left out. A
+    long record is drawn as its envelope, with a zoom.
     """
     tracked = tracked_nodes(run)
     paths = {name: run.positions[:, node] for name, node in tracked.items()}
@@ -34,7 +34,7 @@ def motion_history(run: Run, path: str | Path) -> Path:
         ]
         if any(np.ptp(curve.values) > least for curve in curves):
             panels.append(Panel(f"{letter} [m]" if alone else f"{letter} from its start [m]", curves))
-    if not panels:  # a picture is asked for all the same: where it stays
+    if not panels:  # without motion the picture shows the position
         panels = [Panel("z [m]", [Curve(name, run.t, path[:, 2]) for name, path in paths.items()], "nothing moves")]
     surface = _surface(run, next(iter(paths.values())), next(iter(paths)))
     what = f"motion of {next(iter(paths))}" if alone else "motion"
@@ -42,7 +42,8 @@ def motion_history(run: Run, path: str | Path) -> Path:
 
 
 def tracked_nodes(run: Run) -> dict[str, int]:
-    """Nodes to follow, by name: the most moved buoys, else free points; of a single line its end and liveliest node."""
+    """Nodes to draw, by name: the buoys with the largest motion, else free points; of a single line its end and the
+    node that moves most."""
     way = moving.travel(run)
     if run.scene is None:
         last, lively = run.positions.shape[1] - 1, int(np.argmax(way))
@@ -61,9 +62,9 @@ def tracked_nodes(run: Run) -> dict[str, int]:
 
 
 def _surface(run: Run, path: np.ndarray, name: str) -> Panel | None:
-    """Elevation [m] over the mean place of a path (k, 3); None without waves."""
+    """Elevation [m] over the mean position of a path (k, 3); None without waves."""
     position = path.mean(axis=0)
-    title = f"surface over the mean place of {name}"
+    title = f"surface elevation above the mean position of {name}"
     if run.scene is None:
         if run.surface is None:
             return None

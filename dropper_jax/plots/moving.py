@@ -1,4 +1,4 @@
-"""What moves in a run: the links, lines and nodes that are worth a panel."""
+"""Moving links, lines and nodes of a run, which have a panel."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ import numpy as np
 from dropper_jax.plots import view
 from dropper_jax.plots.run import Run
 
-#: Less than this is rounding: angles [rad]; tensions, parts of the largest; ways, parts of the scene's size.
+#: Limits of rounding: angles [rad]; tensions relative to the maximum; displacements relative to the size of the scene.
 ANGLE, TENSION, TRAVEL = 1e-7, 1e-6, 1e-7
 
 
 def swing(run: Run) -> np.ndarray:
-    """How far each link turns (n,) [rad]: the range of its direction's components, whatever its angles do."""
+    """Rotation of each link (n,) [rad]: the range of the components of its direction, which does not depend on its
+    angles."""
     links = run.positions[:, run.first + 1] - run.positions[:, run.first]
     length = np.linalg.norm(links, axis=-1, keepdims=True)
     return np.ptp(links / np.where(length > 0, length, 1.0), axis=0).max(axis=-1)
 
 
 def travel(run: Run) -> np.ndarray:
-    """How far each node moves (nodes,) [m]: the longest side of the box around its path."""
+    """Displacement of each node (nodes,) [m]: the longest side of the box around its path."""
     return np.ptp(run.positions, axis=0).max(axis=-1)
 
 
@@ -29,7 +30,8 @@ def anything_moves(run: Run) -> bool:
 
 
 def chosen_links(run: Run, most: int) -> np.ndarray:
-    """Links worth a panel each, at most `most`, in order: evenly of a single line, of many lines their liveliest."""
+    """Links that have a panel, at most `most`, in order: evenly spaced in a single line; of many lines the links that
+    move most."""
     size = swing(run)
     moving = np.flatnonzero(size > ANGLE)
     if len(run.written_lines) == 1 or len(moving) <= most:
@@ -40,6 +42,6 @@ def chosen_links(run: Run, most: int) -> np.ndarray:
 
 
 def changing(columns: list[np.ndarray], least: float) -> np.ndarray:
-    """Which of n series (k, n) change by more than `least` in any of the columns (n,)."""
+    """Which of n series (k, n) change by more than their limit in any of the columns (n,)."""
     with np.errstate(invalid="ignore"):
         return np.any([np.nan_to_num(np.ptp(values, axis=0)) > least for values in columns], axis=0)

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from dropper_jax.plots import moving, style
 from dropper_jax.plots.run import Run
 
-#: More links than this are drawn as a map over time and link (traces) or thinned out (grid).
+#: Maximum number of links with a trace; more are drawn as a map over time and link (traces) or thinned out (grid).
 MOST = 12
 
 Columns = list[tuple[str, np.ndarray]]
@@ -31,9 +31,9 @@ def traces(
 ) -> Path:
     """Quantities (label with unit, values (k, n)) against time (k,): a row per link, a column per quantity.
 
-    The time axis spans the run, whichever times the values belong to. Links whose values change by no more than `least`
-    have no panel, and are named; where none changes, the values stand along the links. `centred`: a map of many links
-    shows the way from their means, since these differ by more than what moves.
+    The time axis spans the run for all quantities. Links whose values change by at most `least` have no panel, but are
+    listed. If no link changes, the values are drawn along the links. `centred`: a map of many links shows the deviation
+    from their means, since the means differ by more than the motion.
     """
     links = columns[0][1].shape[1]
     kept = np.flatnonzero(moving.changing([values for _, values in columns], least))
@@ -52,7 +52,7 @@ def traces(
 
 
 def _along(columns: Columns, run: Run) -> Figure:
-    """Values that do not change, along the links; of several lines each under its name."""
+    """Constant values, along the links; of several lines each under its name."""
     figure = style.new_figure(8.5, 0.9 + 2.4 * len(columns))
     for axes, (label, values) in zip(figure.subplots(len(columns), 1, squeeze=False)[:, 0], columns, strict=True):
         for line in run.written_lines:
@@ -82,7 +82,8 @@ def _stack(t: np.ndarray, columns: Columns, run: Run, mask: np.ndarray) -> Figur
 
 
 def _map(t: np.ndarray, columns: Columns, run: Run, centred: bool) -> Figure:
-    """A picture per quantity, links against time, colours for values or, centred, for their way from the mean."""
+    """A picture per quantity, links against time, with colours for values or, if centred, for their deviation from the
+    mean."""
     links = columns[0][1].shape[1]
     figure = style.new_figure(8.5, 1.0 + 3.0 * len(columns))
     edges = np.concatenate([[t[0]], 0.5 * (t[1:] + t[:-1]), [t[-1]]]) if len(t) > 1 else np.array([t[0], t[0] + 1.0])
@@ -156,7 +157,7 @@ def grid(
 
 
 def _nothing(run: Run, path: str | Path, what: str) -> Path:
-    """A picture that says that there is nothing to show."""
+    """A picture with a note that there is no motion to show."""
     figure = style.new_figure(6.0, 2.0)
     figure.text(0.5, 0.45, f"no link turns by more than {moving.ANGLE:g} rad", ha="center", color=style.FAINT)
     style.title(figure, run, what)

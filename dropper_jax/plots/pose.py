@@ -1,4 +1,4 @@
-"""Snapshot: one pose, how it got there, and its tensions."""
+"""Snapshot: one configuration, the previous ones, and its tensions."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from dropper_jax.plots import style, system, view
 from dropper_jax.plots.bodies import draw_bodies
 from dropper_jax.plots.run import Run
 
-#: Past poses in a snapshot, and the way between two of them as a part of the picture's size.
+#: Number of past configurations in a snapshot, and the displacement between two of them as a fraction of the picture's
+#: size.
 PAST, STRIDE = 8, 0.07
-#: With more lines than this, one pose is all that can be told apart.
+#: With more lines than this, only one configuration is drawn, since more could not be distinguished.
 CROWD = 12
 
 
 @style.with_style
 def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
-    """The pose at a time [s] (None: the last), links coloured by tension [N], the poses before it, and the first.
+    """The configuration at a time [s] (None: the last), links coloured by tension [N], previous configurations, and the
+    first.
 
     In the x-z plane when the motion is planar, else in space.
 
@@ -57,7 +59,7 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     if style.dot(run) > 0:
         draw(positions[now], **look, label=f"t = {t[now]:.4g} s")
     held = system.held_positions(run, positions, positions[now])
-    what = "held end" if run.scene is None else "held point"
+    what = "fixed end" if run.scene is None else "fixed point"
     draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label=what)
     joints = system.bare_joints(run, positions[now])
     if len(joints) and not crowded:
@@ -77,7 +79,7 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
 
 
 def _surroundings(axes: Axes, run: Run, limits: np.ndarray, time: float, flat: bool) -> None:
-    """Bed and water of a system."""
+    """Seabed and water of a system."""
     system.draw_bed(axes, run, limits, flat)
     surface = system.surface_lines(run, limits, flat, np.array([time]))
     if surface is None:
@@ -91,7 +93,7 @@ def _surroundings(axes: Axes, run: Run, limits: np.ndarray, time: float, flat: b
 
 
 def _bold_links(axes: Axes, run: Run, nodes: np.ndarray, time: float, flat: bool) -> ScalarMappable:
-    """Links of one pose coloured by their tension at the nearest time known."""
+    """Links of one configuration coloured by their tension at the nearest available time."""
     tension = run.tension[np.argmin(np.abs(run.t_tension - time))]
     segments = run.segments(nodes)
     look = {
@@ -118,7 +120,7 @@ def _buoys(axes: Axes, run: Run, nodes: np.ndarray, flat: bool) -> None:
 
 
 def _past(positions: np.ndarray, now: int) -> list[int]:
-    """Samples before `now`, a given way apart, so that a picture does not depend on the output interval."""
+    """Samples before `now` at a given distance, so that a picture does not depend on the output interval."""
     if now == 0:
         return []
     way = np.abs(np.diff(positions[: now + 1], axis=0)).max(axis=(1, 2))

@@ -1,4 +1,5 @@
-"""Which theory of waves holds where, over depth and height by the period (after Le Mehaute 1976), with waves marked."""
+"""Range of validity of the wave theories over depth and height by the period (after Le Mehaute 1976), with waves
+marked."""
 
 from __future__ import annotations
 
@@ -13,9 +14,9 @@ from dropper_jax.plots import style
 from dropper_jax.sea.dispersion import wave_number
 from dropper_jax.sea.steady import LINEAR, STOKES_HEIGHT, STOKES_LENGTH, highest, second_harmonic
 
-#: Range of d/(g T^2) that is drawn.
+#: Drawn range of d/(g T^2).
 DEPTHS = np.geomspace(4e-4, 0.3, 300)
-#: Depth over length from which water is deep, and up to which it is shallow.
+#: Depth over wavelength above which water is deep, and below which it is shallow.
 DEEP, SHALLOW = 0.5, 0.05
 
 

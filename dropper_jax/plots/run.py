@@ -1,4 +1,4 @@
-"""What pictures need of a solution, without the samples that no picture can show."""
+"""The data of a solution for pictures, without samples that cannot be drawn."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 from dropper_jax.scene.nodes import point_nodes
 
-#: Nodes further out than this many sizes of the first pose belong to a run that has blown up.
+#: A run has diverged if a node is farther out than this many sizes of the first configuration.
 FARTHEST = 100.0
 
 
@@ -38,13 +38,13 @@ class Run:
 
     Attributes:
         lines: nodes and links of each line.
-        scene: of a system of lines, whose water and bed the pictures show; None for a single line.
-        held, joints: nodes of the held and of the free points of a system.
+        scene: of a system of lines, with the water and the seabed in the pictures; None for a single line.
+        held, joints: nodes of the fixed and of the free points of a system.
         buoys: its buoys.
         bodies: its rigid bodies; None without.
         point_names: nodes of a system's points by name.
-        extremes: smallest and largest tension (k, n) [N] since the sample before, where steps follow the snaps.
-        surface: of a single line in water, the elevation (q, n) [m] at places (n, 3) and times (q,); else None.
+        extremes: minimum and maximum tension (k, n) [N] since the previous sample, if steps adapt to snap loads.
+        surface: of a single line in water, the elevation (q, n) [m] at positions (n, 3) and times (q,); else None.
     """
 
     name: str
@@ -72,12 +72,12 @@ class Run:
 
     @property
     def max_tension(self) -> np.ndarray:
-        """Largest tension (k, n) [N] of each sample."""
+        """Maximum tension (k, n) [N] of each sample."""
         return self.tension if self.extremes is None else self.extremes[1]
 
     @property
     def min_tension(self) -> np.ndarray:
-        """Smallest tension (k, n) [N] of each sample."""
+        """Minimum tension (k, n) [N] of each sample."""
         return self.tension if self.extremes is None else self.extremes[0]
 
     @property
@@ -86,17 +86,17 @@ class Run:
         return np.concatenate([np.arange(line.nodes.start, line.nodes.stop - 1) for line in self.lines])
 
     def segments(self, nodes: np.ndarray) -> np.ndarray:
-        """Both ends of each link (n, 2, d) from the places of all nodes (nodes, d)."""
+        """Both ends of each link (n, 2, d) from the positions of all nodes (nodes, d)."""
         return np.stack([nodes[self.first], nodes[self.first + 1]], axis=1)
 
     @property
     def written_lines(self) -> tuple[LineSlice | WholeLine, ...]:
-        """The lines as they were written, pieces between attached points together."""
+        """The lines as in the scene, pieces between attached points together."""
         return self.lines if self.scene is None else whole_lines(self.scene)
 
     @property
     def labels(self) -> list[str]:
-        """A name for each link: its number, after the name of its line where there are several."""
+        """A name for each link: its number, with the name of its line if there are several."""
         if len(self.lines) == 1:
             return [f"link {j + 1}" for j in range(self.tension.shape[1])]
         return [f"{line.name} {j + 1}" for line in self.lines for j in range(line.links.stop - line.links.start)]
@@ -113,7 +113,7 @@ class Run:
 
 
 def readable(solution: Solution) -> Run:
-    """The run up to where it blew up or stopped being finite, its first sample at least."""
+    """The run until it diverged or became non-finite, with at least its first sample."""
     moved = [np.asarray(getattr(solution, name), float) for name in ("positions", "velocities", "kinetic", "potential")]
     work = np.asarray(solution.work, float).reshape(len(solution.t), -1)
     finite = np.all([np.isfinite(a).reshape(len(a), -1).all(axis=1) for a in (*moved, work)], axis=0)
@@ -150,13 +150,13 @@ def _extremes(solution: Solution, last: int) -> tuple[np.ndarray, np.ndarray] | 
 
 
 def elevations(scene: Scene, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Elevation (q, n) [m] of a scene's sea at places (n, 3) and times (q,)."""
+    """Elevation (q, n) [m] of a scene's sea at positions (n, 3) and times (q,)."""
     sea = build_model(scene, "float64").sea
     return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(positions), jnp.asarray(times)))
 
 
 def _lines(solution: Solution) -> dict[str, Any]:
-    """The lines, and of a system what they hang from."""
+    """The lines and, for a system, their points."""
     if not getattr(solution.scene, "branched", False):
         links = solution.tension.shape[1]
         single = {"lines": (LineSlice("line", slice(0, links + 1), slice(0, links)),)}

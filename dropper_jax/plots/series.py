@@ -1,4 +1,4 @@
-"""Panels against time that stay legible: a long record as envelope and mean, with a zoom around its largest value."""
+"""Panels against time that stay legible: a long record as envelope and mean, with a zoom around its maximum."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from matplotlib.ticker import MaxNLocator
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run
 
-#: Turns above which a panel shows an envelope: 200 waves, of five pixels each, can still be seen one by one.
+#: Number of turning points above which a panel shows an envelope: 200 waves of five pixels each are still visible.
 TURNS = 400
 #: Intervals of an envelope, and cycles of a zoom.
 INTERVALS, CYCLES = 320, 8
-#: A series that changes by less than this part of itself is rounding.
+#: Relative change of a series below which it is rounding.
 ROUNDING = 1e-6
-#: Two curves nearer than this part of the largest range are seen as one: the later is dashed, so that both show.
+#: Two curves closer than this fraction of the maximum range look like one: the later is dashed, so that both are
+#: visible.
 ALIKE, DASHES = 0.01, (0.0, (4.0, 4.0))
 
 
 class Curve(NamedTuple):
-    """One quantity against time: values (k,) at t (k,) [s], and the range (k,) of each sample where it has one."""
+    """One quantity against time: values (k,) at t (k,) [s], and the range (k,) of each sample if it has one."""
 
     name: str
     t: np.ndarray
@@ -34,7 +35,7 @@ class Curve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """Label with unit, and what stands in it; `zero` draws the line of zero."""
+    """Label with unit, and the series of the panel; `zero` draws the zero line."""
 
     label: str
     curves: list[Curve]
@@ -43,7 +44,7 @@ class Panel(NamedTuple):
 
 
 def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
-    """Panels one above the other; of a long record the whole as an envelope on the left, a part of it on the right."""
+    """Panels one above the other; a long record is an envelope on the left, and a part of it is on the right."""
     zoom = None if sum(turns(c.values) > TURNS for p in panels for c in p.curves) == 0 else zoom_of(panels)
     figure = style.new_figure(8.5 if zoom is None else 11.5, 1.2 + 1.75 * len(panels))
     columns = 1 if zoom is None else 2
@@ -73,7 +74,7 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
 
 
 def _shortest(panel: Panel, panels: list[Panel]) -> float:
-    """Shortest cycle [s] of the panels of one unit, so that their means are taken alike; 0 without any."""
+    """Shortest cycle [s] of the panels of one unit, used for all their means; 0 without any."""
     alike = [other for other in panels if other.label.rpartition(" ")[2] == panel.label.rpartition(" ")[2]]
     cycles = [cycle(curve.t, curve.values) for other in alike for curve in other.curves]
     return min((length for length in cycles if length > 0.0), default=0.0)
@@ -84,7 +85,7 @@ def _join_notes(*parts: str) -> str:
 
 
 def _legend(axes: Axes) -> None:
-    """Above the right end, where no title stands."""
+    """Place the legend above the right end, where there is no title."""
     options = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
     axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **options)
 
@@ -92,7 +93,8 @@ def _legend(axes: Axes) -> None:
 def _draw(
     axes: Axes, panel: Panel, run: Run, envelope: float | None = None, part: tuple[float, float] | None = None
 ) -> None:
-    """All curves of a panel; as an envelope, its means over cycles of that length [s], or of a part of the time."""
+    """Draw all curves of a panel; as an envelope with means over cycles of this length [s], or of a part of the
+    time."""
     for index, curve in enumerate(panel.curves):
         colour = curve.colour or style.CYCLE[index % len(style.CYCLE)]
         dashes = DASHES if _hides(panel.curves, index) else "-"
@@ -116,7 +118,7 @@ def _draw(
 
 
 def _hides(curves: list[Curve], index: int) -> bool:
-    """Whether a curve lies on one that is drawn before it, as those of a symmetric farm do."""
+    """Whether a curve coincides with a previous one, as in a symmetric farm."""
     this = curves[index].values
     reach = max((float(np.ptp(curve.values)) for curve in curves if np.all(np.isfinite(curve.values))), default=0.0)
     return any(
@@ -139,7 +141,7 @@ def _cut_curve(
 def reduce_samples(
     t: np.ndarray, values: np.ndarray, low: np.ndarray | None = None, high: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Times, mean, least and largest (m,) of `INTERVALS` stretches of samples (k,), k > INTERVALS."""
+    """Times, mean, minimum and maximum (m,) of `INTERVALS` stretches of samples (k,), k > INTERVALS."""
     starts = np.unique(np.linspace(0, len(t), INTERVALS, endpoint=False).astype(int))
     count = np.diff(np.append(starts, len(t)))
     mean, at = (np.add.reduceat(a, starts) / count for a in (values, t))
@@ -149,7 +151,7 @@ def reduce_samples(
 
 
 def _without_beat(t: np.ndarray, mean: np.ndarray, period: float) -> np.ndarray:
-    """Means (m,) of stretches about as long as a cycle, over several of them: alone they beat with the cycles."""
+    """Moving average of the means (m,) of stretches about as long as a cycle: single means beat with the cycles."""
     stretch = float(t[-1] - t[0]) / (len(t) - 1)
     if 4 * stretch < period:
         return mean
@@ -159,7 +161,7 @@ def _without_beat(t: np.ndarray, mean: np.ndarray, period: float) -> np.ndarray:
 
 
 def turns(values: np.ndarray) -> int:
-    """How often a series (k,) changes its direction by more than about 3 % of its range."""
+    """Number of reversals of a series (k,) by more than about 3 % of its range."""
     known = values[np.isfinite(values)]
     if known.size < 3 or np.ptp(known) <= ROUNDING * np.abs(known).max():
         return 0
@@ -170,7 +172,7 @@ def turns(values: np.ndarray) -> int:
 
 
 def zoom_of(panels: list[Panel]) -> tuple[float, float]:
-    """Part of the time [s] around the largest value of the first panel, a few of its cycles long."""
+    """Part of the time [s] around the maximum of the first panel, a few of its cycles long."""
     first = max(panels[0].curves, key=lambda c: float(np.nanmax(c.values if c.high is None else c.high)))
     t, values = first.t, first.values
     span = float(t[-1] - t[0])
@@ -182,7 +184,7 @@ def zoom_of(panels: list[Panel]) -> tuple[float, float]:
 
 
 def cycle(t: np.ndarray, values: np.ndarray) -> float:
-    """Mean time between upward crossings of the mean [s]; 0 where there are fewer than two."""
+    """Mean time between upward crossings of the mean [s]; 0 if there are fewer than two."""
     above = values > np.nanmean(values)
     up = np.flatnonzero(above[1:] & ~above[:-1])
     return float(t[up[-1]] - t[up[0]]) / (len(up) - 1) if len(up) > 1 else 0.0

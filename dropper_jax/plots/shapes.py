@@ -11,12 +11,12 @@ from scipy.spatial import ConvexHull, QhullError
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.body import BodySpec, rotation
 
-#: Corners of a circle.
+#: Number of corners of a circle.
 SIDES = 28
 
 
 class Shape(NamedTuple):
-    """A cylinder of a body between two places in its axes [m], or a sphere, whose places are one."""
+    """A cylinder of a body between two positions in its axes [m], or a sphere with two equal positions."""
 
     body: int
     start: tuple[float, ...]
@@ -58,7 +58,7 @@ class Bodies(NamedTuple):
         return found
 
     def outlines(self, index: int, project: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
-        """Outline (corners, 2) of each shape as an eye sees it that takes places (n, 3) to (n, 2)."""
+        """Outline (corners, 2) of each shape in a projection of positions (n, 3) to (n, 2)."""
         found = []
         for rings in self.rings(index):
             points = project(rings.reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""The one look of all pictures, and how they reach the disk."""
+"""Common style of all pictures, and writing them to disk."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dropper_jax.base.renamed import old_names
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.simulate import Solution
 
-#: Okabe and Ito: told apart by colour-blind readers too.
+#: Palette of Okabe and Ito, which colour-blind readers can distinguish.
 CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6B6B6B")
 FIRST, SECOND = CYCLE[:2]
 FAINT = "#9AA0A6"
@@ -50,7 +50,7 @@ RC = {
     "grid.color": "#E3E5E8",
     "grid.linewidth": 0.7,
     "axes.axisbelow": True,
-    # an offset or a power of ten beside an axis stands over other labels
+    # an offset or a power of ten next to an axis overlaps other labels
     "axes.formatter.useoffset": False,
     "axes.formatter.limits": (-4, 6),
     "lines.linewidth": 1.2,
@@ -61,7 +61,7 @@ RC = {
 
 
 def plot_style() -> ContextDecorator:
-    """This style for as long as the context lasts, or as a decorator, for each call."""
+    """Use this style within the context or, as a decorator, for each call."""
     return matplotlib.style.context(["default", RC])
 
 
@@ -77,18 +77,18 @@ def with_style(draw: Callable[..., Path]) -> Callable[..., Path]:
 
 
 def new_figure(width: float, height: float, layout: str | None = "constrained") -> Figure:
-    """A figure [inch] of its own, unknown to pyplot."""
+    """A separate figure [inch] outside pyplot."""
     figure = Figure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
 
 def save(figure: Figure, path: str | Path) -> Path:
-    """Write the figure in the format of the path's suffix (PNG without one), whole or not at all."""
+    """Write the figure in the format of the path's suffix (PNG without one), atomically."""
     path = Path(path)
     kind = path.suffix.lstrip(".").lower() or "png"
     layout = figure.get_layout_engine()
-    if layout is not None:  # laid out here, once; `savefig` would draw the whole figure once more to do it
+    if layout is not None:  # the layout is computed once here; `savefig` would draw the figure again for it
         layout.execute(figure)
         figure.set_layout_engine(None)
     atomic_write(path, lambda file: figure.savefig(file, format=kind))
@@ -101,17 +101,17 @@ def heading(run: Run, what: str) -> str:
 
 
 def how(run: Run) -> tuple[str, str]:
-    """How the run was made, and the colour to say it in: integrator, step and, if it failed, how."""
-    text = f"{run.integrator}, dt = {run.dt:g} s" if run.dt else run.integrator  # a pose has no step
+    """Integrator, step and, if the run failed, its status, and the colour of this text."""
+    text = f"{run.integrator}, dt = {run.dt:g} s" if run.dt else run.integrator  # an equilibrium has no step
     return (text, FAINT) if run.status == "ok" else (f"{text}, ended with {run.status}", ALERT)
 
 
 def title(figure: Figure, run: Run, what: str) -> None:
-    """Title over the whole figure, and how the run was made under it."""
+    """Title of the figure, with integrator and step below it."""
     text, colour = how(run)
     figure.suptitle(heading(run, what), fontsize=12, fontweight="bold", x=0.01, ha="left")
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
-    # a line of text at the foot and one at the head, however high the figure is
+    # one line of text at the bottom and one at the top, for any height of the figure
     foot, head = (inch / figure.get_figheight() for inch in (0.17, 0.03))
     figure.get_layout_engine().set(rect=(0.0, foot, 1.0, 1.0 - foot - head))
 
@@ -133,7 +133,7 @@ def widen(values: np.ndarray, limits: Callable[[float, float], Any]) -> None:
 
 
 def marker(t: np.ndarray) -> str | None:
-    """Runs that ended after a few samples are drawn with their points, since a line of one point is invisible."""
+    """Draw runs of a few samples with points, since a line of one point is invisible."""
     return "o" if len(t) < 5 else None
 
 
@@ -146,11 +146,11 @@ def dot(run: Run) -> float:
 
 
 def bold(run: Run) -> float:
-    """Part of the usual width of links, thinner where there are many lines."""
+    """Fraction of the usual width of links, smaller for many lines."""
     return 1.0 if len(run.lines) == 1 else 0.75 if len(run.lines) <= 12 else 0.4
 
 
-#: Tensions from which on one in a hundred may lie outside the colours.
+#: Number of tensions above which 1 % may be outside the colour range.
 MANY = 1000
 
 
@@ -163,19 +163,19 @@ def tension_map() -> Colormap:
 
 
 def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **where: Any) -> None:
-    """Colour bar of tensions (...) [N]: pointed where they go beyond `tension_norm`, with the largest in its label."""
+    """Colour bar of tensions (...) [N]: pointed if they exceed `tension_norm`, with the maximum in its label."""
     known = tension[np.isfinite(tension)]
     low, high = (np.min(known), np.max(known)) if known.size else (0.0, 0.0)
     below, above = bool(low < links.norm.vmin), bool(high > links.norm.vmax)
     extend = {(True, True): "both", (True, False): "min", (False, True): "max", (False, False): "neither"}[below, above]
-    label = f"tension [N], largest {high:.4g}" if above else "tension [N]"
+    label = f"tension [N], maximum {high:.4g}" if above else "tension [N]"
     figure.colorbar(links, extend=extend, label=label, **where)
 
 
 def tension_norm(tension: np.ndarray) -> Normalize:
-    """Colour range of tensions [N]: from the 1st to the 99th percentile, so that one jerk does not hide the rest.
+    """Colour range of tensions [N]: from the 1st to the 99th percentile, so that one snap load does not hide the rest.
 
-    Of less than `MANY` values, as of one pose, all: a percentile would cut nothing but the largest.
+    For fewer than `MANY` values, as in one configuration, the full range: a percentile would only cut the maximum.
     """
     known = tension[np.isfinite(tension)]
     if known.size == 0:

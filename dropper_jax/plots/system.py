@@ -1,4 +1,4 @@
-"""What pictures of a system of lines show besides its links: held points, joints, buoys, the surface and the bed."""
+"""Parts of a system of lines other than links in pictures: fixed points, joints, buoys, the surface and the seabed."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from dropper_jax.plots import style, view
 from dropper_jax.plots.run import Run
 
 BUOY, WATER, SURFACE, BED = style.CYCLE[4], "#DCEBF5", style.CYCLE[5], "#D8CBB4"
-#: The surface and the bed are in the picture where they are this near to the lines, in sizes of these.
+#: The surface and the seabed are in the picture if they are within this distance of the lines, in sizes of the lines.
 NEAR = 0.5
-#: Places along a surface line, and lines of a surface in space per side.
+#: Points along a surface line, and number of lines of a surface in space per side.
 ALONG, ACROSS = 161, 13
 
 
 def limits(run: Run, positions: np.ndarray) -> np.ndarray:
-    """Limits (3, 2) [m] of a picture: the nodes and, of a system, its buoys, and the bed and surface near them."""
+    """Limits (3, 2) [m] of a picture: the nodes and, of a system, its buoys, and the seabed and surface near them."""
     if run.scene is None:
         return view.box(positions)
     nodes = positions.reshape(-1, 3)
@@ -38,18 +38,18 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
 
 
 def held_positions(run: Run, positions: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Places (m, 3) of the held points in one pose; of a single line those of its ends that never move."""
+    """Positions (m, 3) of the fixed points in one configuration; of a single line those of its ends that never move."""
     return view.fixed_ends(positions) if run.scene is None else nodes[list(run.held)]
 
 
 def bare_joints(run: Run, nodes: np.ndarray) -> np.ndarray:
-    """Places (m, 3) of the free points without a buoy where several lines meet."""
+    """Positions (m, 3) of the free points without a buoy that join several lines."""
     busy = {buoy.node for buoy in run.buoys}
     return nodes[[node for node in run.joints if node not in busy]]
 
 
 def outlines(run: Run, nodes: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Corners (buoys, 4, 3) [m] of each buoy's upright section, seen by an eye whose right is `right` (3,)."""
+    """Corners (buoys, 4, 3) [m] of each buoy's upright section, seen in a view whose right is `right` (3,)."""
     found = np.zeros((len(run.buoys), 4, 3))
     for corners, buoy in zip(found, run.buoys, strict=True):
         base, side = nodes[buoy.node] - [0.0, 0.0, buoy.attachment], 0.5 * buoy.diameter * right
@@ -67,7 +67,7 @@ def right_of(axes: Axes, flat: bool) -> np.ndarray:
 
 
 def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> np.ndarray | None:
-    """The surface (k, lines, places, 3) [m] at times (k,): a line in a plane, a net in space; None without water."""
+    """The surface (k, lines, points, 3) [m] at times (k,): a line in a plane, a net in space; None without water."""
     if run.scene is None or run.scene.sea is None:
         return None
     x, y = (np.linspace(*box[axis], ALONG) for axis in (0, 1))
@@ -85,7 +85,7 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
 
 
 def draw_bed(axes: Axes, run: Run, box: np.ndarray, flat: bool) -> None:
-    """The bed: a filled strip in a plane, a faint sheet in space; nothing where the scene has none in sight."""
+    """The seabed: a filled strip in a plane, a faint sheet in space; nothing if no seabed is in the picture."""
     if run.scene is None:
         return
     x, y = (np.linspace(*box[axis], 41) for axis in (0, 1))

@@ -1,4 +1,4 @@
-"""Tension over time: where it is largest, at the held points, at the ends of the lines."""
+"""Tension over time: its maximum, at the fixed points, at the ends of the lines."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from dropper_jax.plots.series import Curve, Panel, history
 from dropper_jax.plots.units import force_unit
 from dropper_jax.run.loads import held_points, point_load
 
-#: Curves in one panel.
+#: Maximum number of curves in one panel.
 MOST = 4
 
 
 @style.with_style
 def tension_history(run: Run, path: str | Path) -> Path:
-    """Tension against time [N or kN]: the largest of all links, the pull on held points, both ends of lines.
+    """Tension against time [N or kN]: the maximum of all links, the force on fixed points, both ends of lines.
 
-    Of many the most loaded. The shade is the range within a sample where steps follow the snaps; a long record is drawn
-    as its envelope, with a zoom around its largest tension.
+    Of many the most loaded. The shade is the range within a sample if steps adapt to snap loads. A long record is drawn
+    as its envelope, with a zoom around its maximum tension.
     """
     kept = slice(_begin(run), None)
     unit, size = force_unit(run.max_tension[kept])
@@ -46,7 +46,7 @@ def _largest(run: Run, unit: str, size: float) -> Panel:
     largest = run.max_tension[kept]
     link = int(np.unravel_index(np.argmax(np.nan_to_num(largest, nan=-np.inf)), largest.shape)[1])
     curve = Curve("", run.t_tension[kept], largest.max(axis=1) / size, colour=style.DARK)
-    return Panel(f"largest [{unit}]", [curve], f"largest of all links; of the run {run.labels[link]}")
+    return Panel(f"maximum [{unit}]", [curve], f"maximum of all links; of the run: {run.labels[link]}")
 
 
 def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
@@ -58,11 +58,11 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     }
     names = sorted(loads, key=lambda name: -np.nanmax(loads[name]))[:MOST]
     curves = [Curve(name, t, loads[name] / size) for name in names]
-    return Panel(f"held points [{unit}]", curves, _count_title("pull on held points", len(names), len(loads)))
+    return Panel(f"fixed points [{unit}]", curves, _count_title("force on fixed points", len(names), len(loads)))
 
 
 def _ends(run: Run, unit: str, size: float) -> Panel:
-    """Both ends of one line; of several the end that is loaded more."""
+    """Both ends of one line; of several the more loaded end."""
     kept = slice(_begin(run), None)
     t = run.t_tension[kept]
     lines = sorted(run.written_lines, key=lambda line: -np.nanmax(run.max_tension[kept, line.links]))[:MOST]
@@ -79,7 +79,7 @@ def _ends(run: Run, unit: str, size: float) -> Panel:
             values, low, high = (a[kept, link] / size for a in (run.tension, run.min_tension, run.max_tension))
             range_ = (None, None) if run.extremes is None else (low, high)
             curves.append(Curve(name if both else line.name, t, values, *range_))
-    title = "" if both else _count_title("ends of lines, the more loaded of two", len(lines), len(run.written_lines))
+    title = "" if both else _count_title("more loaded end of each line", len(lines), len(run.written_lines))
     return Panel(f"ends [{unit}]", curves, title, zero=True)
 
 

@@ -6,12 +6,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
-#: From this largest tension [N] on, a figure is in kN.
+#: Maximum tension [N] above which a figure is in kN.
 KILO = 5e3
 
 
 def force_unit(*values: np.ndarray | float | Iterable[float]) -> tuple[str, float]:
-    """Unit and its size [N] for forces [N] that stand in one figure."""
+    """Unit and its size [N] for all forces [N] of a figure."""
     largest = max((float(np.abs(known).max()) for v in values if (known := _finite(v)).size), default=0.0)
     return ("kN", 1e3) if largest >= KILO else ("N", 1.0)
 

@@ -1,4 +1,4 @@
-"""Where to look from: the plane of a planar motion, or a fixed direction in space."""
+"""Viewing direction: normal to the plane of a planar motion, or fixed in space."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.ticker import MaxNLocator
 
-#: Motion is planar when y stays within this part of the picture's size.
+#: Motion is planar if y stays within this fraction of the picture's size.
 FLAT = 1e-9
-#: Margin around the nodes, part of the larger extent; least width or height of a picture, same.
+#: Margin around the nodes, and minimum width or height of a picture, as fractions of the larger extent.
 MARGIN, LEAST = 0.06, 0.4
 
 
@@ -34,7 +34,8 @@ def box(positions: np.ndarray, least: float = LEAST) -> np.ndarray:
 
 
 def fixed_ends(positions: np.ndarray) -> np.ndarray:
-    """End nodes that never move, (m, 3) [m], m <= 2; a run of one sample tells only that the first one is held."""
+    """End nodes that never move, (m, 3) [m], m <= 2; for a run of one sample only the first end is known to be
+    fixed."""
     ends = positions[:, [0, -1]]
     still = np.abs(ends - ends[:1]).max(axis=(0, 2)) <= FLAT * size(positions)
     if len(positions) == 1:
@@ -64,7 +65,7 @@ def space_axes(figure: Figure, subplot: SubplotSpec, limits: np.ndarray) -> Axes
 
 
 def figure_size(limits: np.ndarray, flat: bool, longest: float = 6.5) -> tuple[float, float]:
-    """Width and height [inch] that suit the limits, with room for labels and the colour bar."""
+    """Width and height [inch] for the limits, with space for labels and the colour bar."""
     if not flat:
         return longest + 0.6, longest * 0.9
     width, height = limits[0, 1] - limits[0, 0], limits[2, 1] - limits[2, 0]

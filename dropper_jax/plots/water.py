@@ -25,9 +25,9 @@ from dropper_jax.run.simulate import Solution
 from dropper_jax.sea import Sea
 
 WATER, SURFACE = system.WATER, system.SURFACE
-#: Points along the surface of a picture.
+#: Number of points along the surface of a picture.
 POINTS = 240
-#: Both sides of a system this low for its length are drawn one above the other.
+#: Ratio of height to length below which both views of a system are drawn one above the other.
 LOW = 0.35
 
 
@@ -39,20 +39,20 @@ def _with_sea(draw: Callable[..., Path]) -> Callable[..., Path]:
     def wrapper(solution: Solution, path: str | Path, **kwargs: Any) -> Path:
         sea = build_model(solution.scene, "float64").sea
         if sea is None:
-            raise ValueError(f"solution: scene {solution.scene.name!r} has no [sea]; allowed: a scene with water")
+            raise ValueError(f"solution: scene {solution.scene.name!r} has no [sea]. Use a scene with water")
         return draw(readable(solution), sea, path, **kwargs)
 
     return wrapper
 
 
 def _surface(sea: Sea, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Elevation (q, n) [m] at places (n, 3) and times (q,)."""
+    """Elevation (q, n) [m] at positions (n, 3) and times (q,)."""
     return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(positions), jnp.asarray(times)))
 
 
 @_with_sea
 def elevation(run: Run, sea: Sea, path: str | Path, place: tuple[float, float] = (0.0, 0.0)) -> Path:
-    """Elevation [m] of the surface at a place (x, y) [m] against time."""
+    """Elevation [m] of the surface at a position (x, y) [m] against time."""
     eta = _surface(sea, np.array([[*place, 0.0]]), run.t)[:, 0]
     figure = style.new_figure(8.5, 3.2)
     axes = figure.subplots()
@@ -66,7 +66,7 @@ def elevation(run: Run, sea: Sea, path: str | Path, place: tuple[float, float] =
 
 @_with_sea
 def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = None) -> Path:
-    """The line [m] and the surface above it at a time [s] (default: the largest tension), seen from two sides.
+    """The line [m] and the surface above it at a time [s] (default: that of the maximum tension), seen from two sides.
 
     A system that stays in the plane of x and z is seen from one side only.
     """
@@ -96,7 +96,7 @@ def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = Non
             axes.plot(own[:, axis], own[:, 2], "-o", color=style.DARK, ms=max(style.dot(run) - 0.5, 0.0), label=label)
             label = None
         ends = nodes[[0, -1]] if run.scene is None else nodes[list(run.held)]
-        what = "ends" if run.scene is None else "held points"
+        what = "ends" if run.scene is None else "fixed points"
         axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label=what)
         _buoys(axes, run, nodes, axis)
         draw_bodies(axes, run.bodies, index, flat=True, axis=axis, grow=True)
@@ -123,7 +123,7 @@ def _buoys(axes: Axes, run: Run, nodes: np.ndarray, axis: int) -> None:
 def response(run: Run, sea: Sea, path: str | Path, link: int | None = None) -> Path:
     """Elevation; angles of a link (counted from 1): spectra and phase space, as thesis figures 8.32 to 8.34.
 
-    Without a link the tenth as in the thesis; of several lines, or where that one stays, the one that turns the most.
+    Default: the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
     """
     angles = run.angles()
     index = _lively(run) if link is None else min(link, run.tension.shape[1]) - 1
@@ -157,7 +157,7 @@ def _lively(run: Run) -> int:
 
 @_with_sea
 def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
-    """Least, mean and largest tension along the line; of several lines a panel each, the 12 most loaded."""
+    """Minimum, mean and maximum tension along the line; of several lines a panel for each of the 12 most loaded."""
     del sea
     sizes = [np.max(run.max_tension[:, line.links]) for line in run.written_lines]
     shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
@@ -192,7 +192,7 @@ def _envelope(axes: Axes, tension: np.ndarray, least: np.ndarray, largest: np.nd
     link = np.arange(1, tension.shape[1] + 1)
     if len(tension) > 1:
         tension, least, largest = tension[1:], least[1:], largest[1:]
-    axes.fill_between(link, least.min(axis=0), largest.max(axis=0), color=WATER, label="least to largest")
+    axes.fill_between(link, least.min(axis=0), largest.max(axis=0), color=WATER, label="minimum to maximum")
     for part, shade in ((5, 0.35), (25, 0.6)):
         low, high = np.percentile(tension, (part, 100 - part), axis=0)
         axes.fill_between(link, low, high, color=SURFACE, alpha=shade, lw=0, label=f"{part} to {100 - part} %")

@@ -1,1 +1,1 @@
-"""`dropper report`: what an engineer asks of saved runs; docs/report.md says what each number means."""
+"""`dropper report`: engineering evaluation of saved runs; docs/report.md defines each number."""

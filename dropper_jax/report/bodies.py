@@ -35,7 +35,7 @@ def body_motions(record: Record) -> list[dict[str, Any]] | dict[str, str]:
 
 
 def bodies_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
-    """The section in words; nothing without bodies."""
+    """The section as text; empty without bodies."""
     if not isinstance(found, list):
         return []
     rows = []

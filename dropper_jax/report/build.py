@@ -31,12 +31,12 @@ from dropper_jax.scene import BuoySpec, whole_lines
 from dropper_jax.scene.nodes import point_nodes
 
 SCHEMA = 1
-#: What a section finds.
+#: Values of a section.
 Found = TypeVar("Found")
 
 
 def report_run(solution: Solution, settings: Settings | None = None) -> dict[str, Any]:
-    """Everything the report says of one run; a section that does not apply is `{"skipped": why}`.
+    """All values of the report of one run; a section that does not apply is `{"skipped": why}`.
 
     Raises:
         SceneError: the run has fewer than three good samples.
@@ -63,7 +63,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "broken": list(solution.broken),
         "parts": parts(tension, snap, fatigue),
         "tension": tension,
-        "anchors": anchors(part) or {"skipped": "no point is held"},
+        "anchors": anchors(part) or {"skipped": "the scene has no fixed point"},
         "bending": line_bending(part) if bends(part.scene) else {"skipped": "the scene has no [effects.bending]"},
         "snap": snap,
         "fatigue": fatigue,
@@ -79,7 +79,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
 
 
 def _largest_damping(solution: Solution) -> float:
-    """Largest internal damping BA of a link [N s], 0 without any."""
+    """Maximum internal damping BA of a link [N s], 0 without any."""
     given = [line.axial_damping for line in solution.scene.lines if line.axial_damping is not None]
     return float(max((np.max(damping) for damping in given), default=0.0))
 
@@ -87,7 +87,7 @@ def _largest_damping(solution: Solution) -> float:
 def _optional(section: Callable[[Record, Settings], Found], part: Record, settings: Settings) -> Found | dict[str, str]:
     try:
         return section(part, settings)
-    except SceneError as error:  # the package of an extra is missing: the rest of the report stands
+    except SceneError as error:  # the package of an extra is missing: the rest of the report is valid
         return {"skipped": str(error)}
 
 
@@ -99,7 +99,7 @@ def _submergence(part: Record) -> dict[str, Any]:
 
 def _coefficients(part: Record) -> Plain:
     if not follows(part.scene):
-        return {"skipped": "no coefficients follow the flow"}
+        return {"skipped": "the scene has no flow-dependent coefficients"}
     return flow_table(overgrown(part.scene))
 
 
@@ -111,7 +111,8 @@ def _seabed_part(part: Record, settings: Settings) -> Plain:
 
 
 def report_runs(solutions: dict[str, Solution], settings: Settings | None = None) -> dict[str, Any]:
-    """The report of runs by name (their files): each run, their spread and, from three runs on, a storm's extremes.
+    """The report of runs by name (their files): each run, their spread and, for three or more runs, the extremes of a
+    storm.
 
     Raises:
         SceneError: runs whose lines differ; a run with fewer than three good samples.
@@ -136,11 +137,11 @@ def _same_lines(solutions: dict[str, Solution]) -> None:
         lines = [(line.name, line.spec.links, line.pieces) for line in whole_lines(solution.scene)]
         known = known or (name, lines)
         if lines != known[1]:
-            raise SceneError(f"{name}: its lines are not those of {known[0]}; allowed: runs of the same lines")
+            raise SceneError(f"{name}: its lines differ from those of {known[0]}; allowed: runs of the same lines")
 
 
 def _peaks(runs: list[dict[str, Any]]) -> dict[str, list[float]]:
-    """What is compared between runs: largest tension of each line, largest load of each anchor [N], by run."""
+    """Values compared between runs: maximum tension of each line, maximum load of each anchor [N], by run."""
     found = {
         f"tension of {line['line']}": [r["tension"][i]["largest"]["n"] for r in runs]
         for i, line in enumerate(runs[0]["tension"])
@@ -152,7 +153,7 @@ def _peaks(runs: list[dict[str, Any]]) -> dict[str, list[float]]:
 
 
 def _spread(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """Least, mean and largest of the runs' largest loads, mean tensions and fatigue, with each run's step."""
+    """Minimum, mean and maximum over the runs of maximum loads, mean tensions and fatigue, with each run's step."""
     if len(runs) < 2:
         return {"skipped": "one run"}
     rows = dict(_peaks(runs))
@@ -173,7 +174,7 @@ def _spread(runs: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
-    """Paths of the scenes in which the runs differ, apart from their texts and the seed of their sea."""
+    """Paths of the scenes in which the runs differ, except texts and the seed of the sea."""
     tables = [_flat(solution.scene.to_dict()) for solution in solutions.values()]
     paths = sorted({path for table in tables for path in table} - {"name", "description", "sea.waves.seed"})
     found = [path for path in paths if any(table.get(path) != tables[0].get(path) for table in tables)]
@@ -204,13 +205,13 @@ def _extremes(runs: list[dict[str, Any]], differ: list[str], settings: Settings)
 
 
 def bed_contact(record: Record, bed: np.ndarray, settings: Settings) -> list[dict[str, Any]]:
-    """Per line: length on the bed [m] over time and share of time of each node.
+    """Per line: length on the seabed [m] over time, and fraction of time of each node.
 
-    A node lies on the bed where it is at most `contact` above it, a link where both its ends do: the length is whole
-    links, so that a line that rises from an anchor on the bed has none.
+    A node is on the seabed if it is at most `contact` above it, a link if both its ends are. The length is a number of
+    complete links, so it is zero for a line that rises from an anchor on the seabed.
 
     Args:
-        bed: height (k, nodes) [m] of the bed under every node.
+        bed: height (k, nodes) [m] of the seabed under every node.
     """
     on = record.positions[..., 2] - bed <= settings.contact
     found = []
@@ -232,8 +233,8 @@ def bed_contact(record: Record, bed: np.ndarray, settings: Settings) -> list[dic
 
 
 def line_bending(record: Record) -> list[dict[str, Any]]:
-    """Per line the largest moment [N m], its place [m] and time [s], the smallest radius [m], and the largest and mean
-    moment of each node [N m] over the length from the line's first point [m]."""
+    """Per line the maximum moment [N m], its arc length [m] and time [s], the minimum radius [m], and the maximum and
+    mean moment of each node [N m] against arc length from the first point [m]."""
     scene = record.scene
     kappa = curvature(scene, record.positions)
     moment = bending_moment(scene, record.positions, record.t, tuple(record.solution.broken))
@@ -247,7 +248,7 @@ def line_bending(record: Record) -> list[dict[str, Any]]:
 
 
 def submergence(record: Record, eta: np.ndarray) -> dict[str, Any]:
-    """Per line, share of time under the actual surface and depth [m] of its nodes; per buoy the draught.
+    """Per line the fraction of time under the actual surface and the depth [m] of its nodes; per buoy the draught.
 
     Args:
         eta: elevation (k, nodes) [m] over every node.
@@ -283,6 +284,6 @@ def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> dict[str, Any]:
 
 
 def _longest(under: np.ndarray, t: np.ndarray) -> float:
-    """Longest uninterrupted time [s] between the samples where it is so."""
+    """Longest uninterrupted time [s] in which all samples are true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], under, [False]]).astype(int)))
     return float(max((t[b - 1] - t[a] for a, b in zip(edges[::2], edges[1::2], strict=True)), default=0.0))

@@ -1,4 +1,4 @@
-"""Mussels on the lines of a run: how much they weigh, and where they may have dropped off."""
+"""Mussels on the lines of a run: their weight, and where they may have dropped off."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from dropper_jax.scene import line_slices
 
 
 def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
-    """Per line with mussels: their mass [kg], weight in water [N] and largest diameter [m], and the drop-off.
+    """Per line with mussels: their mass [kg], weight in water [N] and maximum diameter [m], and the drop-off.
 
-    A mussel lets go where the acceleration of its node passes `SeasonSpec.holding`; `mass_at_risk_kg` is the crop on
-    links one of whose nodes passed it, `share_beyond` the share of nodes and samples beyond.
+    A mussel drops off if the acceleration of its node exceeds `SeasonSpec.holding`. `mass_at_risk_kg` is the crop on
+    links with a node above this limit, `share_beyond` the fraction of nodes and samples above it.
     """
     scene, season = record.scene, record.scene.season
     if season is None and all(line.growth is None for line in scene.lines):
-        return {"skipped": "the scene has no mussels: [growth] or [line.growth]"}
+        return {"skipped": "the scene has no mussels ([growth] or [line.growth])"}
     full = overgrown(scene)
     size = np.linalg.norm(np.gradient(record.velocities, record.t, axis=0), axis=-1)
     found = []
@@ -52,7 +52,7 @@ def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
 
 
 def crop_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
-    """The section in words; nothing without mussels."""
+    """The section as text; empty without mussels."""
     if not isinstance(found, list):
         return []
     rows = []
@@ -70,8 +70,8 @@ def crop_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
         kept = (f"{row['mass_kg']:.4g}", f"{row['wet_weight_n']:.4g}", f"{row['largest_diameter_m']:.3g}")
         rows.append([row["line"], *kept, *shares])
     head = ["line", "mussels [kg]", "weight in water [N]", "largest diameter [m]"]
-    head += ["acceleration, largest / drop-off [m/s^2]", "beyond [% of nodes and time]", "at risk [kg]"]
+    head += ["acceleration, maximum / drop-off [m/s^2]", "exceeded [% of nodes and time]", "at risk [kg]"]
     said = []
     if all(row["drop_off"] is None for row in found):
-        said = ["No drop-off: give `growth.attachment` and `growth.mussel_mass`."]
+        said = ["Drop-off is not computed: give `growth.attachment` and `growth.mussel_mass`."]
     return ["## Mussels", table(head, rows), *said]

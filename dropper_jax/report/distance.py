@@ -1,4 +1,4 @@
-"""Least distance between lines over time: where droppers may entangle."""
+"""Minimum distance between lines over time: where droppers may entangle."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import numpy as np
 from dropper_jax.report.record import Record, arc
 from dropper_jax.scene import WholeLine
 
-#: Pairs of links and instants that are compared at once: 1e6 take some tens of MB.
+#: Pairs of links and instants that are compared at once: 1e6 need some tens of MB.
 AT_ONCE = 100_000
-#: Instants that are looked at, evenly spread over the record: lines do not come near and go again between them.
+#: Number of evenly spaced instants: they are close enough that no approach of lines is missed.
 LOOKS = 2000
 
 
 def line_distances(record: Record) -> list[dict[str, Any]]:
-    """Per line: the line that comes nearest, how near [m] between axes, when [s] and where along both [m].
+    """Per line: the nearest line, the minimum distance of the axes [m], its time [s] and arc length along both [m].
 
-    At the saved times (of a long record at `LOOKS` of them), exact between straight links. Links that end in a point
-    that both lines share touch: they are left out.
+    The distance is exact between straight links at the saved times (of a long record at `LOOKS` of them). Links that
+    end in a common point of both lines are left out.
     """
     lines = range(len(record.written_lines))
     boxes = [_swept(record, i) for i in lines]
     pairs = sorted((_gap(boxes[a], boxes[b]), a, b) for a in lines for b in lines if a < b)
     best: list[tuple[float, Any]] = [(np.inf, None) for _ in lines]
     for bound, a, b in pairs:
-        # boxes this far apart cannot hold anything nearer than what is known
+        # boxes at this distance cannot contain a closer pair than the present one
         if bound >= best[a][0] and bound >= best[b][0]:
             continue
         near = _nearest(record, a, b)
@@ -42,7 +42,7 @@ def line_distances(record: Record) -> list[dict[str, Any]]:
 
 
 def looks_every(record: Record) -> int:
-    """Samples from one look to the next."""
+    """Samples between two instants."""
     return -(-len(record.t) // LOOKS)
 
 
@@ -64,7 +64,7 @@ def _describe_distance(record: Record, index: int, distance: float, near: dict[s
 
 
 def _touching(record: Record, a: int, b: int) -> float | None:
-    """Half the sum of the largest diameters [m]: axes this near touch; None where a line has no diameter."""
+    """Half the sum of the maximum diameters [m], the distance of axes in contact; None if a line has no diameter."""
     both = [record.written_lines[i].spec.diameter for i in (a, b)]
     return None if any(d is None for d in both) else float(0.5 * sum(np.max(d) for d in both))
 
@@ -79,7 +79,7 @@ def _gap(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
-    """Least distance of two lines over all samples: [m], sample, link of either."""
+    """Minimum distance of two lines over all samples: [m], sample, link of either."""
     i, j = _pairs(record.written_lines[a], record.written_lines[b])
     if not i.size:
         return None
@@ -102,7 +102,7 @@ def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
 
 
 def _pairs(a: WholeLine, b: WholeLine) -> tuple[np.ndarray, np.ndarray]:
-    """Links of both lines that are compared: all but those that end in a shared point."""
+    """Compared links of both lines: all except those that end in a common point."""
     kept = []
     for mine, other in ((a, b), (b, a)):
         shared = set(other.stops.values())
@@ -115,8 +115,8 @@ def _pairs(a: WholeLine, b: WholeLine) -> tuple[np.ndarray, np.ndarray]:
 def segment_distance(p0: np.ndarray, p1: np.ndarray, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
     """Distance (...) [m] between the segments p0 p1 and q0 q1, ends (..., 3) [m].
 
-    The nearest places are both inside, or one of them is an end: the least of the lines' common perpendicular, where
-    its feet lie inside, and of the four distances of an end from the other segment.
+    The nearest positions are both inside the segments, or one of them is an end. The result is the minimum of the
+    common perpendicular, if its feet are inside, and of the four distances from an end to the other segment.
     """
     u, v, w = p1 - p0, q1 - q0, p0 - q0
     a, b, c = _dot(u, u), _dot(u, v), _dot(v, v)
@@ -132,7 +132,7 @@ def segment_distance(p0: np.ndarray, p1: np.ndarray, q0: np.ndarray, q1: np.ndar
 
 
 def _to_segment(position: np.ndarray, start: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:
-    """Square of the distance (...) of a place from a segment."""
+    """Square of the distance (...) of a position from a segment."""
     share = np.clip(_dot(position - start, along) / np.where(square > 0, square, 1.0), 0.0, 1.0)
     rest = position - start - share[..., None] * along
     return _dot(rest, rest)

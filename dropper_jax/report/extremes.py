@@ -1,4 +1,4 @@
-"""Largest value in a storm from the maxima of several runs: Gumbel distribution, with an interval."""
+"""Maximum in a storm from the maxima of several runs: Gumbel distribution, with a confidence interval."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 #: Euler's constant: the mean of the standard Gumbel distribution.
 EULER = 0.5772156649015329
-#: Fewer runs say nothing about a spread.
+#: Minimum number of runs for a spread.
 LEAST_RUNS = 3
-#: Drawn samples of the interval and their seed: the same report twice gives the same numbers.
+#: Number of bootstrap samples of the interval and their seed, which makes the report reproducible.
 SAMPLES, SEED = 4000, 20240901
 
 
@@ -29,7 +29,7 @@ class Gumbel(NamedTuple):
         return self.mode + EULER * self.scale
 
     def over(self, times: float) -> Gumbel:
-        """Distribution of the largest of `times` such maxima: the same scale, the mode higher by scale * log(times)."""
+        """Distribution of the maximum of `times` such maxima: the same scale, the mode higher by scale * log(times)."""
         return Gumbel(self.mode + self.scale * float(np.log(times)), self.scale)
 
 
@@ -52,13 +52,13 @@ def _fit(ordered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence: float) -> dict[str, Any]:
-    """Most probable and mean largest value in a storm, and its 90th percentile, with their interval.
+    """Most probable and mean maximum in a storm, and its 90th percentile, with their intervals.
 
     Args:
-        maxima: largest value of each run (runs,).
+        maxima: maximum of each run (runs,).
         duration: of a run [s]; the storm is storm/duration such runs, their maxima taken as independent.
         confidence: level of the interval: that of the pivot `(estimate - truth)/scale` of fits to drawn samples, which
-            holds its level with few runs too (3 to 20 runs, 1000 draws each: 0.88 to 0.92 for 0.9).
+            has the correct coverage also with few runs (3 to 20 runs, 1000 draws each: 0.88 to 0.92 for 0.9).
 
     Returns:
         values by name, or `skipped` and why.
@@ -70,7 +70,7 @@ def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence:
     if one.scale <= 1e-9 * np.abs(maxima).max():
         return {"skipped": "all runs have the same maximum: runs of different seeds are needed"}
     idle = int(np.count_nonzero(np.abs(maxima) <= 1e-9 * np.abs(maxima).max()))
-    if idle:  # a load that some runs do not know at all has no one distribution of maxima
+    if idle:  # a load that is zero in some runs has no single distribution of maxima
         return {"skipped": f"no load at all in {idle} of {len(maxima)} runs"}
     times = storm / duration
     whole = one.over(times)
@@ -79,7 +79,7 @@ def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence:
     tails = [0.5 * (1 + confidence), 0.5 * (1 - confidence)]
 
     def interval(reduced: float) -> list[float]:
-        # (estimate - truth)/estimated scale has one and the same distribution for every Gumbel distribution
+        # (estimate - truth)/estimated scale has the same distribution for every Gumbel distribution
         pivot = np.quantile((mode + reduced * scale - reduced) / scale, tails)
         return (one.mode + one.scale * (reduced - pivot)).tolist()
 

@@ -13,13 +13,13 @@ from dropper_jax.run.storage import extra
 
 #: A year of 365.25 days [s].
 YEAR = 365.25 * 86400.0
-#: Ranges below this part of the record's largest tension are rounding, and no cycles.
+#: Ranges below this fraction of the maximum tension of the record are rounding and are not counted.
 ROUNDING = 1e-9
-#: Links of a line that are counted where the runs' links are very many: the counting is plain Python.
+#: Maximum number of counted links of a line for runs of very many links: the counting is plain Python.
 MOST_LINKS = 200
 
 
-#: Curves of parts, K and m over the breaking load: a curve of chain says nothing about a rope.
+#: Curves of parts, K and m over the breaking load: a curve for chain does not apply to rope.
 CURVES = (
     "316 and 3 for studless chain, 1000 and 3 for stud chain (API RP 2SK), 25000 and 5.2 for polyester (API RP 2SM)"
 )
@@ -28,7 +28,7 @@ NO_CURVE = f"no curve of the part: give --curve-k and --curve-m, as {CURVES}"
 
 
 def turning_points(x: np.ndarray) -> np.ndarray:
-    """First and last value of x (k,) and every peak and valley between; of equal neighbours one."""
+    """First and last value of x (k,) and every peak and valley between; one of equal neighbours."""
     x = x[np.concatenate([[True], np.diff(x) != 0])]
     if len(x) < 3:
         return x

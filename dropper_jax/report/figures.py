@@ -1,4 +1,4 @@
-"""Pictures of the report, drawn from its values and the record they came from."""
+"""Pictures of the report, drawn from its values and the record."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from dropper_jax.report.extremes import Gumbel
 from dropper_jax.report.record import Record
 from dropper_jax.report.tension import point_load
 
-#: Lines, anchors or points in one picture, the most loaded or most moved of more: each has a colour of its own.
+#: Maximum number of lines, anchors or points in one picture, each with its own colour; of more, those with the largest
+#: load or motion.
 MOST = len(style.CYCLE)
 BAND, INNER = "#DCEBF5", "#56B4E9"
 
 
 @style.plot_style()
 def draw_run(part: Record, found: dict[str, Any], folder: Path) -> dict[str, Path]:
-    """All pictures of a run that its sections call for, by name."""
+    """All pictures for the sections of a run, by name."""
     files = {"tension_range": _tension_range(part, found, folder)}
     if isinstance(found["anchors"], list):
         files["anchors"] = _anchors(part, found, folder)
@@ -42,7 +43,7 @@ def _finish(figure: Figure, part: Record, what: str, path: Path) -> Path:
 
 
 def _chosen(sizes: list[float]) -> list[int]:
-    """The `MOST` largest, in their own order."""
+    """The `MOST` largest, in their original order."""
     return sorted(int(i) for i in np.argsort(sizes)[::-1][:MOST])
 
 
@@ -51,7 +52,7 @@ def _of(what: str, shown: int, total: int) -> str:
 
 
 def _panels(count: int, height: float, width: float = 7.5) -> tuple[Figure, list[Axes]]:
-    """A panel per thing, two columns from four on."""
+    """One panel per item, in two columns for four or more."""
     columns = 1 if count < 4 else 2
     rows = -(-count // columns)
     figure = style.new_figure(width if columns == 1 else 1.5 * width, 0.9 + height * rows)
@@ -62,14 +63,14 @@ def _panels(count: int, height: float, width: float = 7.5) -> tuple[Figure, list
 
 
 def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
-    """Least, mean, largest tension and percentiles against arc length, and the breaking load where it is near."""
+    """Minimum, mean, maximum tension and percentiles against arc length, and the breaking load if it is close."""
     lines = [found["tension"][i] for i in _chosen([line["largest"]["n"] for line in found["tension"]])]
     figure, panels = _panels(len(lines), 3.0)
     unit, scale = force_unit([line["largest"]["n"] for line in lines])
     for axes, line in zip(panels, lines, strict=True):
         s, percentiles = np.asarray(line["arc_length_m"]), line["percentiles_n"]
         mark = {"marker": "o", "ms": 3} if len(s) <= 60 else {}
-        axes.fill_between(s, line["min_n"] / scale, line["max_n"] / scale, color=BAND, label="least to largest")
+        axes.fill_between(s, line["min_n"] / scale, line["max_n"] / scale, color=BAND, label="minimum to maximum")
         for low, high, shade in ((5, 95, 0.35), (25, 75, 0.6)):
             band = (percentiles[str(low)] / scale, percentiles[str(high)] / scale)
             axes.fill_between(s, *band, color=INNER, alpha=shade, lw=0, label=f"{low} to {high} %")
@@ -89,7 +90,7 @@ def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
 
 
 def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
-    """Horizontal and vertical load of each held point against time."""
+    """Horizontal and vertical load of each fixed point against time."""
     anchors = [found["anchors"][i] for i in _chosen([a["total_n"]["max"] for a in found["anchors"]])]
     figure, panels = _panels(len(anchors), 2.6)
     unit, scale = force_unit([anchor["total_n"]["max"] for anchor in anchors])
@@ -105,12 +106,12 @@ def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
         style.time_axis(axes, part.t_tension)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
     return _finish(
-        figure, part, _of("loads of the held points", len(anchors), len(found["anchors"])), folder / "anchors.png"
+        figure, part, _of("loads of the fixed points", len(anchors), len(found["anchors"])), folder / "anchors.png"
     )
 
 
 def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
-    """Equivalent range along each line, and the damage of a year where there is a breaking load."""
+    """Equivalent range along each line, and the damage per year if there is a breaking load."""
     whole = found["fatigue"]
     lines = [whole[i] for i in _chosen([max(line["equivalent_range_n"]) for line in whole])]
     damaged = all(line["damage"] is not None for line in lines)
@@ -137,7 +138,7 @@ def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
 
 
 def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
-    """Plan view of each moving point about its mean place, with the circle that holds it; and its height over time."""
+    """Plan view of each moving point about its mean position, with its watch circle, and its height over time."""
     points = [found["watch_circle"][i] for i in _chosen([p["radius_max_m"] for p in found["watch_circle"]])]
     figure = style.new_figure(9.5, 4.6)
     plan, height = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
@@ -156,7 +157,7 @@ def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
     plan.set(xlabel="x from the mean [m]", ylabel="y from the mean [m]", xlim=(-1.1 * widest, 1.1 * widest))
     plan.set_ylim(-1.1 * widest, 1.1 * widest)
     plan.set_aspect("equal")
-    plan.set_title("plan; + mean, x static, dashed: largest radius", loc="left", fontsize=9)
+    plan.set_title("plan; + mean, x static, dashed: maximum radius", loc="left", fontsize=9)
     height.set_ylabel("z [m]")
     height.set_title("height", loc="left", fontsize=9)
     style.time_axis(height, part.t)
@@ -167,10 +168,10 @@ def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
 
 
 def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
-    """Shares of time under water and on the bed, and accelerations, against arc length."""
+    """Fraction of time under water and on the seabed, and accelerations, against arc length."""
     sections = {
         "under water\n[% of time]": (found["submergence"].get("lines"), "share_under_water", 100.0),
-        "on the bed\n[% of time]": (
+        "on the seabed\n[% of time]": (
             found["seabed"] if isinstance(found["seabed"], list) else None,
             "share_of_time",
             100.0,
@@ -201,13 +202,13 @@ def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
     figure.axes[-1].set_xlabel("unstretched arc length [m]")
     if len(kept) > 1:
         figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
-    if same:  # a share that is the same everywhere is a word, not a panel
+    if same:  # a constant fraction is given as text instead of a panel
         figure.axes[0].set_title("everywhere: " + ", ".join(same), loc="left", fontsize=9)
     return _finish(figure, part, _of("along the lines", len(kept), len(found["acceleration"])), folder / "along.png")
 
 
 def _constant(section: tuple[Any, str, float], columns: list[int]) -> float | None:
-    """The one value of a share [%] all along the lines; None where it differs, and of what is no share."""
+    """The value of a fraction [%] that is constant along the lines; None if it varies or is not a fraction."""
     lines, key, scale = section
     values = scale * np.concatenate([np.atleast_1d(np.asarray(lines[i][key], float)) for i in columns])
     return float(values[0]) if scale == 100.0 and np.ptp(values) == 0 else None
@@ -238,5 +239,5 @@ def draw_extremes(extremes: dict[str, Any], folder: Path) -> Path:
         axes.set(xlabel="reduced variate, -log(-log P) [-]", ylabel=f"largest [{unit}]")
         axes.set_title(name, loc="left")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
-    figure.suptitle("largest of the runs, and of a storm", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    figure.suptitle("maxima of the runs and of a storm", fontsize=12, fontweight="bold", x=0.01, ha="left")
     return style.save(figure, folder / "extremes.png")

@@ -1,4 +1,4 @@
-"""Where points go and how hard nodes are shaken."""
+"""Displacement of points and acceleration of nodes."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from dropper_jax.report.record import Record
 
 
 def watch_circles(record: Record) -> list[dict[str, Any]]:
-    """Per point that moves: horizontal radius [m] about its mean place and, after a static start, about its static one.
+    """Per moving point: horizontal radius [m] about its mean position and, after a static start, its static position.
 
-    With the ranges of x, y, z [m]. Held points that never move are left out.
+    With the ranges of x, y, z [m]. Fixed points are left out.
     """
     found = []
     buoys = {buoy.point: buoy.name for buoy in record.scene.buoys}
@@ -41,9 +41,9 @@ def watch_circles(record: Record) -> list[dict[str, Any]]:
 
 
 def accelerations(record: Record) -> list[dict[str, Any]]:
-    """Per line: root mean square, 99th percentile and largest acceleration [m/s^2] of its nodes, and where.
+    """Per line: root mean square, 99th percentile and maximum acceleration [m/s^2] of its nodes, and its location.
 
-    Central differences of the saved velocities: what is faster than two saved intervals is not in them.
+    Central differences of the saved velocities, which do not resolve periods below two saved intervals.
     """
     change = np.gradient(record.velocities, record.t, axis=0)
     size = np.linalg.norm(change, axis=-1)

@@ -1,4 +1,4 @@
-"""Lines whose names differ in their numbers alone, as one part: the worst of them."""
+"""Lines whose names differ only in their numbers, as one part: the worst of them."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ import numpy as np
 
 from dropper_jax.report.sections import largest, newton, table, with_rest
 
-#: Lines that need no parts.
+#: Maximum number of lines without parts.
 FEW = 10
 
 
 def parts(
     tension: list[dict[str, Any]], snap: list[dict[str, Any]], fatigue: list[dict[str, Any]] | dict[str, str]
 ) -> list[dict[str, Any]] | dict[str, str]:
-    """Per part of a system of more than ten lines: the worst of its lines, by what the sections found of each line.
+    """Per part of a system of more than ten lines: the worst of its lines, from the sections of each line.
 
-    `loop-1` to `loop-60` are the part `loop-*`. A number that all of them share stays; a line that is like no other
-    is a part of its own. Of a part are given the mean tension over its lines and their links [N], and each with its
-    line: the largest tension [N] with its place [m] and time [s], the largest utilisation (None without a breaking
-    load), the most snaps of a link, the largest damage per year (None where no line has one).
+    `loop-1` to `loop-60` are the part `loop-*`. A number that all of them have is kept; a line unlike all others is a
+    separate part. The values of a part are the mean tension over its lines and their links [N] and the following
+    maxima, each with its line. These are the maximum tension [N] with its arc length [m] and time [s], the maximum
+    utilisation (None without a breaking load), the maximum number of snaps of a link and the maximum damage per year
+    (None if no line has one).
 
     Args:
         tension, snap, fatigue: the sections, line by line in one order.
@@ -31,7 +32,7 @@ def parts(
         return {"skipped": "ten lines or fewer"}
     members = _alike(names)
     if len(members) == len(names):
-        return {"skipped": "no lines whose names differ in their numbers alone"}
+        return {"skipped": "no lines whose names differ only in their numbers"}
     damaged = fatigue if isinstance(fatigue, list) else []
     return [
         {
@@ -46,7 +47,7 @@ def parts(
 
 
 def _alike(names: list[str]) -> list[list[int]]:
-    """Indices of names that differ in their numbers alone, group by group."""
+    """Indices of names that differ only in their numbers, group by group."""
     found: dict[tuple[str, ...], list[int]] = {}
     for i, name in enumerate(names):
         found.setdefault(tuple(re.split(r"\d+", name)), []).append(i)
@@ -54,7 +55,7 @@ def _alike(names: list[str]) -> list[list[int]]:
 
 
 def _name(names: list[str]) -> str:
-    """What the names share, `*` for a number that differs."""
+    """The common part of the names, with `*` for a number that differs."""
     pieces = zip(*(re.split(r"(\d+)", name) for name in names), strict=True)
     return "".join(piece[0] if len(set(piece)) == 1 else "*" for piece in pieces)
 
@@ -72,14 +73,14 @@ def _tension(lines: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _worst(lines: list[dict[str, Any]], key: str) -> dict[str, Any] | None:
-    """The line with the largest value; None where no line has one."""
+    """The line with the maximum value; None if no line has a value."""
     some = [line for line in lines if line.get(key) is not None]
     worst = max(some, key=lambda line: line[key], default=None)
     return None if worst is None else {"line": worst["line"], key: worst[key]}
 
 
 def parts_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
-    """The section in words; nothing without parts."""
+    """The section as text; empty without parts."""
     if not isinstance(found, list):
         return []
     rows, shown = [], largest(found, lambda part: part["largest"]["n"])
@@ -101,5 +102,5 @@ def parts_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
 
 
 def _with_line_name(part: dict[str, Any], worst: dict[str, Any], text: str) -> str:
-    """A value with its line, where the part has more than one."""
+    """A value with its line, if the part has more than one."""
     return f"{worst['line']}: {text}" if part["lines"] > 1 else text

@@ -1,4 +1,4 @@
-"""The part of a run that a report is about: finite, after the transient, line by line."""
+"""The evaluated part of a run: finite, after the transient, line by line."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from dropper_jax.scene.nodes import point_nodes
 
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """A run's arrays without what is left out, k samples; see `Solution` for their meaning.
+    """The evaluated samples (k) of the arrays of a run; see `Solution` for their meaning.
 
     Attributes:
-        tension: (q, n) [N] at `t_tension` (q,) [s]: q is k, or k - 1 where the run's start is left out.
+        tension: (q, n) [N] at `t_tension` (q,) [s]: q is k, or k - 1 if the start of the run is left out.
         least, largest, square: extremes [N] and mean squares [N^2] of each sample (q, n): those of the steps since the
-            one before where steps follow the snaps, else the tension's own.
-        notes: one line for everything that was left out or is not as it should be.
+            previous sample if steps adapt to snap loads, else those of the tension.
+        notes: one line for each omission or fault.
     """
 
     solution: Samples
@@ -46,7 +46,7 @@ class Record:
 
     @cached_property
     def written_lines(self) -> tuple[WholeLine, ...]:
-        """The lines as they were written: what the report goes by."""
+        """The lines as in the scene, which the report uses."""
         return whole_lines(self.scene)
 
     @property
@@ -61,7 +61,7 @@ class Record:
 
     @property
     def static_start(self) -> bool:
-        """Whether the run began in its static pose, as it was computed."""
+        """Whether the run started in its computed equilibrium."""
         return self.scene.start.kind == "static" and self.scene.start.release_nodes is None
 
     def point(self, name: str) -> np.ndarray:
@@ -72,7 +72,7 @@ class Record:
 def record(solution: Samples, skip: float = 0.0) -> Record:
     """The finite part of a run after `skip` [s].
 
-    The tension at the start belongs to no step and is left out.
+    The tension at the start is not that of a step and is left out.
 
     Raises:
         SceneError: fewer than three samples are left.
@@ -83,7 +83,7 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
     )
     last = len(good) if good.all() else int(np.argmin(good))
     if last < len(good):
-        notes.append(f"the run is bad from t = {solution.t[last]:.6g} s on: only what was before is reported")
+        notes.append(f"the run is invalid from t = {solution.t[last]:.6g} s: only the time before is reported")
     if solution.failure:
         notes.append(f"the run ended with {solution.failure}")
     begin = float(solution.t[0]) + skip
@@ -93,17 +93,19 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
     if len(rows) < 3 or kept.stop - kept.start < 3:
         raise SceneError(
             f"{solution.scene.name}: {kept.stop - kept.start} good samples after {skip:g} s; "
-            "allowed: a run with at least 3, or a smaller --skip"
+            "needed: at least 3. Use a longer run or a smaller --skip"
         )
     if skip == 0:
-        notes.append("the record begins at the start of the run: its transient is in all numbers (see --skip)")
+        notes.append("the statistics include the start-up transient. Use --skip to leave it out")
     if solution.settings.get("save_every", 1) > 1:
-        notes.append(f"every {solution.settings['save_every']}th step was saved: peaks between samples are not seen")
+        notes.append(
+            f"every {solution.settings['save_every']}th step was saved: peaks between samples are not included"
+        )
     tension = np.asarray(solution.tension[rows], float)
     within = (solution.tension_min, solution.tension_max, solution.tension_square)
     if solution.tension_max is not None:
         notes.append(
-            "steps followed the snaps: extremes and deviations of lines are those of the steps; percentiles, snaps, "
+            "steps adapted to snap loads: extremes and deviations of lines are those of the steps; percentiles, snaps, "
             f"loads of points and fatigue are of means over {solution.settings['dt']:g} s"
         )
     least, largest, square = (

@@ -1,4 +1,4 @@
-"""The numbers that say which flow it is: Keulegan-Carpenter, Reynolds, diameter over wavelength."""
+"""Numbers of the flow regime: Keulegan-Carpenter, Reynolds, diameter over wavelength."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from dropper_jax.sea import Sea
 
 #: Kinematic viscosity of sea water at 10 degrees [m^2/s].
 VISCOSITY = 1.35e-6
-#: Most times at which the water is looked at.
+#: Maximum number of times at which the water is evaluated.
 LOOKS = 400
 
 
 def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]:
-    """KC, Reynolds number and D/wavelength of a run, at the node where each is largest.
+    """KC, Reynolds number and D/wavelength of a run, at the node with the maximum of each.
 
-    `KC = u T/D` and `Re = u D/nu`, u the largest speed of the water relative to the node across its link [m/s], T the
-    peak period (that of the largest component); without waves KC is NaN and so is D/wavelength.
+    `KC = u T/D` and `Re = u D/nu`, u is the maximum speed of the water relative to the node, normal to its link [m/s],
+    and T the peak period (that of the largest component). Without waves KC and D/wavelength are NaN.
 
     Raises:
         ValueError: the scene has no water or no diameter.
     """
     model = build_model(solution.scene, "float64")
     if model.sea is None or model.line.diameter is None:
-        raise ValueError("solution: its scene has no [sea] or no diameter; allowed: a scene with both")
+        raise ValueError("solution: its scene has no [sea] or no diameter. Use a scene with both")
     every = max(1, len(solution.t) // LOOKS)
     free, links = _far_ends(solution, model)
     at = [take_every(a, every) for a in (solution.positions, solution.velocities, solution.t)]
@@ -53,17 +53,17 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
 
 @cached_jit(brief=True)
 def _across(sea: Sea, free: jax.Array, nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
-    """Speeds (k, looked) [m/s] of the water across the links before the nodes `free`, relative to these.
+    """Speeds (k, looked) [m/s] of the water normal to the links before the nodes `free`, relative to the nodes.
 
     Args:
         nodes: all of them (k, n + 1, 3) [m] at times t (k,) [s].
-        v: of the nodes that are looked at (k, looked, 3) [m/s].
+        v: velocities of the evaluated nodes (k, looked, 3) [m/s].
     """
 
     def one(nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
         r = nodes[free]
         along = r - nodes[free - 1]
-        # the ends of a slack rope may meet
+        # the ends of a slack rope may coincide
         tangent = along / jnp.maximum(jnp.linalg.norm(along, axis=1, keepdims=True), 1e-12)
         motion = sea.at(r, t)
         u = jnp.where((r[:, 2] < motion.elevation)[:, None], motion.velocity - v, 0.0)
@@ -73,7 +73,7 @@ def _across(sea: Sea, free: jax.Array, nodes: jax.Array, v: jax.Array, t: jax.Ar
 
 
 def _far_ends(solution: Solution, model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """Far nodes of the links that are looked at, and the links: of one line all but a held end, of a system all."""
+    """End nodes of the evaluated links, and the links: of one line all except a fixed end, of a system all."""
     nodes = np.concatenate([np.arange(line.nodes.start + 1, line.nodes.stop) for line in solution.lines])
     kept = np.arange(len(nodes) if isinstance(model.geometry, Graph) else model.free_nodes)
     return nodes[kept], kept

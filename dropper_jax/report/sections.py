@@ -11,19 +11,19 @@ import numpy as np
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.base.markdown import literal
 
-#: Lines in one table, the largest of more; report.json has all.
+#: Maximum number of lines in one table, those with the largest values; report.json has all.
 MOST_ROWS = 30
-#: Smaller numbers are rounding.
+#: Limit of rounding.
 ROUNDING = 1e-6
 
 
 def section(values: list[dict[str, Any]] | dict[str, str], write: Callable[[list[dict[str, Any]]], str]) -> str:
-    """The table that `write` makes of a section, or why it is left out."""
+    """The table that `write` makes of a section, or the reason why it is left out."""
     return f"Left out: {values['skipped']}." if isinstance(values, dict) else write(values)
 
 
 def largest(lines: list[dict[str, Any]], size: Callable[[dict[str, Any]], float]) -> list[dict[str, Any]]:
-    """The `MOST_ROWS` largest, in their own order."""
+    """The `MOST_ROWS` largest, in their original order."""
     kept = sorted(range(len(lines)), key=lambda i: -size(lines[i]))[:MOST_ROWS]
     return [lines[i] for i in sorted(kept)]
 
@@ -71,7 +71,7 @@ def tension(lines: list[dict[str, Any]]) -> str:
 
 
 def _without_load(lines: list[dict[str, Any]], key: str) -> str:
-    """Which lines have no breaking load."""
+    """A note on lines without a breaking load."""
     without = [line for line in lines if line[key] is None]
     if not without:
         return ""
@@ -80,7 +80,7 @@ def _without_load(lines: list[dict[str, Any]], key: str) -> str:
 
 
 def _without_damage(lines: list[dict[str, Any]]) -> str:
-    """Which lines have no damage, by what is missing."""
+    """A note on lines without a damage, by the missing value."""
     why = dict.fromkeys(line["why_no_damage"] for line in lines if line["damage"] is None)
     found = ""
     for reason in why:
@@ -110,13 +110,13 @@ def anchors(anchors: list[dict[str, Any]]) -> str:
         "vertical, min / mean / max [N]",
         "total, mean / max [N]",
         "uplift angle, mean / max [deg]",
-        "at the largest load [deg]",
+        "at the maximum load [deg]",
     ]
     return with_rest(table(head, rows), len(shown), len(anchors), what="points") + _holding(shown)
 
 
 def _holding(anchors: list[dict[str, Any]]) -> str:
-    """Utilisation of the anchors that the scene has; nothing without any."""
+    """Utilisation of the anchors of the scene; empty without any."""
     rows = []
     for a in anchors:
         found = a.get("holding")
@@ -131,7 +131,7 @@ def _holding(anchors: list[dict[str, Any]]) -> str:
                     f"{found['wanted_factor']:g}: {'yes' if found['holds'] else 'NO'}",
                 ]
             )
-    head = ["anchor", "kind", "utilisation, mean / max [%]", "factor at the largest load", "wanted factor held"]
+    head = ["anchor", "kind", "utilisation, mean / max [%]", "factor at the maximum load", "required factor met"]
     return "\n\n" + table(head, rows) if rows else ""
 
 
@@ -156,7 +156,7 @@ def _split_table(
     some: list[dict[str, Any]],
     lines: list[dict[str, Any]],
 ) -> str:
-    """The table of some lines, and the names of the others after a word."""
+    """The table of some lines, and the names of the others after a heading."""
     others = [line for line in lines if line not in some]
     text = with_rest(table(head, rows), len(shown), len(some)) if rows else ""
     which = _names(others) if some else "all lines"
@@ -193,7 +193,7 @@ def watch(points: list[dict[str, Any]]) -> str:
         ]
         for p in shown
     ]
-    head = ["point", "radius, max / 95 % [m]", "from the static place [m]", "range of x / y / z [m]"]
+    head = ["point", "radius, max / 95 % [m]", "from the static position [m]", "range of x / y / z [m]"]
     return with_rest(table(head, rows), len(shown), len(points), what="points")
 
 
@@ -210,7 +210,7 @@ def water(section: dict[str, Any]) -> str:
         ]
         for line in shown
     ]
-    head = ["line", "under water, driest node [% of time]", "least depth [m]", "largest depth [m]"]
+    head = ["line", "under water, minimum over nodes [% of time]", "least depth [m]", "largest depth [m]"]
     text = with_rest(table(head, rows), len(shown), len(section["lines"]), "highest")
     if not section["buoys"]:
         return text
@@ -230,8 +230,8 @@ def water(section: dict[str, Any]) -> str:
         "draught, min / mean / max [m]",
         "height [m]",
         "under water [% of time]",
-        "out of it [% of time]",
-        "longest under water [s]",
+        "out of water [% of time]",
+        "longest submergence [s]",
     ]
     return f"{text}\n\n{table(head, rows)}"
 
@@ -256,7 +256,7 @@ def distance(lines: list[dict[str, Any]]) -> str:
     rows, shown = [], largest(lines, lambda line: -(line["least_distance_m"] or math.inf))
     for line in shown:
         if line["nearest"] is None:
-            rows.append([line["line"], "none", "no links apart from shared points", "-"])
+            rows.append([line["line"], "none", "no links without a common point", "-"])
             continue
         touch = line["diameters_m"]
         rows.append(
@@ -267,7 +267,7 @@ def distance(lines: list[dict[str, Any]]) -> str:
                 "no diameter" if touch is None else "yes" if line["least_distance_m"] <= touch else "no",
             ]
         )
-    text = table(["line", "nearest line", "least distance of the axes [m]", "touch"], rows)
+    text = table(["line", "nearest line", "minimum distance of the axes [m]", "touch"], rows)
     return with_rest(text, len(shown), len(lines), "nearest")
 
 
@@ -288,8 +288,8 @@ def seabed(lines: list[dict[str, Any]]) -> str:
         ]
         for line in shown
     ]
-    head = ["line", "length on the bed, min / mean / max [m]", "mean [% of the line]", "any contact [% of time]"]
-    return _split_table("No link on the bed", head, rows, shown, some, lines)
+    head = ["line", "length on the seabed, min / mean / max [m]", "mean [% of the line]", "any contact [% of time]"]
+    return _split_table("No link on the seabed", head, rows, shown, some, lines)
 
 
 def newton(value: float) -> str:

@@ -1,4 +1,4 @@
-"""What the report's numbers depend on; every value is printed with the report."""
+"""Settings of the report; every value is printed with the report."""
 
 from __future__ import annotations
 
@@ -15,29 +15,25 @@ def _setting(meaning: str, unit: str, default: Any, option: str) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """Thresholds and curve parameters. `None` is a value relative to the run, as its meaning says."""
+    """Thresholds and curve parameters. `None` is a value relative to the run, given in its meaning."""
 
     skip: float = _setting("time left out at the start", "s", 0.0, "--skip")
-    slack: float | None = _setting(
-        "a link is slack below this tension; none: a tenth of its mean", "N", None, "--slack"
-    )
-    slack_time: float = _setting("least time below it", "s", 0.1, "--slack-time")
+    slack: float | None = _setting("a link is slack below this tension; none: 0.1 times its mean", "N", None, "--slack")
+    slack_time: float = _setting("minimum time below it", "s", 0.1, "--slack-time")
     snap: float | None = _setting(
-        "tension that makes a snap of what follows; none: twice the link's mean", "N", None, "--snap"
+        "tension above which slack is followed by a snap; none: twice the mean of the link", "N", None, "--snap"
     )
-    breaking_load: float | None = _setting(
-        "breaking load where a line has none of its own", "N", None, "--breaking-load"
-    )
+    breaking_load: float | None = _setting("breaking load of lines without their own", "N", None, "--breaking-load")
     safety_factor: float = _setting(
-        "factor on the largest tension in the utilisation with a factor", "-", 1.67, "--safety-factor"
+        "factor on the maximum tension in the utilisation with a factor", "-", 1.67, "--safety-factor"
     )
     curve_k: float | None = _setting(
-        "K of the T-N curve N = K (range/breaking load)^-m, without it no damage", "-", None, "--curve-k"
+        "K of the T-N curve N = K (range/breaking load)^-m; without it damage is not computed", "-", None, "--curve-k"
     )
     curve_m: float = _setting("m of the T-N curve", "-", 3.0, "--curve-m")
-    contact: float = _setting("a node this near to the bed lies on it", "m", 0.01, "--contact")
-    storm: float = _setting("length of the storm of the extremes", "s", 10800.0, "--storm")
-    confidence: float = _setting("level of the extremes' interval", "-", 0.9, "--confidence")
+    contact: float = _setting("a node within this distance of the seabed is on it", "m", 0.01, "--contact")
+    storm: float = _setting("duration of the storm of the extremes", "s", 10800.0, "--storm")
+    confidence: float = _setting("confidence level of the interval of the extremes", "-", 0.9, "--confidence")
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

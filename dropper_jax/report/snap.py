@@ -1,4 +1,4 @@
-"""Snap loads: a link that was slack for a while and is pulled taut."""
+"""Snap loads: a link that was slack for some time and becomes taut."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LISTED = 10
 
 
 class Snap(NamedTuple):
-    """One event: slack begins and ends [s], the threshold is passed [s], the peak after that [N] and its time [s]."""
+    """One event: start and end of slack [s], time of the threshold [s], the following peak [N] and its time [s]."""
 
     slack_from: float
     slack_to: float
@@ -26,10 +26,10 @@ class Snap(NamedTuple):
 
 
 def snap_events(t: np.ndarray, tension: np.ndarray, slack: float, least: float, snap: float) -> list[Snap]:
-    """Events in one link's tension: below `slack` [N] for at least `least` [s], then above `snap` [N].
+    """Events in the tension of one link: below `slack` [N] for at least `least` [s], then above `snap` [N].
 
-    The time below is between the crossings of `slack`, linear between samples. The rise counts until the tension
-    falls below `slack` again; the peak is the largest tension until then.
+    The time below is that between the crossings of `slack`, linear between samples. The rise counts until the tension
+    falls below `slack` again; the peak is the maximum tension until then.
     """
     low = tension < slack
     edges = np.flatnonzero(np.diff(low.astype(int)))
@@ -61,7 +61,7 @@ def _crossing(t: np.ndarray, tension: np.ndarray, i: int, level: float) -> float
 
 
 def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
-    """Per line: how many events, per link and in its worst link, the share of time slack, and the largest events."""
+    """Per line: number of events, per link and in its worst link, fraction of time slack, and the largest events."""
     found = []
     for where in record.written_lines:
         spec = where.spec

@@ -1,4 +1,4 @@
-"""Tensions along each line: statistics, percentiles, utilisation, and the loads of what holds the lines."""
+"""Tensions along each line: statistics, percentiles, utilisation, and the loads of the supports."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
     """Per line: min, mean, standard deviation, max and percentiles of each link [N] against arc length [m].
 
-    The largest and least of the line come with their place and time. Utilisation is the largest of max over breaking
-    load of the links, and the same with the safety factor.
+    The maximum and minimum of the line have their arc length and time. Utilisation is the maximum over the links of the
+    ratio of maximum tension to breaking load, without and with the safety factor.
     """
     at_tension = loads.positions_at(record.t, record.positions, record.t_tension)
     forces = end_forces(record.scene, at_tension, record.tension)
@@ -31,7 +31,7 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
 
 
 def _ends(forces: np.ndarray) -> list[tuple[str, float, str]]:
-    """Mean and largest force on both end points."""
+    """Mean and maximum force on both end points."""
     return [
         (end, function(forces[:, i]), what)
         for i, end in enumerate(("first", "last"))
@@ -79,18 +79,18 @@ def _extreme(record: Record, tension: np.ndarray, s: np.ndarray, at: Any) -> dic
 
 
 def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:
-    """Breaking load (n,) [N] of a line's links: its own, else the setting, else None."""
+    """Breaking load (n,) [N] of the links of a line: that of the line, else the setting, else None."""
     if spec.breaking_load is not None:
         return np.asarray(spec.breaking_load, float)
     return None if settings.breaking_load is None else np.full(spec.links, settings.breaking_load)
 
 
 def anchors(record: Record) -> list[dict[str, Any]]:
-    """What the lines pull on each held point: horizontal and vertical (upwards positive) load [N], uplift angle [rad].
+    """Force of the lines on each fixed point: horizontal and vertical (upwards positive) load [N], uplift angle [rad].
 
     The sum of `T_j d_j/|d_j|` over the links j that end there, d_j from the point outwards, at the times of the
-    tensions. The uplift angle, `atan2(vertical, horizontal)`, is taken where the load is at least a hundredth of its
-    mean: without a load it has no direction.
+    tensions. The uplift angle, `atan2(vertical, horizontal)`, is evaluated if the load is at least 1 % of its mean: a
+    zero load has no direction.
     """
     found = []
     held = {anchor.point: anchor for anchor in record.scene.anchors}
@@ -116,9 +116,9 @@ def anchors(record: Record) -> list[dict[str, Any]]:
 
 
 def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], loads: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Utilisation of an anchor over the run, and the factor between what it holds and its largest load.
+    """Utilisation of an anchor over the run, and the ratio of its capacity to its maximum load.
 
-    It holds with the wanted factor where it does on loads that are so much larger, or the anchor behind it does.
+    It holds with the required factor if it holds the loads multiplied by this factor, or if the anchor behind it does.
     """
     used = utilisations(anchors, loads)
     factored = utilisations(anchors, {name: anchor.safety_factor * load for name, load in loads.items()})
@@ -135,7 +135,7 @@ def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], loads: dict[st
 
 
 def point_load(record: Record, name: str) -> np.ndarray:
-    """Pull (q, 3) [N] of all lines on a point."""
+    """Force (q, 3) [N] of all lines on a point."""
     return loads.point_load(record.scene, name, record.t, record.positions, record.t_tension, record.tension)
 
 

@@ -1,4 +1,4 @@
-"""The report as Markdown: tables of the values, pictures, and what was left out."""
+"""The report as Markdown: tables of the values, pictures, and omissions."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from dropper_jax.report.sections import newton, table
 from dropper_jax.run.weights import lines_in_words
 from dropper_jax.scene import link_mass_words
 
-#: Runs whose values stand side by side.
+#: Maximum number of runs with values side by side.
 FEW = 6
 
 
 def markdown(found: dict[str, Any], pictures: list[dict[str, str]]) -> str:
-    """The whole report.
+    """The complete report.
 
     Args:
         pictures: paths from the report's folder, by name, of each run.
@@ -65,7 +65,7 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
         "## Tension",
         sections.tension(run["tension"]),
         picture("tension_range"),
-        "## Held points",
+        "## Fixed points",
         sections.section(run["anchors"], sections.anchors),
         picture("anchors"),
         *_bending(run.get("bending")),
@@ -98,7 +98,7 @@ def _notes(run: dict[str, Any]) -> list[str]:
 
 
 def _weights(rows: list[dict[str, Any]]) -> list[str]:
-    """What lines weigh in water; nothing without water."""
+    """Weights of lines in water; empty without water."""
     if not rows:
         return []
     keys = ("mass_kg_per_m", "displaced_kg_per_m", "wet_weight_n_per_m", "density_kg_per_m3")
@@ -108,7 +108,7 @@ def _weights(rows: list[dict[str, Any]]) -> list[str]:
 
 
 def _bending(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
-    """Moments and radii; nothing where lines have no bending stiffness."""
+    """Moments and radii; empty if lines have no bending stiffness."""
     if not isinstance(found, list):
         return []
     rows = [
@@ -123,7 +123,7 @@ def _bending(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
 
 
 def _coefficients(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
-    """What followed the flow; nothing where nothing did."""
+    """Flow-dependent coefficients; empty without any."""
     if not isinstance(found, list):
         return []
     keys = [key for key in ("cdn", "can") if key in found[0]]
@@ -139,13 +139,14 @@ def _coefficients(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
 
 
 def _spread(section: dict[str, Any]) -> str:
-    """Least, mean and largest of the runs; of a few runs each run's own value, as a sweep over steps needs it."""
+    """Minimum, mean and maximum over the runs; for a few runs also the value of each run, as needed by a sweep over
+    steps."""
     few = len(section["dt_s"]) <= FEW
     own = [f"run {i + 1}" for i in range(len(section["dt_s"]))] if few else []
     rows = [["step [s]", "", "", "", *(f"{dt:g}" for dt in section["dt_s"][: len(own)])]]
     rows.append(
         [
-            "internal damping, largest [N s]",
+            "internal damping, maximum [N s]",
             "",
             "",
             "",
@@ -171,7 +172,7 @@ def _extremes(section: dict[str, Any]) -> str:
         rows.append([name, *cells])
     level = next((one["confidence"] for one in section.values() if "confidence" in one), None)
     what = "" if level is None else f" [N], {100 * level:g} % interval"
-    return table(["largest in the storm", f"most probable{what}", f"mean{what}", f"90th percentile{what}"], rows)
+    return table(["maximum in the storm", f"most probable{what}", f"mean{what}", f"90th percentile{what}"], rows)
 
 
 def _with_interval(one: dict[str, Any], key: str) -> str:

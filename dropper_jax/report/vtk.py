@@ -18,10 +18,10 @@ TYPES = {"f": ("Float64", "<f8"), "i": ("Int32", "<i4")}
 
 
 def write_vtk(solution: Solution, folder: str | Path, every: int = 1) -> Path:
-    """Write `lines_NNNNNN.vtp` (and `buoys_NNNNNN.vtp`) for every `every`th saved time, and `NAME.pvd` over them.
+    """Write `lines_NNNNNN.vtp` (and `buoys_NNNNNN.vtp`) for every `every`th saved time, and their index `NAME.pvd`.
 
     A link is a cell with its `tension` [N] (of the step before the saved time), `line` and `link` (counted from 1) and,
-    where the lines have one, `diameter` [m]; nodes carry their `velocity` [m/s] and, of lines with bending stiffness,
+    if the lines have one, `diameter` [m]; nodes have their `velocity` [m/s] and, of lines with bending stiffness,
     their `curvature` [1/m] and `bending_moment` [N m]. A buoy is its axis with its
     `diameter`. Samples that are not finite are left out.
 
@@ -39,7 +39,7 @@ def write_vtk(solution: Solution, folder: str | Path, every: int = 1) -> Path:
         if all(np.isfinite(a[k]).all() for a in (solution.positions, solution.velocities, solution.tension))
     ]
     if not good:
-        raise SceneError(f"{solution.scene.name}: no finite sample; allowed: a run with at least one")
+        raise SceneError(f"{solution.scene.name}: no finite sample. Use a run with at least one")
     entries = []
     for count, k in enumerate(good):
         parts = {"lines": _lines(solution, k)}
@@ -94,7 +94,7 @@ def _buoys(solution: Solution, k: int) -> str:
 def polydata(
     points: np.ndarray, ends: np.ndarray, at_points: dict[str, np.ndarray], at_cells: dict[str, np.ndarray]
 ) -> str:
-    """An XML PolyData file of straight cells: points (p, 3), ends (c, 2) as numbers of points, data by name."""
+    """An XML PolyData file of straight cells: points (p, 3), ends (c, 2) as indices of points, data by name."""
     offsets = 2 * (1 + np.arange(len(ends)))
     return "\n".join(
         [
@@ -117,7 +117,7 @@ def polydata(
 
 
 def _array(name: str, values: np.ndarray) -> str:
-    """A data array in base64: the number of bytes (UInt32), then the numbers."""
+    """A data array in base64: the number of bytes (UInt32), then the values."""
     kind, dtype = TYPES[values.dtype.kind]
     content = np.ascontiguousarray(values, dtype).tobytes()
     code = base64.b64encode(struct.pack("<I", len(content)) + content).decode()

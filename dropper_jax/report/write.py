@@ -14,7 +14,7 @@ from dropper_jax.report.settings import Settings
 from dropper_jax.report.text import markdown
 from dropper_jax.run.simulate import Solution
 
-#: Name of what is written last.
+#: Name of the file that is written last.
 REPORT = "report.md"
 
 
@@ -24,7 +24,7 @@ def write_report(
     """Write report.md, report.json and the pictures, those of several runs to `run-1`, `run-2`, ...
 
     Args:
-        found: what `report_runs` gave for the solutions.
+        found: the result of `report_runs` for the solutions.
 
     Returns:
         path of report.md.

@@ -1,4 +1,4 @@
-"""Newton on a step's rows, and linear solves with its Jacobian that are exact to rounding."""
+"""Newton's method on the rows of a step, and linear solves with its Jacobian to rounding."""
 
 from __future__ import annotations
 
@@ -15,32 +15,33 @@ from dropper_jax.residual.unknowns import Unknowns, add, norm
 Linear = Callable[[Unknowns], Unknowns]
 #: Fractions of a correction tried by the damped iteration; the residual must fall.
 FRACTIONS = (1.0, 0.5, 0.2, 0.05)
-#: The same for an iteration that goes round in circles, and what tells that: rows that are more than this share of
-#: what they were two corrections before.
+#: Fractions for a cycling iteration, which is detected by rows above this fraction of their value two corrections
+#: before.
 SEARCHED, CIRCLING = (0.85, 0.7, 0.55, 0.4, 0.25, 0.12, 0.06, 0.03), 0.5
-#: Smoothing of set-valued laws along the way, as a share of the rate that friction stops within the step.
+#: Sequence of smoothings of set-valued laws, as a fraction of the rate that friction stops within the step.
 EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
-#: With a law corrections end at this part of the tolerance, near rounding, so that what is held does not creep.
+#: With such a law corrections stop at this fraction of the tolerance, near rounding, so that sticking joints do not
+#: creep.
 CONVERGED = 1e-3
-#: Where many iterations are allowed they end at this part of it, at rounding, so that energy is kept.
+#: If many iterations are allowed they stop at this fraction of the tolerance, at rounding, to conserve energy.
 ROUNDED = 1e-5
-#: Rows within the tolerance that are more than this share of what they were are rounding.
+#: Rows within the tolerance that decrease by less than this factor are rounding.
 STALLED = 0.3
-#: So few iterations are always done.
+#: Minimum number of iterations.
 FEW = 2
-#: Least corrections of a step: in float32 a guess may be within the tolerance of rounding, and a line stand still.
+#: Minimum number of corrections of a step: in float32 a guess may be within the tolerance, and a line would not move.
 LEAST = {"float32": 2}
-#: Most preconditioned corrections of a derivative solve. The condensed solver needs about as many as Newton does.
+#: Maximum number of preconditioned corrections of a derivative solve. The condensed solver needs about as many
+#: as Newton.
 REFINEMENTS = 200
 
 
 def newton(
     problem: StepProblem, solver: Solver, u: Unknowns, iterations: int, limit: float | None = None
 ) -> tuple[Unknowns, jax.Array]:
-    """`u <- u - P^-1 R(u)` a fixed number of times; returns the unknowns and the largest scaled row.
+    """`u <- u - P^-1 R(u)` a fixed number of times; returns the unknowns and the maximum scaled row.
 
-    With a limit corrections that have nothing left to correct are left out: once the rows are at `ROUNDED` of it, or
-    below it and no longer falling.
+    With a limit corrections stop if the rows are at `ROUNDED` times it, or below it and no longer decreasing.
     """
 
     prepared, scale = solver.prepare(problem, u), problem.row_scale()
@@ -65,20 +66,20 @@ def newton(
         return u, rows, after, (after <= enough) | ((after <= limit) & (after > STALLED * size)), count + 1
 
     rows = problem.residual(u)
-    # A good guess is corrected too: what it lacks would be lacking in all steps to come. Under `vmap` a loop ends with
-    # its slowest member, where a `scan` of conditions would correct every member `iterations` times.
+    # A good guess is corrected as well: its error would otherwise accumulate over the steps. Under `vmap` a loop ends
+    # with its slowest member, whereas a `scan` of conditions would correct every member `iterations` times.
     start = u, rows, norm(rows, scale), jnp.zeros((), bool), jnp.zeros((), jnp.int32)
     u, _, size, _, _ = jax.lax.while_loop(unfinished, correct, start)
     return u, size
 
 
 class Found(NamedTuple):
-    """Where an iteration ended.
+    """End of an iteration.
 
     Attributes:
         u: the unknowns.
-        residual: largest scaled row there, scalar.
-        evaluated: what the problem saw there (`StepProblem.evaluate`).
+        residual: maximum scaled row there, scalar.
+        evaluated: intermediate values of the problem there (`StepProblem.evaluate`).
     """
 
     u: Unknowns
@@ -87,11 +88,11 @@ class Found(NamedTuple):
 
 
 def newton_until(problem: StepProblem, solver: Solver, u: Unknowns, most: int, limit: float) -> Found:
-    """The same until the rows are below `limit`, at most `most` times.
+    """Iterate until the rows are below `limit`, at most `most` times.
 
     For systems with slack lines and contact: most steps need three corrections, those with a switch up to a dozen.
-    Where a link or a contact is stiffer in the middle of its way than before and after it (a damper that reaches its
-    limit, a spring that lags), full corrections jump from one side to the other for good: those are shortened.
+    If the stiffness of a link or a contact has a maximum within a correction (a damper at its limit, a lagging spring),
+    full corrections may cycle between both sides: these are shortened.
     """
     scale = problem.row_scale()
     rows, evaluated = problem.evaluate(u)
@@ -100,14 +101,14 @@ def newton_until(problem: StepProblem, solver: Solver, u: Unknowns, most: int, l
 
     def keep_iterating(carry: tuple[Any, ...]) -> jax.Array:
         _, _, _, size, _, count = carry
-        # a NaN compares false: iterating cannot mend it
+        # a NaN compares false: more iterations cannot remove it
         return ((size > limit) & (count < most)) | (count < least) if least else (size > limit) & (count < most)
 
     def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         u, rows, evaluated, size, (last, last_but_one), count = carry
         du = solver.apply(solver.factor(problem, u), rows)
         circling = size > CIRCLING * last_but_one
-        # one trip with the whole correction, or one with each fraction and one with the best of them
+        # one evaluation with the full correction, or one with each fraction and one with the best
         most_trials = jnp.where(circling, len(SEARCHED), 0)
 
         def unseen(trial: tuple[Any, ...]) -> jax.Array:
@@ -137,7 +138,7 @@ def newton_until(problem: StepProblem, solver: Solver, u: Unknowns, most: int, l
 
 
 def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
-    """The same with each correction shortened where that leaves a smaller residual; for steps that resist."""
+    """Iterate with each correction shortened if that gives a smaller residual; for steps that do not converge."""
     if problem.model.laws:
         return follow(problem, solver, u)
     scale = problem.row_scale()
@@ -154,7 +155,7 @@ def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations:
             better = size < best[-1]  # false where they are not finite
             return jax.tree.map(lambda a, b: jnp.where(better, a, b), (moved, rows, size), best)
 
-        # a loop, not a batch: the rows stand in the program once more, not three times
+        # a loop, not a batch: one more copy of the rows in the program instead of three
         u, rows, _ = jax.lax.fori_loop(0, len(FRACTIONS), try_fraction, (u, rows, never))
         return (u, rows), None
 
@@ -163,18 +164,18 @@ def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations:
 
 
 def follow(problem: StepProblem, solver: Solver, u: Unknowns) -> tuple[Unknowns, jax.Array]:
-    """Solutions of the smoothed laws, smoothed less and less, and last of the laws themselves.
+    """Solve with smoothed laws, reduce the smoothing in stages, and finally solve the laws themselves.
 
-    Which joints slide and which are held is found on the way: trying it out (Newton on the laws themselves) goes round
-    in circles where several joints stop at once. The primal-dual form of the smoothed law (Chan, Golub and Mulet 1999)
-    takes full corrections as long as its unknowns stay admissible.
+    This continuation determines which joints slide and which stick. Newton on the laws themselves cycles if several
+    joints stop at once. The primal-dual form of the smoothed law (Chan, Golub and Mulet 1999) allows full corrections
+    while its unknowns are admissible.
     """
 
     def correct(u: Unknowns, easing: jax.Array) -> tuple[Unknowns, None]:
         smoothed_problem = problem.with_smoothing(easing)
         u = add(u, solver.apply(solver.factor(smoothed_problem, u), smoothed_problem.residual(u)), -1.0)
         laws = problem.model.laws
-        z = tuple(law.admissible(z) for law, z in zip(laws, u.z, strict=False))  # multipliers of ties follow them
+        z = tuple(law.admissible(z) for law, z in zip(laws, u.z, strict=False))  # then multipliers
         return u._replace(z=z + u.z[len(laws) :]), None
 
     u, _ = jax.lax.scan(correct, u, jnp.asarray(EASING, u.x.dtype))
@@ -184,8 +185,8 @@ def follow(problem: StepProblem, solver: Solver, u: Unknowns) -> tuple[Unknowns,
 def refine(matvec: Linear, apply: Linear, b: Unknowns, column_scale: Unknowns) -> Unknowns:
     """Solve `J x = b` with the solver's `apply` = P^-1 as preconditioner, until x stops changing.
 
-    Stationary iteration `x <- x + P^-1 (b - J x)`, which is what Newton with P does and converges as fast. It ends
-    when a correction is below 1000 rounding errors of x, or no longer shrinks.
+    Stationary iteration `x <- x + P^-1 (b - J x)`, which is equivalent to Newton with P and converges as fast. It stops
+    when a correction is below 1000 rounding errors of x, or no longer decreases.
     """
     x = apply(b)
     enough = 1e3 * jnp.finfo(b.x.dtype).eps

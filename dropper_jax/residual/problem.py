@@ -1,4 +1,4 @@
-"""One implicit step as a set of unknowns, residual rows and the state they lead to."""
+"""One implicit step as a set of unknowns, residual rows and the resulting state."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.model import Effect, ElementForce, Kinematics, Model, State
 from dropper_jax.residual.unknowns import Unknowns
 
-GRAVITY_SCALE = GRAVITY  # [m/s^2]; only sizes residuals, the scene's own gravity is an effect's parameter
+GRAVITY_SCALE = GRAVITY  # [m/s^2]; only scales residuals, the gravity of the scene is a parameter of an effect
 
 
 class CondensedParts(NamedTuple):
-    """The matrix without K, in pieces.
+    """The parts of the matrix without K.
 
     Attributes:
         force: nodal force of unit tensions along (n, 3).
@@ -32,9 +32,9 @@ class CondensedParts(NamedTuple):
 
 
 class StepProblem:
-    """The equations of one step from state `s` over `h`; made anew inside each trace."""
+    """The equations of one step from state `s` over `h`; created again in each trace."""
 
-    #: Smoothing of set-valued laws, 1 to 0; None is the laws themselves.
+    #: Smoothing of set-valued laws, 1 to 0; None means the laws themselves.
     easing: jax.Array | None = None
 
     def __init__(self, model: Model, s: State, h: jax.Array) -> None:
@@ -42,7 +42,7 @@ class StepProblem:
 
     @property
     def pieces(self) -> tuple[ElementForce, ...]:
-        """Forces in the rows that couple nodes piece by piece."""
+        """Forces in the rows that couple nodes element by element."""
         return self.model.pieces
 
     def guess(self) -> Unknowns:
@@ -53,7 +53,7 @@ class StepProblem:
         raise NotImplementedError
 
     def evaluate(self, u: Unknowns) -> tuple[Unknowns, Any]:
-        """The rows, and what was seen on the way that `finish` needs again."""
+        """The rows, and the intermediate values for `finish`."""
         return self.residual(u), None
 
     def with_smoothing(self, easing: jax.Array) -> StepProblem:
@@ -63,17 +63,18 @@ class StepProblem:
         return other
 
     def acting(self, effects: tuple[Effect, ...]) -> StepProblem:
-        """The same equations with only these effects of the model's, what they froze kept."""
+        """The same equations with only these effects of the model, with their frozen values."""
         other = copy(self)
         other.model = replace(self.model, effects=effects)
         return other
 
     def instant(self, x: jax.Array) -> Kinematics:
-        """Where forces act at the unknowns x; each node's places and velocities follow its own x alone."""
+        """Positions and velocities at which forces act at the unknowns x; those of each node depend only on its own
+        x."""
         raise NotImplementedError
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
-        """K of the condensed solver, (nodes, 3, 3), or (nodes,) where it is a multiple of the unit matrix."""
+        """K of the condensed solver, (nodes, 3, 3), or (nodes,) if it is a multiple of the unit matrix."""
         raise NotImplementedError
 
     def condensed_parts(self, u: Unknowns) -> CondensedParts:
@@ -89,17 +90,18 @@ class StepProblem:
         raise NotImplementedError
 
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """For the network solver: pull of each link (n, 3) [N] and its axial row (n,) [m]."""
+        """For the network solver: force of each link (n, 3) [N] and its axial row (n,) [m]."""
         raise NotImplementedError
 
     def finish(self, u: Unknowns, evaluated: Any = None) -> State:
-        """The state at the end of the step; `evaluated` as `evaluate` gave it at u, where that is at hand."""
+        """The state at the end of the step; `evaluated` is the result of `evaluate` at u, if available."""
         raise NotImplementedError
 
     def end_state(
         self, r: jax.Array, v: jax.Array, tension: jax.Array, work: Callable[[], jax.Array], **more: Any
     ) -> State:
-        """The state at the end of the step from its places and velocities (nodes, 3), tensions (n,) and work (k,)."""
+        """The state at the end of the step from its positions and velocities (nodes, 3), tensions (n,) and work
+        (k,)."""
         model, s, t = self.model, self.s, self.s.t + self.h
         own = s.own
         if own:
@@ -110,18 +112,19 @@ class StepProblem:
         return replace(s, r=r, v=v, tension=tension, t=t, work=done, own=own, **{"angles": None, **more})
 
     def row_scale(self) -> Unknowns:
-        """Sizes of the rows: max(m g, m L/h^2) on nodes, L on links, the laws' own."""
+        """Sizes of the rows: max(m g, m L/h^2) on nodes, L on links, and those of the laws."""
         model, h = self.model, self.h
         line = model.line
         force = model.node_mass * jnp.maximum(GRAVITY_SCALE, model.node_length / h**2)
-        laws = zip(model.laws, self.s.law, strict=False)  # multipliers of ties follow them
+        laws = zip(model.laws, self.s.law, strict=False)  # then multipliers
         z = tuple(jnp.broadcast_to(law.law_scale(line, h), guess.shape) for law, guess in laws)
         return Unknowns(
             force[:, None], line.length, z + tuple(constraint.gap_size(model) for constraint in model.constraints)
         )
 
     def column_scale(self) -> Unknowns:
-        """Sizes of the unknowns: x by `unknown_size`, tensions by mean weights or inertia, the laws' as their rows."""
+        """Sizes of the unknowns: x by `unknown_size`, tensions by mean weights or inertia, those of the laws as their
+        rows."""
         line = self.model.line
         force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / self.h**2)
         laws = self.row_scale().z[: len(self.model.laws)]
@@ -129,7 +132,7 @@ class StepProblem:
         return Unknowns(self.unknown_size(), jnp.broadcast_to(force, line.length.shape), laws + pulls)
 
     def unknown_size(self) -> jax.Array:
-        """Size of x, (nodes, 1): a length [m], which schemes whose x is a speed replace by `speed_size`."""
+        """Size of x, (nodes, 1): a length [m]; schemes whose x is a speed replace it by `speed_size`."""
         return self.model.node_length[:, None]
 
     def speed_size(self) -> jax.Array:

@@ -1,4 +1,4 @@
-"""What a time integrator answers: which models it runs, and a step, solved or taken at once."""
+"""Interface of time integrators: supported models, and an implicit or explicit step."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from dropper_jax.residual.problem import StepProblem
 class Integrator:
     """A time integrator: `Implicit` or `Explicit`. Static: its fields are part of the compiled program.
 
-    Options of a scheme are fields declared by `base.fields.parameter`, a number each, with the range that is allowed;
+    Options of a scheme are numbers declared as fields by `base.fields.parameter` with the allowed range;
     they are the keys of `[run]` of the same name.
     """
 
     name: ClassVar[str]
     #: Design order of convergence in positions.
     order: ClassVar[int]
-    #: Whether rigid links keep their lengths by construction; schemes that drift are stopped at `DRIFT_LIMIT`.
+    #: Whether rigid links keep their lengths by construction; schemes with drift are stopped at `DRIFT_LIMIT`.
     holds_length: ClassVar[bool] = True
-    #: Where in the step the reported tension belongs: 0.5 for step averages, 1.0 for values at the new time.
+    #: Time of the reported tension within the step: 0.5 for step averages, 1.0 for values at the new time.
     tension_time: ClassVar[float] = 1.0
 
     @property
     def dissipates(self) -> bool:
-        """Whether it takes energy by design, at any step."""
+        """Whether the scheme has numerical damping at any step."""
         return False
 
     def __post_init__(self) -> None:
@@ -45,7 +45,7 @@ class Integrator:
         return {f.name: f.metadata for f in dataclasses.fields(cls)}
 
     def form_for(self, model: Model) -> Integrator:
-        """The form of this scheme for the model; most have one for all."""
+        """The form of this scheme for the model; most schemes have a single form."""
         return self
 
     def refuse(self, model: Model) -> str | None:
@@ -53,7 +53,7 @@ class Integrator:
         return None
 
     def begin(self, model: Model, s: State) -> State:
-        """The state with what this scheme carries beyond places and velocities."""
+        """The state with the additional variables of this scheme besides positions and velocities."""
         return s
 
 
@@ -61,7 +61,7 @@ class Integrator:
 class Implicit(Integrator, ABC):
     """A scheme whose step solves equations."""
 
-    #: Fractions of the step taken one after another (compositions have several).
+    #: Fractions of the substeps (compositions have several).
     stages: ClassVar[tuple[float, ...]] = (1.0,)
     #: Whether `condensed` pieces exist.
     condensable: ClassVar[bool] = False
@@ -71,9 +71,9 @@ class Implicit(Integrator, ABC):
     networkable: ClassVar[bool] = False
     #: Whether every row involves neighbouring nodes only.
     local_rows: ClassVar[bool] = True
-    #: Whether effects with unknowns of their own (dry friction) can be solved along.
+    #: Whether effects with their own unknowns (dry friction) are supported.
     takes_laws: ClassVar[bool] = False
-    #: Whether rigid bodies (`model.Tie`) can be solved along.
+    #: Whether rigid bodies (`model.HolonomicConstraint`) are supported.
     takes_constraints: ClassVar[bool] = False
     #: Newton iterations with an exact Jacobian, and with the condensed one.
     iterations: ClassVar[int] = 4
@@ -81,7 +81,7 @@ class Implicit(Integrator, ABC):
 
     @abstractmethod
     def equations(self, model: Model, s: State, h: jax.Array) -> StepProblem:
-        """The equations of one step of a model that has what is its effects' own."""
+        """The equations of one step of a model that includes the internal states of its effects."""
 
     def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
         """The equations of one step."""
@@ -102,7 +102,7 @@ class Implicit(Integrator, ABC):
 
 @dataclasses.dataclass(frozen=True)
 class Explicit(Integrator, ABC):
-    """A scheme that follows from what is known: for lines that stretch."""
+    """An explicit scheme, for lines that stretch."""
 
     @abstractmethod
     def advance(self, model: Model, s: State, h: jax.Array) -> State:
@@ -129,7 +129,7 @@ def couples_inertia(model: Model) -> bool:
 def point_masses_only(model: Model) -> str | None:
     """Why a scheme of rigid links that eliminates node by node cannot run the model, or None."""
     if model.line.axial.elastic:
-        return "it holds links at their length, but the line is elastic; use energy_momentum, rk2 or rk4"
+        return "it keeps the lengths of links, but the line is elastic; use energy_momentum, rk2 or rk4"
     if model.line.compound:
         return "it needs masses on the nodes, but compound links couple them; use energy_momentum"
     if model.having(AddedMass):
@@ -138,10 +138,10 @@ def point_masses_only(model: Model) -> str | None:
 
 
 def _bodies_not_taken() -> str:
-    return "the scene has rigid bodies, which it does not turn; use energy_momentum"
+    return "the scene has rigid bodies, which it does not support; use energy_momentum"
 
 
 def _law_not_taken(model: Model) -> str:
     name = model.laws[0].name
     other = ", or law = 'regularised'" if name == "seabed_friction" else ""
-    return f"effect {name!r} brings a set-valued law, which it does not solve; use energy_momentum{other}"
+    return f"effect {name!r} has a set-valued law, which it does not solve; use energy_momentum{other}"

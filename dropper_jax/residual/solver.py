@@ -1,4 +1,4 @@
-"""What a linear solver of Newton's corrections answers."""
+"""Interface of linear solvers for Newton corrections."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ class Solver(Protocol[Prepared, Factors]):
     name: str
 
     def refuse(self, model: Model, integrator: Implicit) -> str | None:
-        """Why it cannot serve the model under a scheme, or None."""
+        """Why it cannot solve the model with a scheme, or None."""
 
     def prepare(self, problem: StepProblem, u: Unknowns) -> Prepared:
-        """What is kept over the iterations of a step."""
+        """Data reused in the iterations of a step."""
 
     def factor(self, problem: StepProblem, u: Unknowns, prepared: Prepared | None = None) -> Factors:
-        """The matrix at the unknowns, ready to be applied."""
+        """The factored matrix at the unknowns."""
 
     def apply(self, factor: Factors, rows: Unknowns) -> Unknowns:
-        """The correction that rows call for."""
+        """The correction for given rows."""
 
     def apply_transposed(self, factor: Factors, rows: Unknowns) -> Unknowns:
-        """The same with the transposed matrix."""
+        """The solution with the transposed matrix."""

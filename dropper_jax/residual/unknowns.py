@@ -28,6 +28,6 @@ def add(a: Unknowns, b: Unknowns, factor: float = 1.0) -> Unknowns:
 
 
 def norm(rows: Unknowns, scale: Unknowns) -> jax.Array:
-    """Largest scaled entry, a scalar; NaN if any entry is."""
+    """Maximum scaled entry, a scalar; NaN if any entry is."""
     sizes = [jnp.max(jnp.abs(r) / s) for r, s in zip(jax.tree.leaves(rows), jax.tree.leaves(scale), strict=True)]
     return jnp.max(jnp.stack(sizes))

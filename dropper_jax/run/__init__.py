@@ -1,1 +1,1 @@
-"""From a scene to a solution, and what is kept of it."""
+"""Run a scene to a solution, and store it."""

@@ -1,4 +1,4 @@
-"""From a scene to the model: the arrays that move."""
+"""Convert a scene to the arrays of a model."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dropper_jax.statics.static_pose import equilibrium, nodal_loads
 
 
 def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
-    """The model of a scene as it stands, its growth left out; bodies and buoys become effects of their own."""
+    """The model of a scene without its growth; bodies and buoys become separate effects."""
     index = {point.name: i for i, point in enumerate(scene.points)}
     points = tuple(Point(position=p.position, name=p.name, kind=p.kind) for p in scene.points)
     effects = [EFFECTS[name].build(values, scene) for name, values in scene.effects.items()]
@@ -62,7 +62,7 @@ def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Geometry
 
 
 def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
-    """What the points carry."""
+    """Masses and loads attached to the points."""
     gravity = _gravity(scene)
     found: list[Effect] = []
     loaded = [p for p in scene.points if p.body]
@@ -92,7 +92,7 @@ def _gravity(scene: SceneData) -> float:
 
 
 def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:
-    """The law of all links; where lines differ, groups of them."""
+    """The axial law of all links; groups of links if the lines differ."""
     names = tuple(dict.fromkeys(line.axial_law for line in lines))
     if len(names) == 1:
         return _law(join_lines(lines))
@@ -111,6 +111,6 @@ def _law(line: LineSpec) -> AxialLaw:
 
 
 def static_pose(scene: SceneData, model: Model) -> Equilibrium:
-    """The pose at rest of a scene's model, held by its release force where it has one."""
+    """The equilibrium of a scene's model, under its release force if it has one."""
     loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
     return equilibrium(model, loads)

@@ -1,4 +1,4 @@
-"""A solution put together from what a run leaves: observed states, work, status and its reason, remarks."""
+"""Build a solution from the output of a run: observed states, work, status with its reason, and warnings."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ from dropper_jax.stepping.integrate import DRIFT_LIMIT, Trajectory
 from dropper_jax.stepping.observe import Observed, observe
 from dropper_jax.stepping.stepper import TOO_FAR, Stepper
 
-#: Saved times looked at.
+#: Number of saved times that are checked.
 INSTANTS = 64
-#: Share of the bound of stability from which steps are held by it: the error of the step keeps them below it.
+#: Fraction of the stability limit above which it counts as limiting the steps: the step error keeps them below it.
 HELD = 0.6
-#: Rates of what couples neighbours over those of a node alone: a row of equal dampers between nodes has eigenvalues up
-#: to twice its diagonal.
+#: Ratio of the damping rate of coupled nodes to that of a single node: a row of equal dampers between nodes has
+#: eigenvalues up to twice its diagonal.
 COUPLED = 2.0
 
 
 class TimeOrigin(NamedTuple):
-    """What saved times count from: t [s] and saved times behind the first one."""
+    """Origin of the saved times: t [s] and the number of earlier saved times."""
 
     origin: float = 0.0
     saves: int = 0
@@ -148,16 +148,16 @@ def build_solution(
 
 
 class _Observed(NamedTuple):
-    """What is reported of all saved times: of the lines, and of the bodies by name."""
+    """Observed quantities at all saved times: of the lines, and of the bodies by name."""
 
     each: Observed
     bodies: dict[str, np.ndarray]
 
 
 def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _Observed:
-    """What is reported of states (k, ...): places, velocities, times, what parted, effects' own.
+    """Observed quantities of states (k, ...): positions, velocities, times, broken links, internal states of effects.
 
-    Many go by blocks of one length, so that they share a program and never stand in memory together.
+    Many states are processed in blocks of equal length, which share a program and are never all in memory.
     """
     count = len(states[2])
     if count <= BLOCK:
@@ -177,7 +177,7 @@ def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _O
 
 
 def with_adaptive_steps(solution: Kind, within: Within, refused: int) -> Kind:
-    """The solution of steps that follow the snaps: what is known between saved times, steps taken and refused."""
+    """The solution of a run with snap-adaptive steps: statistics between saved times, accepted and rejected steps."""
     good = len(solution.t) - 1
     first = solution.tension[:1]
     kept = {name: np.concatenate([first, getattr(within, name)[:good]]) for name in ("least", "largest")}
@@ -203,15 +203,15 @@ def with_controlled_steps(
     carry: Controlled,
     first: Controlled,
 ) -> Kind:
-    """The solution of steps held by their error: how many were taken and refused, where they failed, what held them."""
+    """The solution of an error-controlled run: accepted and rejected steps, where they failed, what limited them."""
     good = len(solution.t) - 1
     taken = {"steps": int(carry.taken - first.taken), "refused_steps": int(carry.refused - first.refused)}
     taken["error_tolerance"] = allowed_error(stepper, model, solution.scene.run)
     notes = stiffness_remarks(stepper.integrator, model, run.r[:good], run.v[:good], solution.t[1:], h[:good])
     bad = solution.first_bad
     if bad is not None:
-        why = "places or velocities are infinite or undefined" if int(carry.bad) == 2 else "its error is not small"
-        reason = f"{why} however short the step"
+        why = "non-finite positions or velocities" if int(carry.bad) == 2 else "error above the tolerance"
+        reason = f"{why} at the shortest step"
         bad = {"step": int(carry.taken) + 1, "time_s": float(carry.now.t), "residual": math.nan, "reason": reason}
         solution = replace(solution, status="non_finite" if int(carry.bad) == 2 else "not_converged")
     settings, warnings = {**solution.settings, **taken}, (*solution.warnings, *notes)
@@ -223,21 +223,20 @@ def _at_rest(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[
 
 
 def _precision(scene: Scene, model: Model) -> tuple[str, ...]:
-    """A warning where JAX did not give the precision that was asked for."""
+    """A warning if JAX does not compute in the requested precision."""
     if str(model.dtype) == scene.run.dtype:
         return ()
-    return (f"run.dtype: {scene.run.dtype} was asked for, but JAX computes in {model.dtype} (JAX_ENABLE_X64 is off)",)
+    return (f"run.dtype: {scene.run.dtype} was requested, but JAX computes in {model.dtype} (JAX_ENABLE_X64 is off)",)
 
 
 def _explicit(stepper: Stepper, model: Model) -> str:
-    """What an explicit scheme needs on lines that stretch: about 2/omega, omega^2 = 4 EA/(L m) of the stiffest link."""
+    """The step limit of an explicit scheme on elastic lines: about 2/omega, omega^2 = 4 EA/(L m) of the stiffest
+    link."""
     line = model.line
     if isinstance(stepper.integrator, Implicit) or not line.axial.elastic:
         return ""
     omega = 2.0 * float(np.sqrt(np.max(np.asarray(line.axial.EA / (line.length * line.mass)))))
-    return (
-        f"; {stepper.integrator.name} is explicit, and these lines call for steps of about {2.0 / omega:.1g} s or less"
-    )
+    return f"; {stepper.integrator.name} is explicit; its stability limit with these lines is about {2.0 / omega:.1g} s"
 
 
 def _good_saves(run: Trajectory) -> int:
@@ -250,12 +249,12 @@ def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
     """Status and reason of a step that failed."""
     limit = stepper.limit(model)
     if not np.isfinite(residual):
-        return "non_finite", f"the step gave infinite or undefined values{_explicit(stepper, model)}"
+        return "non_finite", f"the step gave non-finite values{_explicit(stepper, model)}"
     if residual >= TOO_FAR:
-        parts = f", in the smallest of {2**stepper.halvings} parts of a step" if stepper.iterations else ""
+        parts = f", in the shortest of {2**stepper.halvings} substeps" if stepper.iterations else ""
         return "retry_exhausted", f"lines in contact moved by more than half their radius{parts}; take a smaller step"
     if residual <= limit:
-        return "not_converged", f"this scheme lets lengths drift, and a link has changed by more than {DRIFT_LIMIT:.0%}"
+        return "not_converged", f"constraint drift: the length of a link has changed by more than {DRIFT_LIMIT:.0%}"
     what = f"the residual stayed above the tolerance {limit:.0e}"
     if not stepper.halvings:
         return "not_converged", what
@@ -263,7 +262,7 @@ def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
 
 
 def _name_leaves(internal: dict[str, Frozen]) -> dict[str, np.ndarray]:
-    """Leaves of what is effects' own by the effect's name, numbered where there are several."""
+    """Leaves of the internal states of effects by the name of the effect, numbered if there are several."""
     found = {}
     for name, tree in internal.items():
         leaves = jax.tree.leaves(tree)
@@ -272,7 +271,7 @@ def _name_leaves(internal: dict[str, Frozen]) -> dict[str, np.ndarray]:
 
 
 def damping_rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> dict[str, jax.Array]:
-    """Rate (k,) [1/s] at which each effect that damps would stop the node it stops first, at instants (k, ...)."""
+    """Maximum damping rate (k,) [1/s] over the nodes of each damping effect, at instants (k, ...)."""
     found = {}
     for effect in model.having(Force):
         if not effect.constant:
@@ -294,7 +293,7 @@ _rates = cached_jit(brief=True)(damping_rates)
 def stiffness_remarks(
     scheme: ProjectedRungeKutta, model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray, h: np.ndarray
 ) -> tuple[str, ...]:
-    """A remark where damping holds most steps h (k,) [s] of a run with states (k, ...) at its saved times."""
+    """A warning if damping limits most steps h (k,) [s] of a run with states (k, ...) at its saved times."""
     if not len(t):
         return ()
     rows = np.unique(np.linspace(0, len(t) - 1, INSTANTS).round().astype(int))
@@ -304,6 +303,6 @@ def stiffness_remarks(
     if name is None or sizes[name] < HELD * scheme.stable:
         return ()
     return (
-        f"effects.{name}: h b/m is {sizes[name]:.2g} in the mean, and {scheme.name} is stable to about "
-        f"{scheme.stable:g}: damping, not the error, holds its steps; take energy_momentum",
+        f"effects.{name}: h b/m is {sizes[name]:.2g} on average, and {scheme.name} is stable up to about "
+        f"{scheme.stable:g}: damping, not the error, limits the steps. Use energy_momentum",
     )

@@ -1,4 +1,4 @@
-"""Curvature and bending moment along lines with bending stiffness, from the places of their nodes."""
+"""Curvature and bending moment along lines with bending stiffness, from the positions of their nodes."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def curvature(scene: Scene, positions: np.ndarray) -> np.ndarray:
 def bending_moment(
     scene: Scene, positions: np.ndarray, t: np.ndarray, broken: tuple[dict[str, Any], ...]
 ) -> np.ndarray:
-    """`M = EI kappa` (k, nodes) [N m]; none beside a link that has parted."""
+    """`M = EI kappa` (k, nodes) [N m]; zero next to a broken link."""
     kappa = curvature(scene, positions)
     given = np.asarray(scene.effects["bending"]["EI"], float)
     stiffness = np.broadcast_to(given, sum(line.links for line in scene.lines))
@@ -69,9 +69,9 @@ def _clamps(scene: Scene) -> dict[str, np.ndarray]:
 def bending_summary(
     scene: Scene, t: np.ndarray, kappa: np.ndarray, moment: np.ndarray
 ) -> dict[str, dict[str, float | None]]:
-    """Of each line the largest moment [N m] with its place [m] and time [s], and the smallest radius [m].
+    """Maximum moment [N m] of each line with its arc length [m] and time [s], and the minimum radius [m].
 
-    The radius is None of lines that stay straight.
+    Lines that stay straight have the radius None.
     """
     found = {}
     for line, where in zip(scene.lines, line_slices(scene), strict=True):

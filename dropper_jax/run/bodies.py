@@ -66,7 +66,7 @@ def _centre_velocity(body: BodySpec) -> np.ndarray:
 
 
 def _on_bed(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
-    """Contact with the seabed of the bodies that ask for it."""
+    """Seabed contact of the bodies for which the scene requests it."""
     if not any(body.touches_bed for body in scene.bodies):
         return []
     bed = EFFECTS["seabed"].build(scene.effects["seabed"], scene)
@@ -108,7 +108,7 @@ def _in_water(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
 def _pieces(
     scene: SceneData, rigid: RigidBodies, sliced: bool, only: Callable[[BodySpec], bool] = lambda _: True
 ) -> Pieces:
-    """The cylinders, whole or in slices, and spheres of the bodies, or only of some."""
+    """The cylinders, complete or in slices, and spheres of all or some bodies."""
     found = []
     chosen = [(i, body) for i, body in enumerate(scene.bodies) if only(body)]
     for i, body in chosen:
@@ -131,13 +131,14 @@ def _pieces(
 
 
 def _shares(rigid: RigidBodies, positions: list[tuple[int, np.ndarray]]) -> np.ndarray:
-    """Shares (places, 4) of places in their bodies' corners."""
+    """Weights (positions, 4) of positions with respect to the corners of their bodies."""
     found = [np.append(position, 1.0) @ np.asarray(rigid.affine[i]) for i, position in positions]
     return np.array(found).reshape(-1, 4)
 
 
 def body_motion(model: Model, r: jax.Array, v: jax.Array) -> dict[str, np.ndarray]:
-    """Motion of the bodies as a solution names it, of places and velocities (k, free nodes, 3); empty without bodies.
+    """Motion of the bodies by the names of a solution, from positions and velocities (k, free nodes, 3); empty without
+    bodies.
 
     Roll and yaw are continuous in time; pitch is between -pi/2 and pi/2, where the three are not unique.
     """
@@ -152,7 +153,7 @@ def body_motion(model: Model, r: jax.Array, v: jax.Array) -> dict[str, np.ndarra
     return {"body_position": position, "body_attitude": turned, "body_velocity": velocity, "body_rates": angular}
 
 
-#: Share of the waves' energy that a vessel's table must hold, and how far beyond its headings waves may come [rad].
+#: Fraction of the wave energy that the RAO table must cover, and how far waves may be outside its headings [rad].
 COVERED, ASIDE = 0.95, 0.05
 
 

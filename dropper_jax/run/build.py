@@ -27,7 +27,7 @@ from dropper_jax.statics.static_pose import nodal_loads
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 
-#: Rounding units that an error may be held to.
+#: Minimum error tolerance in units of rounding.
 ROUNDING = 100.0
 
 SceneLike = str | Path | Mapping[str, Any] | Scene
@@ -45,26 +45,26 @@ def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:
     if run.error_tolerance is not None:
         _check_tolerance(run.error_tolerance, run.integrator, holds, model)
     if run.step_tolerance is not None and holds:
-        why = f"is given, but integrator {run.integrator!r} holds its own error; use run.error_tolerance"
+        why = f"is given, but integrator {run.integrator!r} controls its own error; use run.error_tolerance"
         raise SceneError(f"run.step_tolerance: {run.step_tolerance:g} {why}")
     return stepper
 
 
 def equal_steps(model: Model, run: RunSpec, **settings: Any) -> Stepper:
-    """The same for studies that take equal steps of `run.dt`.
+    """The stepper for studies that take equal steps of `run.dt`.
 
     Raises:
-        SceneError: a scheme that holds its own error, whose dt is no step.
+        SceneError: a scheme that controls its own error, whose dt is not a time step.
     """
     stepper = stepper_of(model, run, **settings)
     if isinstance(stepper.integrator, ProjectedRungeKutta):
-        why = "holds its own error, and this takes equal steps; allowed: rattle, energy_momentum"
+        why = "controls its own error, but equal steps are needed; allowed: rattle, energy_momentum"
         raise SceneError(f"run.integrator: {run.integrator!r} {why}")
     return stepper
 
 
 def allowed_error(stepper: Stepper, model: Model, run: RunSpec) -> float:
-    """The error of a step that a run allows a scheme which holds it."""
+    """The error tolerance of a step, for schemes that control their error."""
     if run.error_tolerance is not None:
         return run.error_tolerance
     return max(stepper.integrator.tolerance, ROUNDING * float(jnp.finfo(model.dtype).eps))
@@ -72,11 +72,11 @@ def allowed_error(stepper: Stepper, model: Model, run: RunSpec) -> float:
 
 def _check_tolerance(tolerance: float, integrator: str, holds: bool, model: Model) -> None:
     if not holds:
-        why = f"is given, but integrator {integrator!r} takes equal steps; allowed: with tsit5 or dop853"
+        why = f"is given, but integrator {integrator!r} takes equal steps. Use it with tsit5 or dop853"
         raise SceneError(f"run.error_tolerance: {tolerance:g} {why}")
     least = ROUNDING * float(jnp.finfo(model.dtype).eps)
     if tolerance < least:
-        why = f"is below what {model.dtype} resolves; allowed: at least {least:.0e}"
+        why = f"is below the resolution of {model.dtype}; allowed: at least {least:.0e}"
         raise SceneError(f"run.error_tolerance: {tolerance:g} {why}")
 
 
@@ -90,32 +90,32 @@ def build(scene: SceneLike, dtype: str | None = None) -> tuple[Model, State]:
 def equilibrium(
     scene: SceneLike | Model, loads: jax.Array | None = None, t: float = 0.0, near: State | None = None
 ) -> Equilibrium:
-    """The static pose of a scene, held by its release force where it has one, or of a model (see `build`).
+    """The equilibrium of a scene, under its release force if it has one, or of a model (see `build`).
 
-    Of a model it is a function with derivatives, forward and reverse (implicit function theorem):
+    For a model the function has derivatives in forward and reverse mode (implicit function theorem):
 
         model, start = dj.build("dropper-farm")
-        jax.grad(lambda m: dj.equilibrium(m).tension.max())(model)          # sought on the host
+        jax.grad(lambda m: dj.equilibrium(m).tension.max())(model)          # solved on the host
         jax.jit(lambda m, near: dj.equilibrium(m, near=near).tension)       # next to a pose near by
 
     Args:
         scene: packaged name, TOML file, plain values, a `Scene` or a `Model`.
-        loads, t, near: of a model: forces (free nodes, 3) [N], time [s], a pose to start from
+        loads, t, near: for a model: forces (free nodes, 3) [N], time [s], an initial configuration
             (see `statics.static_pose.equilibrium`).
     """
     if isinstance(scene, Model):
         return model_equilibrium(scene, loads, t, near)
     if loads is not None or near is not None or t:
-        raise SceneError("loads, t, near: belong to a model; allowed: `equilibrium(build(scene)[0], ...)`")
+        raise SceneError("loads, t, near: need a model. Use `equilibrium(build(scene)[0], ...)`")
     scene = load_scene(scene)
     return static_pose(scene, build_model(scene))
 
 
 def linearised(scene: SceneLike) -> Linearised:
-    """Small motions of a scene about its static pose: M, C, K, and what moving ends do to the tensions.
+    """Small motions of a scene about its equilibrium: M, C, K, and the effect of moving ends on the tensions.
 
     Raises:
-        SceneError: no static pose, or a scene that is not smooth there (see `statics.linear`).
+        SceneError: no equilibrium, or a scene that is not smooth there (see `statics.linear`).
     """
     scene = load_scene(scene)
     model = build_model(scene)

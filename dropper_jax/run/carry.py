@@ -1,9 +1,10 @@
-"""What a run goes on from: its end as named arrays, and the end again.
+"""The state from which a run continues, saved as named arrays and restored.
 
-Its last carry holds the whole state and all that the stepping knows: places, velocities, tensions, unknowns of laws and
-ties (joints that stick), accelerations, work, what has parted, what effects changed, the step of runs that choose it,
-the last steps of runs that hold their error. Its leaves are named by their way through it, `last_carry_state_r`; which
-there are follows from the scene and the scheme, so that a file is held against a carry of the same kind.
+The last carry holds the whole state and all data of the stepping. These are positions, velocities, tensions, unknowns
+of joint forces and constraints (joints that stick), accelerations, work, broken links and internal states of effects.
+Runs that choose their step add it; runs that control their error add their last steps. Leaves are named by their path
+in the carry, such as `last_carry_state_r`. The scene and the scheme determine which leaves there are, so a file is
+compared with a carry of the same kind.
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ from dropper_jax.stepping.adaptive import Adaptive
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.integrate import Progress, Trajectory
 
-#: Before the names of all leaves.
+#: Prefix of the names of all leaves.
 LAST = "last_"
-#: Units of leaves, by the last part of their names; of others 1.
+#: Units of leaves by the last part of their names; others have no unit.
 UNITS = {"r": "m", "v": "m s-1", "tension": "N", "t": "s", "acceleration": "m s-2", "work": "J", "h": "s", "a": "m s-2"}
-#: How errors name the run.
-RUN = "the run to go on from"
-#: Keys of `[run]` that may be others where a run goes on.
+#: Name of the run in error messages.
+RUN = "the run to continue"
+#: Keys of `[run]` that may change when a run continues.
 FREE = ("dt", "duration", "save_every", "solver", "step_tolerance", "error_tolerance")
-#: Keys of a scene that say nothing about what moves.
+#: Keys of a scene that do not affect the motion.
 WORDS = ("name", "description", "notes")
 
 
 class Row(NamedTuple):
-    """What is saved of an instant, and begins the arrays of a run that goes on from there."""
+    """One saved instant: the first row of a run that continues from it."""
 
     r: jax.Array
     v: jax.Array
@@ -59,7 +60,7 @@ def last_row(trajectory: Trajectory) -> Row:
 
 
 def first_row(s: State, work: int) -> Row:
-    """The row of the state at which a run begins, with so many contributions to the work."""
+    """The row of the initial state of a run, with this number of contributions to the work."""
     return Row(s.r, s.v, s.tension, jnp.zeros(work, s.r.dtype), s.parted, s.own)
 
 
@@ -74,26 +75,26 @@ def units(name: str) -> str:
 
 
 def restore_carry(kind: Last, last: dict[str, np.ndarray]) -> Last:
-    """The end of a run of saved leaves; `kind` is any of the same scene and scheme.
+    """The end of a run restored from saved leaves; `kind` is any end of the same scene and scheme.
 
     Raises:
         SceneError: leaves that are missing or are not those of such a run.
     """
     if not last:
-        raise SceneError(f"{RUN} holds no last state, as those of earlier versions; allowed: one made by this version")
+        raise SceneError(f"{RUN} has no final state, as files of earlier versions. Use a run made by this version")
     leaves, tree = jax.tree_util.tree_flatten_with_path(kind)
     return jax.tree.unflatten(tree, [jnp.asarray(_check_leaf(_name(way), like, last)) for way, like in leaves])
 
 
 def _check_leaf(name: str, like: jax.ShapeDtypeStruct, last: dict[str, np.ndarray]) -> np.ndarray:
     if name not in last:
-        raise SceneError(f"{RUN} lacks {name!r} of its last state; allowed: a file as it was written")
+        raise SceneError(f"{RUN} lacks {name!r} of its final state. Use a file that was not changed")
     found = last[name]
     if found.shape != like.shape or found.dtype != like.dtype:
         has, needs = (f"{x.dtype}{list(x.shape)}" for x in (found, like))
-        raise SceneError(f"{RUN} has {name!r} as {has}; allowed: {needs}, as its scene has it")
+        raise SceneError(f"{RUN} has {name!r} as {has}; allowed: {needs}, which its scene determines")
     if not np.all(np.isfinite(found)):
-        raise SceneError(f"{RUN} has infinite or undefined values in {name!r}; allowed: finite ones")
+        raise SceneError(f"{RUN} has non-finite values in {name!r}; allowed: finite values")
     return found
 
 
@@ -102,7 +103,7 @@ def _name(key_path: tuple[Any, ...]) -> str:
 
 
 def same_scene(scene: Scene, before: Scene) -> None:
-    """Refuse to go on with another scene, naming the first key in which it differs.
+    """Reject a scene that differs from that of the run, with the first key that differs.
 
     Raises:
         SceneError: one line.
@@ -112,7 +113,7 @@ def same_scene(scene: Scene, before: Scene) -> None:
     if key is not None:
         what = f"is of another scene, {before.name!r}, which differs from {scene.name!r} in {key}"
         free = ", ".join(f"run.{name}" for name in FREE)
-        raise SceneError(f"{RUN} {what}; allowed: the same scene; other values only of {free}")
+        raise SceneError(f"{RUN} {what}. Use the same scene; only {free} may change")
 
 
 def _moving(scene: Scene) -> dict[str, Plain]:
@@ -121,7 +122,7 @@ def _moving(scene: Scene) -> dict[str, Plain]:
 
 
 def _difference(a: Plain, b: Plain, path: str) -> str | None:
-    """The path of the first value in which two trees of plain values differ; None where they are equal."""
+    """The path of the first value in which two trees of plain values differ; None if they are equal."""
     if isinstance(a, dict) and isinstance(b, dict):
         pairs = [(key, a.get(key), b.get(key)) for key in (*a, *(key for key in b if key not in a))]
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
@@ -133,22 +134,22 @@ def _difference(a: Plain, b: Plain, path: str) -> str | None:
 
 
 def may_go_on(status: str, failure: str) -> None:
-    """Refuse to go on from a run that failed.
+    """Reject a run that failed.
 
     Raises:
         SceneError: one line.
     """
     if status not in ("ok", "interrupted"):
-        raise SceneError(f"{RUN} failed, {failure}; allowed: one that is ok or was interrupted")
+        raise SceneError(f"{RUN} failed, {failure}. Use a run with status ok or interrupted")
 
 
 def steps_done(carry: Progress | Adaptive | Controlled) -> int:
-    """Steps, or saved times of runs that hold their error, that a carry has behind it."""
+    """Steps done before a carry; of runs that control their error, saved times."""
     if isinstance(carry, Controlled):
         return int(carry.saved)
     return int((carry if isinstance(carry, Progress) else carry.progress).done)
 
 
 def steps_refused(carry: Progress | Adaptive | Controlled) -> int:
-    """Steps refused so far."""
+    """Steps rejected so far."""
     return 0 if isinstance(carry, Progress) else int(carry.refused)

@@ -1,7 +1,7 @@
-"""A run in pieces: compiled once, gone through with progress, stopped by a failure or by the user.
+"""A run in chunks: compiled once, with progress, stopped by a failure or by the user.
 
-Steps of one length go on in pieces of any number of saves by one program; a piece takes about `SECONDS`, so that
-progress is shown and a stop is answered. Where a piece ends makes no difference to a number.
+One program runs chunks of any number of saves with equal steps. A chunk takes about `SECONDS`, which allows progress
+reports and a quick stop. The length of the chunks does not affect the results.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from dropper_jax.stepping.controlled import Controlled, advance_controlled, star
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance_some, begin
 from dropper_jax.stepping.stepper import Stepper
 
-#: A run is cut into at least this many pieces, where it has so many saves.
+#: Minimum number of chunks of a run that has at least this number of saves.
 PIECES = 32
-#: Wanted time of a piece [s], and how many times longer than the one before it may be.
+#: Target time of a chunk [s], and the maximum ratio of its length to that of the previous one.
 SECONDS, LONGER = 1.0, 8
-#: Most saves and most bytes of a piece.
+#: Maximum number of saves and of bytes of a chunk.
 MOST_STEPS, BYTES = 1024, 16_000_000
-#: Saves of a piece of steps that differ in length: one of these, so that runs of other lengths share the program.
+#: Saves of a chunk with steps of variable length: one of these, so that runs of other lengths share the program.
 SAVES = (1, 2, 16, 128, 1024)
 
-#: Steps of a system of lines from which on its run is made one kernel: compiled as one, its program takes 2 to 15 s
-#: longer, and each step 60 to 120 us less.
+#: Number of steps above which the run of a system of lines is fused to one kernel: the program then takes 2 to 15 s
+#: longer to compile, and each step 60 to 120 us less.
 WORTH_ONE_KERNEL = 20_000
 
-#: What a run carries from piece to piece, and what is known of its steps beside the trajectory.
+#: The state carried from chunk to chunk, and the data on its steps in addition to the trajectory.
 Carry = Progress | Adaptive | Controlled
 Beside = Within | jax.Array | None
-#: A carry and how many saves are wanted at most -> the carry after them, what was saved.
+#: A carry and the maximum number of saves -> the carry after them, the saved states.
 GoOn = Callable[[Any, int], tuple[Any, tuple[Trajectory, Beside]]]
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
@@ -53,15 +53,15 @@ _start_controlled = cached_jit(static=("stepper",))(start_controlled)
 
 
 class ChunkedRun(NamedTuple):
-    """What goes on from a carry, and the first carry."""
+    """The function that continues from a carry, and the first carry."""
 
     go_on: GoOn
     carry: Carry
 
 
 class RunOutcome(NamedTuple):
-    """A run that was gone through: what was saved, its last carry, time [s] of it and of compiling meanwhile, whether
-    the user stopped it, why the disk did, and carries that it passed with the saves behind each."""
+    """Outcome of a run: the saved states, the last carry, its time [s] and the compile time, whether the user stopped
+    it, the disk error if one stopped it, and intermediate carries with the number of saves before each."""
 
     trajectory: Trajectory
     beside: Beside
@@ -74,7 +74,7 @@ class RunOutcome(NamedTuple):
 
 
 def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Carry:
-    """The carry of a run that begins at `start`."""
+    """The carry of a run that starts at `start`."""
     if isinstance(stepper.integrator, ProjectedRungeKutta):
         allowed = jnp.asarray(allowed_error(stepper, model, run), model.dtype)
         return _start_controlled(stepper, model, start, allowed)
@@ -88,7 +88,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
     """The compiled program of a run from a carry.
 
     Args:
-        before: steps of a run that it goes on from, whose program it takes if that is for longer runs.
+        before: steps of the run that it continues; if that run was a long one, its program is used.
     """
     dt = jnp.asarray(run.dt, model.dtype)
     saves = max(size for size in SAVES if size == 1 or size * PIECES <= run.saves)
@@ -110,10 +110,10 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
 
 
 class _EqualSteps:
-    """Steps of one length: by a program for steps that solve at once, until one does not.
+    """Equal steps by the program without globalisation, until a step fails to converge.
 
-    That piece is then taken again, and all after it, by the program that has means for steps that resist. Most runs
-    never compile it: it is four times as large. Joints that stick need it at once.
+    That chunk and all later ones are then run by the program with the fallback solvers. Most runs never compile this
+    program, which is four times as large. Joints that stick need it from the start.
     """
 
     def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, steps: int) -> None:
@@ -121,7 +121,7 @@ class _EqualSteps:
         self.settings = {"capacity": _chunk_size(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // PIECES)
         self.count = 1
-        self.late_s = 0.0  # what compiling took once the run had begun
+        self.late_s = 0.0  # compile time after the start of the run
         self.plain = stepper.until_converged or not model.laws
         brief = stepper.until_converged and steps < WORTH_ONE_KERNEL
         self.advance = _advance_briefly if brief else _advance
@@ -151,7 +151,7 @@ class _EqualSteps:
         return after, jax.tree.map(lambda a: np.array(a[:count]), jax.tree.map(np.asarray, rows))
 
     def advance_at_half_step(self, carry: Progress, saves: int) -> tuple[Progress, Trajectory | None]:
-        """The next `saves` again as twice as many of half the step, by the program of the run; None if a step fails."""
+        """The next `saves` again with half the step, by the program of the run; None if a step fails."""
         done, rows = 0, []
         while done < 2 * saves:
             carry, piece = self._take(carry, min(2 * saves - done, self.settings["capacity"]), 2)
@@ -170,10 +170,10 @@ def _chunk_size(s: State) -> int:
 def run_chunks(
     run: ChunkedRun, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None
 ) -> RunOutcome:
-    """Pieces until the end, a failure or an interruption; a disk that takes no more is one too.
+    """Run chunks until the end, a failure or an interruption, which includes a full disk.
 
     Args:
-        rows: where the pieces are kept; default: in memory.
+        rows: store for the chunks; default: in memory.
     """
     carry, done, rows = run.carry, 0, InMemory() if rows is None else rows
     passed: list[tuple[int, Carry]] = []
@@ -203,7 +203,7 @@ def run_chunks(
 
 
 def _reached_time(carry: Carry) -> tuple[float, bool]:
-    """The time [s] that a run has come to, and whether it has failed."""
+    """The time [s] that a run has reached, and whether it has failed."""
     if isinstance(carry, Controlled):
         return float(carry.now.t), bool(carry.bad)
     progress = carry if isinstance(carry, Progress) else carry.progress

@@ -1,4 +1,4 @@
-"""Coupling: another program moves held points of a scene and gets the forces on them, step by step."""
+"""Coupling: another program moves prescribed points of a scene and gets the forces on them, step by step."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from dropper_jax.stepping.integrate import Progress, begin, step_failed
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
-#: Most steps inside one step.
+#: Maximum number of inner steps of one coupling step.
 MOST = 1_000_000
 
 Vectors = Sequence[Sequence[float]] | np.ndarray
 
 
 class _CoupledStepResult(NamedTuple):
-    """Where some steps led: progress, the largest residual, steps taken by other means, the forces (c, 3) [N]."""
+    """Result of some steps: progress, maximum residual, steps solved by the fallback, forces (c, 3) [N]."""
 
     progress: Progress
     residual: jax.Array
@@ -45,7 +45,7 @@ class _CoupledStepResult(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """Places, velocities and accelerations (c, 3) of the coupled points at the end of the last step."""
+    """Positions, velocities and accelerations (c, 3) of the coupled points at the end of the last step."""
 
     positions: np.ndarray
     velocities: np.ndarray
@@ -53,7 +53,7 @@ class _Motion(NamedTuple):
 
 
 class _Saved(NamedTuple):
-    """All that a coupling carries."""
+    """The whole state of a coupling."""
 
     progress: Progress
     motion: _Motion
@@ -71,7 +71,7 @@ def _go(
         s, report = step(stepper, model, s0, h, first_bad < 0)
         bad = step_failed(stepper, model, s, report.residual)
         first_bad = jnp.where(bad & (first_bad < 0), done, first_bad)
-        # not `maximum`, which would lose that a step gave no number
+        # not `maximum`, which would lose a NaN
         worst = jnp.where(report.residual <= residual, residual, report.residual)
         return Progress(s, done + 1, first_bad), worst, retried + (report.level > FULL_STEP)
 
@@ -84,39 +84,39 @@ _forces = cached_jit(static=("points",))(point_forces)
 
 
 class Coupled:
-    """A scene whose held points another program moves: it gives their motion, and gets the forces on them.
+    """A scene with points moved by another program, which prescribes their motion and gets the forces on them.
 
         c = dj.Coupled("mooring.txt", points=["fairlead"])
         force = c.init()                              # (c, 3) [N], at rest
-        force = c.step(positions, velocities, dt)     # places and velocities at the end of dt
+        force = c.step(positions, velocities, dt)     # positions and velocities at the end of dt
 
-    Between the ends of a step a point moves along the cubic through both places and velocities (with accelerations the
-    quintic). Steps inside are of `run.dt` or a little less, a whole number of them. The force on a point is what its
-    lines pull on it, tension along their last links as the last step inside has it, plus weight, buoyancy and drag of
-    those halves of links that belong to the point:
+    Within a step a point moves along the cubic through both positions and velocities (the quintic with accelerations).
+    A coupling step consists of a whole number of inner steps of `run.dt` or slightly less. The force on a point is the
+    sum of the tensions along the end links of its lines in the last inner step. Weight, buoyancy and drag of the half
+    links that belong to the point are added:
 
         F = sum_j T_j d_j/|d_j| + F_effects,    d_j from the point along link j
 
-    The inertia of these halves is left out: add `mass` to that of the body. Forces come from the last step inside, so
-    that a body that takes them explicitly needs steps that are short beside its own periods.
+    The inertia of these halves is left out: add `mass` to that of the body. Forces come from the last inner step. A
+    body that uses them explicitly therefore needs steps that are short compared with its own periods.
 
     Args:
-        scene: as for `simulate`; its `[run]` gives the scheme and the longest step inside.
-        points: names of held points; default: the one that is held, where there is one.
-        dt: longest step inside [s]; default that of the scene.
+        scene: as for `simulate`; its `[run]` gives the scheme and the maximum inner step.
+        points: names of fixed points of the scene; default: the fixed point, if there is only one.
+        dt: maximum inner step [s]; default that of the scene.
         accelerations: whether `init` and `step` take accelerations.
 
     Attributes:
         points: names of the coupled points, the rows of all arrays.
         time: [s].
-        forces: the last ones (c, 3) [N].
+        forces: forces of the last step (c, 3) [N].
         mass: of the halves of links at the points (c,) [kg], added mass left out.
         status: `ok`, or how the last step failed: `not_converged`, `non_finite`.
-        failure: one line on that; empty where it did not.
-        residual, retried: of the last step: largest scaled residual, steps inside that were taken by other means.
+        failure: the reason in one line; empty if the step succeeded.
+        residual, retried: of the last step: maximum scaled residual, inner steps solved by the fallback.
 
     Raises:
-        SceneError: points that are not held or move already, a scheme that chooses its own steps.
+        SceneError: points that are not fixed or already move, a scheme that chooses its own steps.
     """
 
     def __init__(
@@ -135,17 +135,17 @@ class Coupled:
         self._saved: _Saved | None = None
 
     def init(self, positions: Vectors | None = None, velocities: Vectors | None = None) -> np.ndarray:
-        """Start at t = 0 as the scene's `[start]` says, with the points at `positions` (c, 3) [m].
+        """Start at t = 0 as defined in the scene's `[start]`, with the points at `positions` (c, 3) [m].
 
         Args:
-            positions: default where the scene has them; lines that start at rest start at rest from here.
+            positions: default: as in the scene; lines that start at rest are in equilibrium with these positions.
             velocities: of the points (c, 3) [m/s]; default at rest.
 
         Returns:
             Forces on the points (c, 3) [N].
 
         Raises:
-            SceneError: a static pose that is not found, values that are not finite or not of this shape.
+            SceneError: no equilibrium found, values that are not finite or not of this shape.
         """
         home = np.array([self.scene.point(name).position for name in self.points])
         all_positions = home if positions is None else self._read("positions", positions)
@@ -153,14 +153,16 @@ class Coupled:
         here = self._moved_to(all_positions)
         model = build_model(here)
         if any(e.moves(name) for e in model.having(Displacement) for name in self.points):
-            raise SceneError("points: move already by an effect of the scene; allowed: held points that rest")
+            raise SceneError("points: already moved by an effect of the scene; allowed: fixed points")
         motion = CoupledMotion.uniform(self.points, all_positions, rates, self.accelerations)
         self._model = replace(model, effects=(*model.effects, motion)).cast(model.dtype)
         self._indices = tuple([p.name for p in model.points].index(name) for name in self.points)
         self._free = set_free(model, self._indices)
         self._stepper = stepper_of(self._model, here.run)
         if isinstance(self._stepper.integrator, ProjectedRungeKutta) or here.run.step_tolerance is not None:
-            raise SceneError("run: chooses its own steps, which a coupling does not; allowed: schemes of equal steps")
+            raise SceneError(
+                "run: chooses its own steps, which a coupling cannot use; allowed: schemes with equal steps"
+            )
         self._plain = self._stepper.until_converged or not model.laws
         progress = begin(self._stepper, self._model, initial_state(self._model, here.start))
         forces = np.asarray(_forces(self._model, self._free, progress.state, points=self._indices))
@@ -171,14 +173,14 @@ class Coupled:
     def step(
         self, positions: Vectors, velocities: Vectors, dt: float, accelerations: Vectors | None = None
     ) -> np.ndarray:
-        """Go on by dt [s], to places (c, 3) [m] and velocities [m/s] of the points at its end.
+        """Advance by dt [s] to positions (c, 3) [m] and velocities [m/s] of the points at its end.
 
         Returns:
             Forces on the points (c, 3) [N].
 
         Raises:
             SceneError: values that are not finite or not of this shape, a step before `init`.
-            SimulationError: the step failed, see `status`; the state is that before it.
+            SimulationError: the step failed, see `status`; the state is that before the step.
         """
         saved = self._state()
         if not (math.isfinite(dt) and dt > 0.0):
@@ -190,7 +192,7 @@ class Coupled:
         to = _Motion(*read, bends)
         count = max(1, math.ceil(dt / self.scene.run.dt - 1e-9))
         if count > MOST:
-            why = f"is {count:.3g} steps of {self.scene.run.dt:g} s inside"
+            why = f"is {count:.3g} inner steps of {self.scene.run.dt:g} s"
             raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {MOST}")
         model = self._moving(saved, to, dt)
         result = self._advance(model, saved.progress, dt / count, count)
@@ -204,7 +206,7 @@ class Coupled:
         return forces.copy()
 
     def save(self, path: str | Path | None = None) -> dict[str, np.ndarray]:
-        """The whole state as arrays, and in an `.npz` file where a path is given."""
+        """The whole state as arrays; also written to an `.npz` file if a path is given."""
         arrays = name_leaves(self._state())
         if path is not None:
             text = np.array(json.dumps({"scene": self.scene.as_written(), "points": self.points}))
@@ -212,13 +214,13 @@ class Coupled:
         return arrays
 
     def restore(self, saved: dict[str, np.ndarray] | str | Path) -> np.ndarray:
-        """Go back to a state that `save` gave; what follows is the same to the bit.
+        """Return to a state given by `save`; the continuation is bit-identical.
 
         Returns:
             Forces on the points (c, 3) [N].
 
         Raises:
-            SceneError: a file of another scene or of other points, or none that `save` wrote.
+            SceneError: a file of another scene or of other points, or not written by `save`.
         """
         if self._saved is None:
             self.init()
@@ -251,16 +253,16 @@ class Coupled:
 
     @property
     def tension(self) -> np.ndarray:
-        """Tensions of all links (n,) [N], as the last step has them."""
+        """Tensions of all links (n,) [N] in the last step."""
         return np.asarray(self._state().progress.state.tension)
 
     def _state(self) -> _Saved:
         if self._saved is None:
-            raise SceneError("Coupled: has not begun; allowed: `init` first")
+            raise SceneError("Coupled: not initialised. Call `init` first")
         return self._saved
 
     def _advance(self, model: Model, progress: Progress, h: float, count: int) -> _CoupledStepResult:
-        """The steps inside, by the program for steps that resist where the plain one does not solve them."""
+        """The inner steps; if the plain program does not converge, by the program with the fallback solvers."""
         given = model, self._free, progress, jnp.asarray(h, model.dtype), jnp.asarray(count, jnp.int32)
         result = _go(self._stepper.plain if self._plain else self._stepper, *given, coupled=self._indices)
         if self._plain and int(result.progress.first_bad) >= 0 and self._stepper != self._stepper.plain:
@@ -269,7 +271,7 @@ class Coupled:
         return result
 
     def _moving(self, saved: _Saved, to: _Motion, dt: float, at: float | None = None) -> Model:
-        """The model whose points go from where they are to there."""
+        """The model with points that move from their present to the given positions."""
         pairs = [np.stack(both) for both in zip(saved.motion, to, strict=True)]
         t = float(saved.progress.state.t) if at is None else at
         model, motion = self._model, self._model.effects[-1]
@@ -290,14 +292,14 @@ class Coupled:
     def _fail(self, dt: float, count: int) -> None:
         end = self.time + dt
         if not math.isfinite(self.residual):
-            self.status, why = "non_finite", "it gave infinite or undefined values"
+            self.status, why = "non_finite", "non-finite values"
         else:
             self.status, why = "not_converged", f"scaled residual {self.residual:.3g}"
-        self.failure = f"{self.status}: the step to t = {end:.6g} s, {count} steps of {dt / count:.3g} s inside: {why}"
+        self.failure = f"{self.status}: the step to t = {end:.6g} s, {count} inner steps of {dt / count:.3g} s: {why}"
         raise SimulationError(self.failure)
 
     def _read(self, what: str, values: Vectors) -> np.ndarray:
-        found = np.array(values, float)  # a copy: the caller may go on with its own array in place
+        found = np.array(values, float)  # a copy: the caller may change its own array in place
         shape = (len(self.points), 3)
         if found.shape == (3,) and shape[0] == 1:
             found = found[None]
@@ -316,7 +318,7 @@ class Coupled:
             scene, points = Scene.from_dict(meta["scene"]), tuple(meta["points"])
         except OSError as error:
             raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
-        except Exception:  # whatever is in a file that is none
+        except Exception:  # any error of a file in another format
             raise SceneError(f"{path}: not a saved coupling; allowed: a file written by `Coupled.save`") from None
         same_scene(self.scene, scene)
         if points != self.points:
@@ -329,14 +331,14 @@ def _points(scene: Scene, given: Sequence[str] | None) -> tuple[str, ...]:
     held = [p.name for p in scene.points if p.kind == "fixed"]
     if given is None:
         if len(held) != 1:
-            raise SceneError(f"points: missing; needed: names of the held points that move: {', '.join(held)}")
+            raise SceneError(f"points: missing; needed: names of the fixed points that move: {', '.join(held)}")
         return tuple(held)
     names = (given,) if isinstance(given, str) else tuple(given)
     for i, name in enumerate(names):
         if name not in held:
-            raise SceneError(f"points.{i}: {name!r} is not a held point; {nearest(name, held)}")
+            raise SceneError(f"points.{i}: {name!r} is not a fixed point; {nearest(name, held)}")
         if name in names[:i]:
-            raise SceneError(f"points.{i}: {name!r} is there twice; allowed: every point once")
+            raise SceneError(f"points.{i}: {name!r} is a duplicate; allowed: every point once")
     if not names:
-        raise SceneError(f"points: is empty; allowed: names of held points: {', '.join(held)}")
+        raise SceneError(f"points: is empty; allowed: names of fixed points: {', '.join(held)}")
     return names

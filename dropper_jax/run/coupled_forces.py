@@ -1,6 +1,6 @@
-"""Forces on held points: what lines pull on them, and what acts on the halves of links that belong to them.
+"""Forces on fixed points: tensions of their lines, and the loads on the half links that belong to them.
 
-Effects act on free nodes. The same model with these points free tells what acts there.
+Effects act on free nodes. The same model with these points released gives the loads there.
 """
 
 from __future__ import annotations
@@ -19,16 +19,18 @@ from dropper_jax.model.slots import Force
 
 
 def set_free(model: Model, points: tuple[int, ...]) -> Model:
-    """The model with these held points free, and of its forces those that act on any node.
+    """The model with these fixed points released, and those of its forces that act on any node.
 
-    The first point of a single line stays held: no part of a link belongs to it.
+    The first point of a single line stays fixed: no part of a link belongs to it.
 
     Raises:
         SceneError: compound links, whose ends share their inertia with the points.
     """
     line, geometry = model.line, model.geometry
     if line.compound:
-        raise SceneError("points: hold compound links, whose inertia they share; allowed: points of point-mass links")
+        raise SceneError(
+            "points: ends of compound links, whose inertia they share; allowed: points of point-mass links"
+        )
     if isinstance(geometry, Graph):
         held = tuple(h and i not in points for i, h in enumerate(geometry.held))
         freed: Graph | Path = replace(geometry, held=held)
@@ -40,7 +42,8 @@ def set_free(model: Model, points: tuple[int, ...]) -> Model:
 
 
 def point_forces(model: Model, free: Model, s: State, points: tuple[int, ...]) -> jax.Array:
-    """Forces (c, 3) [N] on held points: tensions along their links, and the effects' forces; `free` is `set_free`'s."""
+    """Forces (c, 3) [N] on fixed points: tensions along their links and forces of effects; `free` is from
+    `set_free`."""
     seen = as_parted(model.with_internal_state(s.own), s.parted)
     ends = seen.ends(s.t)
     links = seen.links(s.r, ends)
@@ -74,7 +77,7 @@ def _effect_forces(geometry: Any, free: Model, s: State, positions: jax.Array, v
 
 
 def _at(geometry: Any, points: tuple[int, ...], nodal: jax.Array) -> jax.Array:
-    """Rows of the points of a field of the freed model (nodes, ...); zero for one that stays held."""
+    """Rows of the points of a field of the freed model (nodes, ...); zero for a point that stays fixed."""
     if isinstance(geometry, Graph):
         return nodal[np.array([geometry.point_node[p] for p in points])]
     free = geometry.ends == 1

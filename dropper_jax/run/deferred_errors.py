@@ -6,20 +6,20 @@ import os
 from collections.abc import Callable
 from typing import BinaryIO
 
-#: Writes larger than this are data, which nobody reads back once the disk has refused; smaller ones are kept.
+#: Larger writes are data, which are not read back after a disk error; smaller ones are stored in memory.
 DATA = 65_536
-#: Bytes after which whoever writes is told.
+#: Number of bytes between two calls of the callback.
 OFTEN = 16_000_000
 
 
 class DeferredErrorFile:
-    """An open file that takes whatever it is given; once the disk has refused, what is small goes to memory.
+    """An open file that accepts all writes; after a disk error small writes are stored in memory.
 
     Args:
         told: called after every `OFTEN` bytes.
 
     Attributes:
-        refused: the error of the disk; None where it took all.
+        refused: the error of the disk; None if there was none.
     """
 
     def __init__(self, file: BinaryIO, on_error: Callable[[], None] = lambda: None) -> None:
@@ -83,7 +83,7 @@ class DeferredErrorFile:
         return self._size
 
     def flush(self) -> None:
-        """Nothing waits here."""
+        """Nothing is buffered here."""
 
     def seekable(self) -> bool:
         return True

@@ -1,4 +1,4 @@
-"""Solving for a design value: the line length, buoyancy or stiffness that gives a wanted tension or depth at rest."""
+"""Solve for a design value: the line length, buoyancy or stiffness that gives a required static tension or depth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.search import Equilibrium
 
-#: Relative change of the value at which the search ends.
+#: Relative change of the value at which the search stops.
 PRECISION = 1e-9
 
 
@@ -25,9 +25,9 @@ class Design:
     """A solved design.
 
     Attributes:
-        path, value: the scene's value that was found, in its own unit.
-        target, requested, reached: what was asked for, [N] or [m].
-        solves: static poses that it took.
+        path, value: the solved value of the scene, in its own unit.
+        target, requested, reached: the target quantity, its required and its reached value, [N] or [m].
+        solves: number of equilibria solved.
         scene: the scene with the value set.
         end_forces: of a tension's line, the forces [N] on its first and last point, which a link's tension is not.
     """
@@ -43,7 +43,7 @@ class Design:
 
 
 def solve_design(scene: SceneLike, path: str, low: float, high: float, target: str, goal: float) -> Design:
-    """The value of `path` between `low` and `high` for which a static quantity is as wanted.
+    """The value of `path` between `low` and `high` that gives a static quantity its required value.
 
     Args:
         scene: anything that `load_scene` takes.
@@ -51,11 +51,11 @@ def solve_design(scene: SceneLike, path: str, low: float, high: float, target: s
         target: `tension.LINE.first`, `tension.LINE.last` or `tension.LINE.max` [N], or `depth.POINT` [m] below z = 0.
         goal: the value of the target.
 
-    Root finding on the statics (Brent's method: secant steps, kept between the ends); every value is a full
-    equilibrium, so that slack lines and contact may switch on the way.
+    Root finding on the statics (Brent's method: secant steps within the interval). Every evaluation solves the full
+    equilibrium, so slack lines and contact may change during the search.
 
     Raises:
-        SceneError: an unknown target, a pose that is not found, or a target that does not pass the wanted value.
+        SceneError: an unknown target, no equilibrium, or a target that does not reach the required value.
     """
     scene = load_scene(scene)
     measure = _measure(scene, target)
@@ -74,7 +74,7 @@ def solve_design(scene: SceneLike, path: str, low: float, high: float, target: s
     if ends[0] * ends[1] > 0:
         raise SceneError(
             f"{path}: {low:g} to {high:g} gives {target} from {ends[0] + goal:.6g} to {ends[1] + goal:.6g}, which "
-            f"does not pass {goal:g}; allowed: a range whose ends lie on either side"
+            f"does not include {goal:g}. Use a range whose ends are on either side"
         )
     value = brentq(miss, low, high, xtol=PRECISION * max(abs(low), abs(high)), rtol=4 * np.finfo(float).eps)
     reached, changed = miss(value) + goal, scene.with_values({path: value})
@@ -108,7 +108,7 @@ def _measure(scene: Scene, target: str) -> Callable[[Scene, Equilibrium], float]
 
 
 def _links(scene: Scene) -> dict[str, slice]:
-    """Where the links of each line stand, by the name of the line or of one of its pieces."""
+    """Indices of the links of each line, by the name of the line or of one of its pieces."""
     return {where.name: where.links for where in (*line_slices(scene), *whole_lines(scene))}
 
 

@@ -1,4 +1,4 @@
-"""What can break in a scene as arrays, and what broke in a run."""
+"""Failures that a scene allows, as arrays, and the failures of a run."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def make_failures(scene: SceneData) -> Failures | None:
 
 
 def breaks(scene: SceneData, parted: Parted | None) -> tuple[dict[str, Any], ...]:
-    """What broke in a run, by time: line, link (from 1), time [s] and tension [N]."""
+    """Broken links of a run, by time: line, link (from 1), time [s] and tension [N]."""
     if parted is None:
         return ()
     starts = np.cumsum([0, *(line.links for line in scene.lines)])
@@ -49,7 +49,7 @@ def breaks(scene: SceneData, parted: Parted | None) -> tuple[dict[str, Any], ...
 
 
 def words(row: Mapping[str, Any]) -> str:
-    """One line about a break."""
+    """One line of text about a failure."""
     return (
         f"line {row['line']!r} broke at its link {row['link']} at t = {row['time_s']:.6g} s "
         f"under {row['tension_n']:.6g} N"

@@ -1,11 +1,11 @@
-"""Drag and added mass from the flow: KC and Re of each link in the linear sea, fixed for the run.
+"""Flow-dependent drag and added mass: KC and Re of each link in the linear sea, constant during the run.
 
-At the middle of each link, where it hangs at rest in calm water (with the current), with the water's velocity across it
+At the middle of each link in the equilibrium in calm water (with the current), with the water velocity normal to it
 
     sigma = rms of the waves' part,  T_z = 2 pi sqrt(m0/m2) of the sea (of a regular one its period),
     KC = sqrt(2) sigma T_z/D,   Re = sqrt(U^2 + sigma^2) D/nu,   share of the current = U/(U + sqrt(2) sigma)
 
-The line's own motion is left out: KC is that of a line that stands still.
+The motion of the line is left out: KC is that of a line at rest.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ from dropper_jax.sea import Sea
 
 #: Kinematic viscosity of sea water at 10 degrees [m^2/s].
 VISCOSITY = 1.35e-6
-#: Effects whose coefficients may follow the flow, and which.
+#: Effects whose coefficients may depend on the flow, and these coefficients.
 FOLLOWING = {"morison_drag": "cdn", "morison_inertia": "can"}
 
 
 @dataclasses.dataclass(frozen=True)
 class Flow:
-    """Flow across each link (n,): KC (infinite without waves), Re, the current's share; C_D and C_A that follow."""
+    """Flow normal to each link (n,): KC (infinite without waves), Re, fraction of the current; resulting C_D and
+    C_A."""
 
     kc: np.ndarray
     re: np.ndarray
@@ -42,12 +43,12 @@ class Flow:
 
 
 def follows(scene: Scene) -> list[str]:
-    """The effects of a scene whose coefficients follow the flow."""
+    """The effects of a scene whose coefficients depend on the flow."""
     return [name for name in FOLLOWING if scene.effects.get(name, {}).get("coefficients", "given") != "given"]
 
 
 def with_flow_coefficients(scene: Scene) -> Scene:
-    """The scene with coefficients that follow the flow as numbers; others as they are."""
+    """The scene with flow-dependent coefficients replaced by numbers; other scenes are unchanged."""
     if not follows(scene):
         return scene
     found = link_flow(scene).coefficients
@@ -116,7 +117,8 @@ def _across(sea: Sea, positions: np.ndarray, tangent: np.ndarray) -> tuple[np.nd
 
 
 def flow_table(scene: Scene) -> list[dict[str, Any]]:
-    """Per line of a scene: least and largest KC, Re and coefficients, the current's share, and what does not hold."""
+    """Per line of a scene: minimum and maximum of KC, Re and the coefficients, the fraction of the current, and
+    violated assumptions."""
     flow = link_flow(scene)
     rows = []
     for line in line_slices(scene):

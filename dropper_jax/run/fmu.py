@@ -1,4 +1,4 @@
-"""A scene's held points as a unit of FMI 3.0, which other simulators load; made by pythonfmu3 (extra `fmi`)."""
+"""The fixed points of a scene as an FMI 3.0 unit for other simulators, made by pythonfmu3 (extra `fmi`)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 AXES = ("x", "y", "z")
-#: What a unit holds: the scene, its points and its step in text, and the class that pythonfmu3 looks for.
+#: Script of a unit: the scene, its points and its step as text, and the class that pythonfmu3 looks for.
 SCRIPT = '''"""Lines of {name!r}: a unit made by dropper-jax."""
 
 from pythonfmu3 import Fmi3Slave
@@ -40,16 +40,16 @@ def write_fmu(
 ) -> Path:
     """Write a co-simulation unit of `Coupled(scene, points, dt)`.
 
-    For every point P it takes `P_x`, `P_y`, `P_z` [m] and `P_vx`, `P_vy`, `P_vz` [m/s] at the end of a step, and gives
-    `P_fx`, `P_fy`, `P_fz` [N]; what is no letter, digit or `_` in a name becomes `_`. The simulator that loads the unit
-    must run where Python has this package.
+    For every point P the inputs are `P_x`, `P_y`, `P_z` [m] and `P_vx`, `P_vy`, `P_vz` [m/s] at the end of a step. The
+    outputs are `P_fx`, `P_fy`, `P_fz` [N]. Characters other than letters, digits and `_` in a name become `_`. The
+    simulator that loads the unit needs a Python with this package.
 
     Args:
         path: `NAME.fmu`.
         points, dt: as of `Coupled`.
 
     Raises:
-        SceneError: pythonfmu3 is missing, points that cannot be coupled, names that become the same.
+        SceneError: pythonfmu3 is missing, points that cannot be coupled, names that become equal.
     """
     package, path = _package(), Path(path)
     if path.suffix.lower() != ".fmu":
@@ -76,7 +76,7 @@ def plain_names(points: Sequence[str]) -> list[str]:
 
 
 class Unit:
-    """What a unit does when a simulator loads it; made a class of pythonfmu3 by `SCRIPT`.
+    """Behaviour of a unit in a simulator; `SCRIPT` makes it a class of pythonfmu3.
 
     Attributes:
         GIVEN: scene, points and step as JSON.
@@ -119,11 +119,11 @@ class Unit:
                 self.register_variable(kinds.Float64(f"{name}_f{word}", **about, **varies))
 
     def exit_initialization_mode(self) -> None:
-        """At rest, with the points where they were put."""
+        """Initialise at rest with the points at the given positions."""
         self.forces = self.lines.init(self.motion[0], self.motion[1])
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """Go on to the places and velocities that were given; False where the lines cannot."""
+        """Advance to the given positions and velocities; False if the step fails."""
         try:
             self.forces = self.lines.step(self.motion[0], self.motion[1], step_size)
         except (SimulationError, SceneError):

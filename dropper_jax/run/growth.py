@@ -19,7 +19,7 @@ def with_growth(
 ) -> Scene:
     """The scene with mussels on its bare line, thickness [m] and density [kg/m^3] given over depth [m] (rising).
 
-    The depth of a link is that of its middle in the pose of the bare line at rest in calm water. Changes `line.0.mass`
+    The depth of a link is that of its middle in the equilibrium of the bare line in calm water. Changes `line.0.mass`
     and `line.0.diameter`; `[line.growth]` does the same and keeps the bare rope in the scene.
 
     Raises:
@@ -31,10 +31,11 @@ def with_growth(
 
 
 def overgrown(scene: Scene) -> Scene:
-    """The scene with its `[line.growth]` and `[growth]` in mass and diameter of the links; others as they are."""
+    """The scene with its `[line.growth]` and `[growth]` included in mass and diameter of the links; other scenes are
+    unchanged."""
     if scene.season is None and all(line.growth is None for line in scene.lines):
         return scene
-    known = scene.__dict__.get("_overgrown")  # a static pose: found once for each scene
+    known = scene.__dict__.get("_overgrown")  # an equilibrium: solved once for each scene
     if known is not None:
         return known
     bare = _bare(scene)
@@ -73,13 +74,13 @@ def _layer(scene: Scene, line: LineSpec, z: np.ndarray) -> tuple[np.ndarray, np.
 def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[dict[str, Any]]:
     """Mass, diameter and wet weight per metre by month and depth, of each bare rope that `[growth]` grows on.
 
-    Without the random factor, nothing harvested.
+    The values are without the random factor and without harvest.
 
     Returns:
         Rows of lines, month, depth_m, thickness_m, diameter_m, mass_kg_per_m, wet_weight_n_per_m.
 
     Raises:
-        SceneError: no `[growth]`, or a month outside of its months.
+        SceneError: no `[growth]`, or a month outside its months.
     """
     season = scene.season
     if season is None:

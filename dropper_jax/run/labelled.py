@@ -1,4 +1,4 @@
-"""What a labelled run holds besides its own arrays: arc length, surface, loads of points and ends, CF's attributes."""
+"""Derived variables of a labelled run: arc length, surface, loads of points and line ends, CF attributes."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from dropper_jax.scene import whole_lines
 if TYPE_CHECKING:
     import xarray
 
-#: How arrays are stored: small, and with sums that tell damage.
+#: How arrays are stored: compressed, with checksums.
 PACKED = {"zlib": True, "complevel": 4, "fletcher32": True}
-#: Simulated time has no date: in files it counts from this one, since CF wants one.
+#: Reference date of the time in files: CF requires one, but simulated time has no date.
 EPOCH = "seconds since 2000-01-01 00:00:00"
-#: CF's names, where it has one.
+#: CF standard names of the variables that have one.
 STANDARD_NAMES = {"time": "time", "elevation": "sea_surface_height_above_mean_sea_level"}
-#: Values of a flag and their words.
+#: Values of a flag and their meanings.
 FLAGS = {"step_status": ((0, 1), "good failed")}
 Variables = dict[str, tuple[Any, ...]]
 
 
 def derive_variables(solution: Samples) -> Variables:
-    """Variables computed from a run: surface at the origin, pull on held points, tension at the ends of lines."""
+    """Variables computed from a run: surface at the origin, forces on fixed points, tension at the ends of lines."""
     names, loads = held_points(solution.scene), []
     for name in names:
         arrays = (solution.t, solution.positions, solution.t_tension, solution.tension)
         loads.append(point_load(solution.scene, name, *arrays))
-    meaning = "sum of the tensions of the lines that end at a held point, along them; at tension_time"
+    meaning = "sum of the tension forces of the lines that end at a fixed point; at tension_time"
     found: Variables = {}
     if names:
         found["point_load"] = (("time", "held_point", "axis"), np.stack(loads, axis=1), _attributes("N", meaning))
@@ -46,13 +46,13 @@ def derive_variables(solution: Samples) -> Variables:
 
 
 def coordinates(solution: Samples) -> Variables:
-    """Coordinates: arc length of nodes and links, names of held points, lines and ends."""
+    """Coordinates: arc length of nodes and links, names of fixed points, lines and ends."""
     scene, nodes, links = solution.scene, [], []
     written_node: list[str] = []
     written_link: list[str] = []
     for line in whole_lines(scene):
         stops = np.concatenate([[0.0], np.cumsum(line.spec.length)])
-        # a node where pieces join stands in both of them
+        # a node that joins two pieces belongs to both
         pieces = [w for w in solution.lines if line.links.start <= w.links.start < line.links.stop]
         for piece in pieces:
             first, count = piece.links.start - line.links.start, piece.links.stop - piece.links.start
@@ -60,7 +60,7 @@ def coordinates(solution: Samples) -> Variables:
             written_node += [line.name] * (count + 1)
         links.append(0.5 * (stops[1:] + stops[:-1]))
         written_link += [line.name] * len(links[-1])
-    along = "unstretched arc length from the beginning of the line"
+    along = "unstretched arc length from the start of the line"
     found: Variables = {
         "arc_length_of_node": ("node", np.concatenate(nodes), _attributes("m", along)),
         "arc_length_of_link": ("link", np.concatenate(links), _attributes("m", f"{along} to the middle of the link")),
@@ -70,16 +70,16 @@ def coordinates(solution: Samples) -> Variables:
         "written_line_of_link": ("link", np.array(written_link, dtype=str), {"long_name": "line, pieces together"}),
     }
     if names := held_points(scene):
-        found["held_point"] = ("held_point", np.array(names, dtype=str), {"long_name": "held point"})
+        found["held_point"] = ("held_point", np.array(names, dtype=str), {"long_name": "fixed point"})
     return found
 
 
 def select_line(dataset: xarray.Dataset, name: str) -> xarray.Dataset:
-    """The part of a labelled run that belongs to one line: its nodes, its links and its ends.
+    """The nodes, links and ends of one line of a labelled run.
 
     Args:
         dataset: what `Solution.to_xarray` gives, or a file of `dropper run --out run.nc` as xarray opens it.
-        name: of the line as it was written; pieces between attached points go by their own names too.
+        name: name of the line in the scene; pieces between attached points have their own names as well.
 
     Raises:
         SceneError: there is no such line.
@@ -93,13 +93,13 @@ def select_line(dataset: xarray.Dataset, name: str) -> xarray.Dataset:
 
 
 def for_file(dataset: xarray.Dataset) -> tuple[xarray.Dataset, dict[str, dict[str, Any]]]:
-    """The dataset and its encoding as CF wants them in a file.
+    """The dataset and its encoding for a CF file.
 
     Time counts from a date; names are arrays of characters, since a coordinate variable must be a number; nothing is
     missing, so coordinates have no fill value.
     """
     dataset = dataset.copy()
-    comment = {"comment": "simulated time: the date means nothing", "units_metadata": "leap_seconds: none"}
+    comment = {"comment": "simulated time: the date has no meaning", "units_metadata": "leap_seconds: none"}
     dataset["time"].attrs.update(units=EPOCH, calendar="standard", **comment)
     packed: dict[str, dict[str, Any]] = {}
     for name in dataset.variables:

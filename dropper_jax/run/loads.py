@@ -1,4 +1,4 @@
-"""What lines pull on held points, and tensions at their ends, over a whole run."""
+"""Forces of lines on fixed points, and tensions at the line ends, over a whole run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dropper_jax.scene import SceneData, line_slices, whole_lines
 
 
 def positions_at(t: np.ndarray, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Places (q, ...) [m] at times (q,) [s], linear between the saved places (k, ...) at t (k,) [s]."""
+    """Positions (q, ...) [m] at times (q,) [s], linear between the saved positions (k, ...) at t (k,) [s]."""
     if len(t) < 2:
         return positions[np.zeros(len(times), int)]
     row = np.interp(times, t, np.arange(len(t)))
@@ -20,7 +20,7 @@ def positions_at(t: np.ndarray, positions: np.ndarray, times: np.ndarray) -> np.
 def point_load(
     scene: SceneData, name: str, t: np.ndarray, positions: np.ndarray, t_tension: np.ndarray, tension: np.ndarray
 ) -> np.ndarray:
-    """Pull (q, 3) [N] of all lines on a point: the sum of `T_j d_j/|d_j|` over the links j that end there.
+    """Force (q, 3) [N] of all lines on a point: the sum of `T_j d_j/|d_j|` over the links j that end there.
 
     d_j is the link from the point outwards, at the times of the tensions.
 
@@ -44,7 +44,7 @@ def point_load(
 
 
 def held_points(scene: SceneData) -> list[str]:
-    """Names of the held points that a line ends at."""
+    """Names of the fixed points at which a line ends."""
     ends = {name for line in scene.lines for name in (line.start, line.end)}
     return [point.name for point in scene.points if point.kind == "fixed" and point.name in ends]
 

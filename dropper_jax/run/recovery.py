@@ -1,4 +1,5 @@
-"""What killed runs left, made into saved runs: all states that were whole; the last piece is lost, and that is told."""
+"""Recover saved runs from the files of killed runs: all complete states; the last chunk is lost, and this is
+reported."""
 
 from __future__ import annotations
 
@@ -24,10 +25,10 @@ from dropper_jax.stepping.integrate import Trajectory, begin
 
 
 def recover(path: Path) -> list[str]:
-    """Save what killed runs left of the file `path`: there, or beside it where a run is there; the rest is removed.
+    """Recover killed runs of the file `path`: to this file, or to one next to it if it exists; the rest is removed.
 
     Returns:
-        a line for each, with what was kept and what is lost.
+        a line for each run, with the recovered and the lost part.
     """
     lines = []
     for folder in [item for item in leftovers(path) if item.is_dir()]:
@@ -36,11 +37,11 @@ def recover(path: Path) -> list[str]:
             continue
         try:
             solution = left_in(folder)
-            lost = f"the piece after t = {solution.t[-1]:.6g} s is lost"
+            lost = f"the part after t = {solution.t[-1]:.6g} s is lost"
             reported = replace(solution, warnings=(*solution.warnings, f"killed: {lost}"))
             kept = reported.save(_free_name(path))
         except (SceneError, OSError, ValueError, KeyError, TypeError) as error:
-            lines.append(f"{folder}: what a killed run left cannot be used: {' '.join(str(error).split())}")
+            lines.append(f"{folder}: the files of a killed run cannot be used: {' '.join(str(error).split())}")
             continue
         lines.append(f"{kept}: from a run that was killed; {lost}")
         remove(folder)
@@ -51,11 +52,11 @@ def left_in(folder: Path) -> Solution:
     """The run of a folder of rows, with status `interrupted`.
 
     Raises:
-        SceneError: rows of a run that went on from another one, or whose steps were held by their error.
+        SceneError: rows of a continued run or of an error-controlled run.
     """
     about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
     if about.get("went_on"):
-        raise SceneError("it went on from another run; allowed: --continue from that one again")
+        raise SceneError("it continued another run. Use --continue from that run again")
     scene = Scene.from_dict(about["scene"])
     solution = solution_of_rows(scene, folder, about["settings"])
     in_memory = {key: np.array(value) for key, value in vars(solution).items() if isinstance(value, np.ndarray)}
@@ -63,7 +64,7 @@ def left_in(folder: Path) -> Solution:
 
 
 def _free_name(path: Path) -> Path:
-    """The path, or a name beside it that is free."""
+    """The path, or an unused name next to it."""
     found, number = path, 1
     while found.exists():
         found = path.with_name(f"{path.stem}-killed{'' if number == 1 else f'-{number}'}{path.suffix}")
@@ -72,16 +73,16 @@ def _free_name(path: Path) -> Path:
 
 
 def solution_of_rows(scene: Scene, folder: Path, settings: dict[str, Any]) -> Solution:
-    """The run that a killed process left in its scratch folder, as far as its states are whole.
+    """The run in the scratch folder of a killed process, up to its last complete state.
 
     Raises:
-        SceneError: its steps were held by their error, which needs more than the states.
+        SceneError: an error-controlled run, which needs more than the states.
     """
     model = build_model(scene)
     renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
     stepper = stepper_of(model, scene.run, **renamed)
     if isinstance(stepper.integrator, ProjectedRungeKutta):
-        raise SceneError(f"integrator: {stepper.integrator.name} holds its steps by their error; allowed: any other")
+        raise SceneError(f"integrator: {stepper.integrator.name} controls its own error; allowed: any other")
     first, since = initial_carry(stepper, model, scene, None)
     s = begin(stepper, model, initial_state(model, scene.start)).state
     beside = None if scene.run.step_tolerance is None else Within(*(0.0,) * len(Within._fields))

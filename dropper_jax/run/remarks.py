@@ -1,4 +1,4 @@
-"""Remarks on a pose at rest: what holds in numbers and not at sea."""
+"""Warnings about an equilibrium that is numerically valid but not realistic at sea."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.scene import line_slices
 from dropper_jax.scene.nodes import point_nodes
 
-#: Strain of a line at rest from which a warning is given, and from which a scene is an error: a rope breaks before.
+#: Static strain of a line above which a warning is given, and above which a scene is an error: a rope breaks before.
 STRETCHED, TORN = 0.1, 0.5
-#: Base of a buoy this near [m] to the bed is on it.
+#: A buoy whose base is within this distance [m] of the seabed is on it.
 NEAR = 0.05
 
 
 def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
-    """One line for each line beyond its breaking load or stretched by 10 %, each buoy under water or on the bed.
+    """One warning for each line above its breaking load or stretched by 10 %, each buoy under water or on the seabed.
 
     Args:
         positions: all nodes (n + 1, 3) [m]; tension: (n,) [N].
@@ -27,7 +27,7 @@ def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tu
 
 
 def check_stretch(scene: Scene, positions: np.ndarray) -> None:
-    """Refuse lines that are torn at rest.
+    """Reject lines that break at rest.
 
     Raises:
         SceneError: a strain of 50 % or more.
@@ -35,13 +35,13 @@ def check_stretch(scene: Scene, positions: np.ndarray) -> None:
     for line, strain in _strains(scene, positions):
         if strain >= TORN:
             raise SceneError(
-                f"line {line!r}: is stretched by {strain:.0%} at rest; allowed: less than {TORN:.0%}; check its length "
+                f"line {line!r}: is stretched by {strain:.0%} at rest; allowed: less than {TORN:.0%}. Check its length "
                 "and EA and the positions of its ends"
             )
 
 
 def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]:
-    """Largest strain of a link of each line that stretches."""
+    """Maximum strain of a link of each elastic line."""
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         if not line.rigid:
             size = np.linalg.norm(np.diff(np.asarray(positions)[where.nodes], axis=0), axis=1)
@@ -76,4 +76,4 @@ def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
         if base + buoy.height < 0.0:
             yield f"{buoy.name}: at rest its top is {-base - buoy.height:.3g} m under water"
         if base < -scene.sea.depth + NEAR:
-            yield f"{buoy.name}: at rest its base is on the bed"
+            yield f"{buoy.name}: at rest its base is on the seabed"

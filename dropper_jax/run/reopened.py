@@ -1,4 +1,4 @@
-"""Saved runs as they are read again: parts that do not go together are refused before anybody computes with them."""
+"""Check saved runs as they are read: inconsistent files are rejected."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dropper_jax.base.read import Plain
 from dropper_jax.run.samples import BODIES, FORMAT, WITHIN, Kind, Samples
 from dropper_jax.scene import line_slices
 
-#: Kinds of what stands beside the arrays.
+#: Types of the provenance entries.
 KINDS: dict[str, type | tuple[type, ...]] = {
     "status": str,
     "failed_steps": int,
@@ -32,20 +32,20 @@ KINDS: dict[str, type | tuple[type, ...]] = {
     "settings": dict,
     "scene": dict,
 }
-#: Settings that must be there; numbers (and whether they may be zero) and texts are looked at where they are.
+#: Required settings; numbers (and whether they may be zero) and texts are checked if present.
 NEEDED = ("dt", "duration", "integrator")
 NUMBERS = {"dt": False, "duration": False, "save_every": False, "residual_tolerance": True, "steps": True}
 TEXTS = ("integrator", "solver", "dtype")
-#: Share of the memory that is left which a file may fill.
+#: Fraction of the free memory that a file may use.
 SHARE = 0.8
 
 
 def check_archive(file: BinaryIO, path: str | Path) -> None:
-    """Refuse an archive whose arrays, unpacked, would not fit into memory.
+    """Reject an archive whose unpacked arrays do not fit into memory.
 
     Raises:
-        SceneError: with both numbers.
-        zipfile.BadZipFile: no archive.
+        SceneError: with both sizes.
+        zipfile.BadZipFile: not an archive.
     """
     with zipfile.ZipFile(file) as archive:
         size = sum(item.file_size for item in archive.infolist())
@@ -53,12 +53,12 @@ def check_archive(file: BinaryIO, path: str | Path) -> None:
     left = available_memory()
     if size > SHARE * left:
         raise SceneError(
-            f"{path}: holds {in_words(size)} of arrays, {in_words(left)} of memory are left; allowed: a file that fits"
+            f"{path}: holds {in_words(size)} of arrays, but {in_words(left)} of memory are free. Use a smaller file"
         )
 
 
 def reopen_run(path: str | Path, meta: Plain, arrays: dict[str, Any], kind: type[Kind]) -> Kind:
-    """The run, as a `kind` of samples, of provenance and arrays that were read from a file.
+    """The run, as a `kind` of samples, from the provenance and arrays of a file.
 
     Raises:
         SceneError: one line with the file and what is wrong with it.
@@ -81,10 +81,10 @@ def reopen_run(path: str | Path, meta: Plain, arrays: dict[str, Any], kind: type
 
 
 def _wrong_about(meta: Mapping[str, Any]) -> Iterator[str]:
-    """What is wrong with the provenance, in words."""
+    """The error in the provenance, in words."""
     for key, kind in KINDS.items():
         value = meta.get(key)
-        if value is None and key in ("max_residual", "max_closure_error"):  # of a run that failed: not finite
+        if value is None and key in ("max_residual", "max_closure_error"):  # not finite if the run failed
             continue
         if not isinstance(value, kind) or isinstance(value, bool):
             yield f"{key} is {type(value).__name__} in its provenance"
@@ -102,7 +102,7 @@ def _wrong_about(meta: Mapping[str, Any]) -> Iterator[str]:
             yield f"settings.{key} is missing"
     for key in ("warnings", "work_names"):
         if not all(isinstance(item, str) for item in meta[key]):
-            yield f"{key} holds what is no text"
+            yield f"{key} contains an entry that is not text"
     bad = meta.get("first_bad")
     if bad is not None and not (isinstance(bad, dict) and {"step", "time_s", "residual", "reason"} <= bad.keys()):
         yield "first_bad lacks its step, time, residual or reason"
@@ -112,7 +112,7 @@ def _wrong_about(meta: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _wrong_arrays(solution: Samples) -> Iterator[str]:
-    """What is wrong with the arrays, in words: kinds, shapes, times that do not increase, values that no run has."""
+    """The error in the arrays, in words: types, shapes, times that do not increase, impossible values."""
     lines = line_slices(solution.scene)
     nodes, links = lines[-1].nodes.stop, lines[-1].links.stop
     t = solution.t
@@ -136,10 +136,10 @@ def _wrong_arrays(solution: Samples) -> Iterator[str]:
         if value is None and name in (*WITHIN, *BODIES):
             continue
         if value.shape != shape or value.dtype.kind != "f":
-            yield f"{name} has the shape {value.shape} and kind {value.dtype}, {shape} floats belong to its scene"
+            yield f"{name} has the shape {value.shape} and kind {value.dtype}, but its scene requires {shape} floats"
             return
         if solution.status == "ok" and not np.all(np.isfinite(value)):
-            yield f"{name} is not finite, though its status says ok"
+            yield f"{name} is not finite, although its status is ok"
     if solution.step_status.shape != (k,) or solution.step_status.dtype.kind not in "iu":
         yield f"step_status has the shape {solution.step_status.shape} and kind {solution.step_status.dtype}"
     if solution.scene.bodies and solution.body_position is None:

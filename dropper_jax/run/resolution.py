@@ -1,4 +1,4 @@
-"""Warnings of a run about its own numbers: energy that is not accounted for, tensions that are not resolved."""
+"""Quality checks of a run: energy balance error and unresolved tensions."""
 
 from __future__ import annotations
 
@@ -13,31 +13,32 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.samples import Kind, Samples
 from dropper_jax.scene import line_slices
 
-#: Drift of the energy balance over its scale from which a run is not called ok. A scheme that takes energy by design
-#: (implicit Euler: 90 % of a lab dropper's) warns, and fails where it gains as much, or loses more than there is.
+#: Relative energy balance error above which the status of a run is not ok. A scheme with numerical damping (implicit
+#: Euler: 90 % of a lab dropper's energy) warns. It fails if it gains as much, or loses more than the energy scale.
 DRIFT_FAILED, LOSS_FAILED = 0.1, 1.0
-#: Energy [J] per weight times length of all lines below which none is missed: rounding of runs at rest.
+#: Energy error [J] per weight times length of all lines that is ignored: rounding of runs at rest.
 NEGLIGIBLE = 1e-6
-#: A largest tension of which this share is gone one step before and after, in the mean: a half-sine of less than three
-#: steps, of which 5 % are lost (tension is a mean over the step) to 13 % (where its top falls between two steps).
+#: A peak is unresolved if the tension one step before and after is lower by this fraction on average. That is a
+#: half-sine of less than three steps. Its maximum is low by 5 % (tension is a mean over the step) to 13 % (if the
+#: maximum is between two steps).
 SHARP = 0.5
-#: Share of a link's tension over time that comes in pulses of one step, from which it is told.
+#: Fraction of a link's tension over time in pulses of one step, above which a warning is given.
 PULSES = 0.05
-#: Tensions that alternate for this many steps by more than this share of their mean.
+#: Tensions oscillate if they alternate for this many steps by more than this fraction of their mean.
 ALTERNATING, ALTERNATION = 20, 0.05
-#: Tension over that at rest from which a line that was slack before has snatched.
+#: Ratio to the static tension above which a previously slack line has a snatch load.
 SNATCH = 10.0
-#: Tension over that at rest below which a link is slack.
+#: Ratio to the static tension below which a link is slack.
 SLACK = 1e-3
-#: Steps in the period of an oscillation with which the midpoint rule has its frequency to 0.1 %: `(2 pi/n)^2/12`.
+#: Steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`.
 RESOLVED = 60
-#: Most lines that a run names for one fault: a farm of thousands says the same of each.
+#: Maximum number of lines listed for one fault: a farm may have thousands with the same.
 MOST = 20
 
 
 def with_quality_checks(solution: Kind) -> Kind:
-    """The solution with what it has to say about its own numbers; where energy comes from nowhere or is lost, it is not
-    called ok."""
+    """The solution with the warnings of its quality checks; its status is not ok if the energy balance has a large
+    error."""
     used = solution.settings
     every_step = used["save_every"] == 1 and "refused_steps" not in used and len(solution.t) > 3
     found = _fewer(_tensions(solution)) if every_step else []
@@ -45,9 +46,7 @@ def with_quality_checks(solution: Kind) -> Kind:
     drift, scale = solution.energy_drift, max(solution.energy_scale, _negligible(solution))
     status = solution.status
     if used.get("track_work", True) and drift > DRIFT_FAILED * scale:
-        found.insert(
-            0, f"energy: {drift:.3g} J are not accounted for, of a scale of {scale:.3g} J; take a smaller step"
-        )
+        found.insert(0, f"energy balance error {drift:.3g} J (reference {scale:.3g} J). Use a smaller step")
         by_design = _dissipates(solution) and max(drift / LOSS_FAILED, _gain(solution) / DRIFT_FAILED) <= scale
         if status == "ok" and not by_design:
             status = "energy_drift"
@@ -55,13 +54,13 @@ def with_quality_checks(solution: Kind) -> Kind:
 
 
 def step_facts(solution: Samples) -> dict[str, float | int | None]:
-    """What the steps resolve: of the stiffest link's axial motion, of turning links, and of links that tauten.
+    """Resolution of the steps: axial motion of the stiffest link, rotation of links, and links that become taut.
 
     Returns:
-        axial_period_s: `2 pi/omega` of the stiffest link, `omega^2 = 4 EA/(L m)`, None where none stretches.
-        steps_per_axial_period, axial_step_s: steps in it, and the step that has `RESOLVED` of them.
-        largest_turn_rad: of a link between two saved times; slack_to_taut_steps: steps, summed over the links, before
-            which a link was slack and after which it is not. None where not every step is saved.
+        axial_period_s: `2 pi/omega` of the stiffest link, `omega^2 = 4 EA/(L m)`, None if no link stretches.
+        steps_per_axial_period, axial_step_s: steps per period, and the step that gives `RESOLVED` steps per period.
+        largest_turn_rad: maximum rotation of a link between two saved times. slack_to_taut_steps: number of steps,
+            summed over the links, in which a link changes from slack to taut. None unless every step is saved.
     """
     line, used = solution.scene.line, solution.settings
     period = None
@@ -88,9 +87,9 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
 
 
 def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndarray:
-    """Tensions (k, n) [N] without what a step's tolerance leaves below zero of slack ropes, which do not push.
+    """Tensions (k, n) [N] of slack ropes without negative values within the step tolerance.
 
-    Axial rows are lengths: solved to a part of the length, tensions are known to that part of EA.
+    Axial residuals are lengths, so a relative tolerance of the length is a relative tolerance of EA for tensions.
     """
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         if line.axial_law == "rope":
@@ -112,14 +111,14 @@ def _dissipates(solution: Samples) -> bool:
 
 
 def _gain(solution: Samples) -> float:
-    """Largest rise of the energy balance [J] from any time to a later one."""
+    """Maximum rise of the energy balance [J] from any time to a later one."""
     balance = solution.balance
     return float(np.max(balance - np.minimum.accumulate(balance)))
 
 
 def _fewer(found: Iterator[tuple[str, float, str]]) -> list[str]:
-    """What is told of (fault, its size, text), in its order: all of few lines, of many the `MOST` largest of each fault
-    and how many more there are."""
+    """The warnings of (fault, its size, text), in order: all of a few lines, otherwise the `MOST` largest of each fault
+    and the number of the others."""
     rows = list(found)
     least: dict[str, float] = {}
     for fault in dict.fromkeys(row[0] for row in rows):
@@ -139,26 +138,27 @@ def _fewer(found: Iterator[tuple[str, float, str]]) -> list[str]:
 
 
 def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
-    """What each line's tensions (k, n) show from step to step: fault, its size, text."""
+    """Faults in the tensions (k, n) of each line from step to step: fault, its size, text."""
     dt = solution.settings["dt"]
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):
         tension = solution.tension[1:, where.links]
         sharp = _sharpest(tension)
         if sharp is not None:
             when = f"{tension[sharp]:.4g} N at {solution.t_tension[1 + sharp[0]]:.4g} s"
-            text = f"{line.name}: its largest tension, {when}, lasts a step of {dt:g} s or two: not resolved"
-            yield "largest tensions of a step or two: not resolved", float(tension[sharp]), text
+            text = f"{line.name}: the peak tension, {when}, lasts only one or two steps of {dt:g} s and is not resolved"
+            yield "peak tensions of one or two steps are not resolved", float(tension[sharp]), text
         pulsed = _pulse_share(tension)
         if pulsed > PULSES:
-            text = f"{line.name}: {pulsed:.0%} of its tension comes in pulses of one step of {dt:g} s: not resolved"
-            yield "tension in pulses of one step: not resolved", float(pulsed), text
+            text = f"{line.name}: {pulsed:.0%} of the tension is in pulses of one step of {dt:g} s and is not resolved"
+            yield "tensions in pulses of one step are not resolved", float(pulsed), text
         elif _alternates(tension):
-            text = f"{line.name}: tension alternates from step to step; means are good, extremes are not"
-            yield "tension alternates from step to step", float(np.max(tension)), text
+            text = f"{line.name}: tensions oscillate from step to step: mean values are reliable, peak values are not"
+            yield "tensions oscillate from step to step", float(np.max(tension)), text
 
 
 def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
-    """Lines that go from slack to many times their tension at rest, of runs that start at rest: fault, size, text."""
+    """Lines that change from slack to many times their static tension, of runs that start at rest: fault, size,
+    text."""
     if solution.scene.start.kind != "static" or solution.continues or "load_errors" in solution.settings:
         return
     least = solution.tension if solution.tension_min is None else solution.tension_min
@@ -170,14 +170,14 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
         worst = float(np.max(np.where(slack, top, 0.0)))
         if rest > 0.0 and worst > SNATCH * rest:
             text = (
-                f"{line.name}: goes from slack to {worst:.4g} N, {worst / rest:.3g} times its tension at rest: peaks "
-                "come from snatch loads and may be chaotic; run with --errors"
+                f"{line.name}: changes from slack to {worst:.4g} N, {worst / rest:.3g} times its static tension: peaks "
+                "are snatch loads and may be chaotic. Use --errors"
             )
             yield "snatch loads", worst, text
 
 
 def _sharpest(tension: np.ndarray) -> tuple[int, int] | None:
-    """Where the largest tension is, if it is a peak of a step or two."""
+    """Index of the maximum tension if it is a peak of one or two steps."""
     step, link = np.unravel_index(np.argmax(tension), tension.shape)
     around = tension[max(step - 1, 0) : step + 2, link]
     if len(around) < 3 or around[1] <= 0.0:
@@ -186,7 +186,7 @@ def _sharpest(tension: np.ndarray) -> tuple[int, int] | None:
 
 
 def _pulse_share(tension: np.ndarray) -> float:
-    """Share of all tension over time that single steps between slack ones hold, of the link with most."""
+    """Maximum over the links of the fraction of tension over time that is in single steps between slack ones."""
     taut = tension > 0.0
     alone = taut[1:-1] & ~taut[:-2] & ~taut[2:]
     held = np.sum(np.where(alone, tension[1:-1], 0.0), axis=0)
@@ -194,7 +194,7 @@ def _pulse_share(tension: np.ndarray) -> float:
 
 
 def _alternates(tension: np.ndarray) -> bool:
-    """Whether a link's tension goes up and down at every step for a while, beside what changes smoothly."""
+    """Whether a link's tension alternates at every step for some time, in addition to its smooth changes."""
     saw = (tension[:-2] - 2.0 * tension[1:-1] + tension[2:]) / 4.0
     flips = saw[1:] * saw[:-1] < 0.0
     least = np.minimum(np.abs(saw[1:]), np.abs(saw[:-1])) > ALTERNATION * np.maximum(np.abs(tension[1:-2]), 1e-300)

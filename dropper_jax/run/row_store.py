@@ -1,7 +1,7 @@
-"""Saved states of a run as they come, in memory or in a folder on disk, where a long run has more than memory holds.
+"""Store of the saved states of a run, in memory or, for runs larger than memory, in a folder on disk.
 
-On disk a state's numbers are appended to one file for each array, and the number of states that are whole is written
-last: what a killed process leaves is good up to there.
+On disk states are appended to one file for each array, and the number of complete states is written last. The files of
+a killed process are valid up to this number.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from typing import Any, BinaryIO
 import jax
 import numpy as np
 
-#: Holds how many states are whole, and what is needed to make a solution of them.
+#: File with the number of complete states and the data needed to build a solution from them.
 COUNT, ABOUT = "count", "run.json"
-#: States that are taken at once where all would be too many.
+#: Number of states processed at once if all would be too many.
 BLOCK = 4096
-#: Rows that are far apart taken at once.
+#: Number of distant rows read at once.
 ROWS = 50
 
 
 def release_pages(arrays: Iterable[Any]) -> None:
-    """Let the pages of arrays that are mapped from files go; they come back as they are asked for."""
+    """Release the pages of arrays that are mapped from files; they are read again on access."""
     for array in arrays:
         mapped = getattr(array, "_mmap", None)
         if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
@@ -35,7 +35,7 @@ def release_pages(arrays: Iterable[Any]) -> None:
 
 
 def take_every(array: np.ndarray, every: int) -> np.ndarray:
-    """Every so many rows, in memory: of a mapped file the system maps whole stretches around each row."""
+    """Every `step`-th row, in memory: for a mapped file the system maps long stretches around each row."""
     found = np.empty_like(array[::every], subok=False)
     for begin in range(0, len(found), ROWS):
         found[begin : begin + ROWS] = array[begin * every : (begin + ROWS) * every : every]
@@ -44,14 +44,14 @@ def take_every(array: np.ndarray, every: int) -> np.ndarray:
 
 
 class InMemory:
-    """Rows (k, ...) of several arrays, kept as they are."""
+    """Rows (k, ...) of several arrays in memory."""
 
     def __init__(self) -> None:
         self.pieces: list[Any] = []
         self.count = 0
 
     def append(self, piece: Any) -> None:
-        """Further rows: a tree of arrays."""
+        """Append rows: a tree of arrays."""
         self.pieces.append(piece)
         self.count += len(jax.tree.leaves(piece)[0])
 
@@ -60,7 +60,7 @@ class InMemory:
         return jax.tree.map(lambda *parts: np.concatenate(parts)[:most], *self.pieces)
 
     def join(self, first: np.ndarray, rest: np.ndarray) -> np.ndarray:
-        """Rows behind a first one."""
+        """Rows after a first one."""
         return np.concatenate([np.asarray(first)[None], rest])
 
     def empty(self, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
@@ -69,7 +69,7 @@ class InMemory:
 
 
 class OnDisk(InMemory):
-    """The same in files of a folder."""
+    """Rows of several arrays in files of a folder."""
 
     def __init__(self, folder: Path, about: dict[str, Any] | None = None) -> None:
         super().__init__()
@@ -78,10 +78,10 @@ class OnDisk(InMemory):
 
     @classmethod
     def reopen(cls, folder: Path, tree: Any) -> OnDisk:
-        """What a killed run left there.
+        """The rows that a killed run left there.
 
         Args:
-            tree: of the arrays, whatever its leaves.
+            tree: structure of the arrays, with any leaves.
         """
         found = cls(folder, json.loads((folder / ABOUT).read_text(encoding="utf-8")))
         found._tree, found.count = jax.tree.structure(tree), count_rows(folder)
@@ -117,7 +117,7 @@ class OnDisk(InMemory):
         found[0] = first
         for begin in range(0, len(rest), BLOCK):
             found[begin + 1 : begin + 1 + BLOCK] = rest[begin : begin + BLOCK]
-            release_pages((found, rest))  # else both stand in memory whole
+            release_pages((found, rest))  # otherwise both are completely in memory
         return found
 
     def empty(self, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
@@ -125,7 +125,7 @@ class OnDisk(InMemory):
             return np.zeros(shape, dtype)
         path = self.folder / f"array.{next(self._numbers)}"
         try:
-            with open(path, "wb") as file:  # reserved: a disk that is full while pages go out ends the process
+            with open(path, "wb") as file:  # reserved: a disk that is full when pages are written ends the process
                 os.posix_fallocate(file.fileno(), 0, int(np.prod(shape)) * np.dtype(dtype).itemsize)
         except (OSError, AttributeError):
             return np.empty(shape, dtype)
@@ -133,14 +133,14 @@ class OnDisk(InMemory):
 
 
 def _write(file: BinaryIO, data: bytes) -> None:
-    """All bytes: a disk that is nearly full takes some and says nothing."""
+    """Write all bytes: a disk that is nearly full silently writes only some of them."""
     left = memoryview(data)
     while left:
         left = left[file.write(left) :]
 
 
 def count_rows(folder: Path) -> int:
-    """How many states a folder has whole."""
+    """Number of complete states in a folder."""
     try:
         return struct.unpack("<q", (folder / COUNT).read_bytes())[0]
     except (OSError, struct.error):

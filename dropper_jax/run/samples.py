@@ -1,4 +1,4 @@
-"""Samples of a run: arrays, status, provenance, and what follows from them."""
+"""Samples of a run: arrays, status, provenance, and quantities derived from them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from dropper_jax.run.twists import torque
 from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 
-#: Version of the saved file; a file that says otherwise is refused.
+#: Version of the saved file; files of other versions are rejected.
 FORMAT = 1
 
 
@@ -35,17 +35,17 @@ ARRAYS = (
     "work",
     "step_status",
 )
-#: Arrays of runs whose steps follow the snaps.
+#: Arrays of runs with snap-adaptive steps.
 WITHIN = ("tension_min", "tension_max", "tension_square")
 #: Arrays of runs with rigid bodies.
 BODIES = ("body_position", "body_attitude", "body_velocity", "body_rates")
-#: Of a body: its reference point [m] and its attitude [rad].
+#: Motion of a body: reference point [m] and attitude [rad].
 MOTIONS = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")
 
 
 @dataclasses.dataclass
 class Samples:
-    """What a run gives; every array and number is described at `run.simulate.Solution`, which saves it and goes on."""
+    """Result of a run. `run.simulate.Solution` describes every array and number, saves the run and continues it."""
 
     scene: Scene
     settings: dict[str, Any]
@@ -90,7 +90,7 @@ class Samples:
         """Positions (k, 3) [m] of a point of the scene.
 
         Raises:
-            SceneError: there is no such point.
+            SceneError: unknown point.
         """
         for line, where in zip(self.scene.lines, self.lines, strict=True):
             for point, node in ((line.start, where.nodes.start), (line.end, where.nodes.stop - 1)):
@@ -102,7 +102,7 @@ class Samples:
         """Motion of a rigid body by the names of `BODIES`, each (k, 3).
 
         Raises:
-            SceneError: there is no such body.
+            SceneError: unknown body.
         """
         names = [body.name for body in self.scene.bodies]
         if name not in names:
@@ -110,7 +110,7 @@ class Samples:
         return {key: getattr(self, key)[:, names.index(name)] for key in BODIES}
 
     def body_summary(self) -> dict[str, dict[str, Any]]:
-        """Of each body the least, mean, largest and final x, y, z [m], roll, pitch and yaw [rad]."""
+        """Minimum, mean, maximum and final x, y, z [m], roll, pitch and yaw [rad] of each body."""
         moved = {body.name: self.body(body.name) for body in self.scene.bodies}
         return {name: body_extents(one["body_position"], one["body_attitude"]) for name, one in moved.items()}
 
@@ -126,18 +126,18 @@ class Samples:
 
     @property
     def energy_drift(self) -> float:
-        """Largest change of the balance since the start [J]."""
-        with np.errstate(invalid="ignore"):  # a run that failed may hold infinities
+        """Maximum change of the energy balance since the start [J]."""
+        with np.errstate(invalid="ignore"):  # a run that failed may contain infinite values
             return float(np.max(np.abs(self.balance - self.balance[0])))
 
     @property
     def energy_scale(self) -> float:
-        """What to compare the drift with [J]: range of the potential, or the largest kinetic energy if larger."""
+        """Reference of the energy drift [J]: range of the potential, or the maximum kinetic energy if larger."""
         return float(max(np.ptp(self.potential), np.max(self.kinetic)))
 
     @property
     def max_speed(self) -> float:
-        """Largest speed of a node [m/s]."""
+        """Maximum speed of a node [m/s]."""
         return largest_size(self.velocities)
 
     @cached_property
@@ -161,29 +161,29 @@ class Samples:
 
     @cached_property
     def curvature(self) -> np.ndarray | None:
-        """Curvature (k, nodes) [1/m] where lines have bending stiffness (see `run.bends`); else None."""
+        """Curvature (k, nodes) [1/m] if lines have bending stiffness (see `run.bends`); else None."""
         return curvature(self.scene, self.positions) if bends(self.scene) else None
 
     @cached_property
     def bending_moment(self) -> np.ndarray | None:
-        """Bending moment (k, nodes) [N m] where lines have bending stiffness; else None."""
+        """Bending moment (k, nodes) [N m] if lines have bending stiffness; else None."""
         return bending_moment(self.scene, self.positions, self.t, self.broken) if bends(self.scene) else None
 
     @property
     def twist(self) -> np.ndarray | None:
-        """Twist (k, nodes) [rad] about the axes of lines with torsion; else None."""
+        """Twist (k, nodes) [rad] about the axes of lines if they have torsion; else None."""
         return self.own.get("torsion.0")
 
     @cached_property
     def torque(self) -> np.ndarray | None:
-        """Torque (k, n) [N m] of links with torsion; else None."""
+        """Torque (k, n) [N m] of links if lines have torsion; else None."""
         if self.twist is None:
             return None
         return torque(self.scene, self.positions, self.twist, self.own["torsion.1"])
 
     @property
     def us_per_step(self) -> float:
-        """Wall time of a step without compilation [us]; of a run that stopped, over its good steps."""
+        """Wall time of a step without compilation [us]; if the run stopped, over its good steps."""
         done = (len(self.t) - 1) * self.settings.get("save_every", 1)
         if "refused_steps" in self.settings:
             done = self.settings["steps"] + self.settings["refused_steps"]
@@ -196,12 +196,12 @@ class Samples:
 
     @property
     def failure(self) -> str:
-        """One line saying which step failed, when and why; empty where none did."""
+        """One line with the failed step, its time and the reason; empty if no step failed."""
         if self.status == "ok":
             return ""
         if self.status == "energy_drift":
-            what = f"{self.energy_drift:.3g} J are not accounted for, of a scale of {self.energy_scale:.3g} J"
-            return f"{self.status}: {what}; take a smaller step"
+            what = f"energy balance error {self.energy_drift:.3g} J (reference {self.energy_scale:.3g} J)"
+            return f"{self.status}: {what}. Use a smaller step"
         if self.first_bad is None:
             return f"{self.status}: at t = {self.t[-1]:.6g} s of {self.settings['duration']:g} s"
         bad = self.first_bad
@@ -216,13 +216,13 @@ class Samples:
         return {name: self._extent(part) for name, part in parts.items()}
 
     def line_tensions(self) -> dict[str, dict[str, float]]:
-        """The same of every line of the scene, pieces between attached points together."""
+        """The same statistics of every line of the scene, pieces between attached points together."""
         return {line.name: self._extent(line.links) for line in whole_lines(self.scene)}
 
     def end_forces(self) -> dict[str, dict[str, dict[str, float]]]:
         """min, mean, max and final force [N] of every line on its first and last point at the saved times.
 
-        Link tensions are those of the links' middles: half an end link's weight in water is the difference.
+        Tensions of links are at their middles, so the difference is half the weight in water of the end link.
         """
         found = end_forces(self.scene, self.positions, self.tension)
         ends = ("first", "last")
@@ -244,7 +244,7 @@ class Samples:
 
     @classmethod
     def restore(cls, meta: Plain, arrays: dict[str, np.ndarray | dict[str, np.ndarray]]) -> Self:
-        """The run of saved provenance and arrays.
+        """The run restored from saved provenance and arrays.
 
         Raises:
             ValueError: provenance of another format.
@@ -257,7 +257,7 @@ class Samples:
         return cls(scene=scene, **arrays, **tuples, **meta)
 
 
-#: The class that is asked for.
+#: The requested class.
 Kind = TypeVar("Kind", bound=Samples)
 
 
@@ -268,7 +268,7 @@ def _plain(value: np.ndarray) -> Plain:
 
 
 def is_finished(run: Samples) -> bool:
-    """Whether a run reached its end with a motion whose errors can be estimated, not one that gained without bound."""
+    """Whether a run reached its end with a bounded motion, so that its errors can be estimated."""
     return run.status == "ok" or (run.status == "energy_drift" and run.energy_drift <= run.energy_scale)
 
 
@@ -279,13 +279,13 @@ def extent(values: np.ndarray) -> dict[str, float]:
 
 
 def body_extents(position: np.ndarray, attitude: np.ndarray) -> dict[str, dict[str, float]]:
-    """The same of each of a body's `MOTIONS`, by places (k, 3) [m] and roll, pitch and yaw (k, 3) [rad]."""
+    """The same of each of the `MOTIONS` of a body, from positions (k, 3) [m] and roll, pitch and yaw (k, 3) [rad]."""
     values = np.concatenate([position, attitude], axis=1)
     return {key: extent(values[:, i : i + 1]) for i, key in enumerate(MOTIONS)}
 
 
 def largest_size(vectors: np.ndarray) -> float:
-    """Largest length of vectors (k, n, 3), which may be mapped from a file; a run that failed may hold anything."""
+    """Maximum length of vectors (k, n, 3), which may be mapped from a file; a failed run may contain any value."""
     with np.errstate(over="ignore", invalid="ignore"):
         found = []
         for first in range(0, len(vectors), BLOCK):

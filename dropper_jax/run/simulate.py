@@ -47,39 +47,38 @@ if TYPE_CHECKING:
 
 
 class Solution(Samples):
-    """What a run gives, k saved times, n links.
+    """Result of a run with k saved times and n links.
 
     Attributes:
-        scene: what was simulated.
+        scene: the simulated scene.
         settings: integrator, solver, dt, duration, steps, dtype, gamma, rho_infinity, residual_tolerance,
             save_every; with a tolerance also `estimated_error` {rms_angle_rad, until_s}; with errors `load_errors`
             (see `study.load_errors`); else `step_check` (see `run.step_check`).
         t: saved times (k,) [s].
         positions, velocities: all nodes, both ends included, (k, n + 1, 3) [m], [m/s]; of a system of lines the nodes
-            of all lines, line after line (points where lines join stand once per line), see `lines`.
+            of all lines, line after line (points that join lines are listed once per line), see `lines`.
         tension: (k, n) [N] at the times `t_tension` (k,) [s] (the step's midpoint in midpoint schemes).
         kinetic, potential: energies (k,) [J].
         work: work done since the start (k, w) [J] by each of `work_names`.
         step_status: 0 where every step up to the saved time is good.
-        status: `ok`, `energy_drift` (the end is reached, more than 10 % of the energy scale is not accounted for),
+        status: `ok`, `energy_drift` (the end is reached; the energy balance error exceeds 10 % of the energy scale),
             `retry_exhausted`, `not_converged`, `non_finite` or `interrupted`.
         failed_steps, retried_steps: counts.
         first_bad: step, time_s, residual and reason of the first bad step, or None.
-        max_residual: largest scaled residual of a step.
-        max_closure_error: largest error of a rigid link's length [m].
+        max_residual: maximum scaled residual of a step.
+        max_closure_error: maximum error of a rigid link's length [m].
         compile_s, run_s: wall time [s].
-        versions: of the packages that matter.
+        versions: of the packages that affect the result.
         warnings: one line each.
-        broken: what broke, by time: line, link (from 1), time_s, tension_n.
+        broken: broken links, by time: line, link (from 1), time_s, tension_n.
         tension_min, tension_max, tension_square: with a step tolerance the extremes of the tensions since the last
             saved time (k, n) [N] and the means of their squares [N^2]; else None. `tension` then is their mean.
         body_position, body_attitude: of each rigid body its reference point (k, bodies, 3) [m], and roll, pitch and yaw
             [rad]; None without.
         body_velocity, body_rates: velocity of the reference point [m/s], angular velocity in the scene's axes [rad/s].
-        own: what effects changed as the run went on, by effect (k, ...); `NAME.0`, `NAME.1` ... of one with several.
-        last: the whole state at the end, from which `continued` goes on; empty of a run that failed.
-        continues: of a run that went on from another what its times count from: `origin_s`, and the `saves` behind its
-            first one; else None.
+        own: internal states of effects, by effect (k, ...); `NAME.0`, `NAME.1` ... of one with several.
+        last: the whole state at the end, from which `continued` starts; empty if the run failed.
+        continues: origin of the times of a continued run: `origin_s`, and the number of earlier `saves`; else None.
     """
 
     def summary(self) -> dict[str, Any]:
@@ -93,7 +92,7 @@ class Solution(Samples):
         return to_xarray(self)
 
     def save(self, path: str | Path) -> Path:
-        """Write to `.npz`, `.nc` or `.zarr` with scene and settings inside, so that `rerun` can repeat the run."""
+        """Write to `.npz`, `.nc` or `.zarr` with scene and settings, which `rerun` uses to repeat the run."""
         from dropper_jax.run.storage import write_netcdf, write_npz, write_zarr  # noqa: PLC0415
 
         return {".nc": write_netcdf, ".zarr": write_zarr}.get(Path(path).suffix.lower(), write_npz)(self, path)
@@ -103,42 +102,44 @@ class Solution(Samples):
         """Read a saved run, `.npz`, `.nc` or `.zarr`.
 
         Raises:
-            SceneError: one line, where the file is missing or is not a saved run.
+            SceneError: one line, if the file is missing or is not a saved run.
         """
         from dropper_jax.run.storage import read_netcdf, read_npz, read_zarr  # noqa: PLC0415
 
         return {".nc": read_netcdf, ".zarr": read_zarr}.get(Path(path).suffix.lower(), read_npz)(path, cls)
 
     def rerun(self, **kwargs: Any) -> Solution:
-        """Simulate again from the provenance; on the same machine the numbers are the same to the bit.
+        """Simulate again from the provenance; on the same machine the results are bit-identical.
 
         Raises:
-            SceneError: the run went on from another, whose end is not known here.
+            SceneError: the run continued another run, whose end is not in this file.
         """
         if self.continues:
-            why = f"went on from another run at {self.t[0]:g} s"
-            raise SceneError(f"rerun: this run {why}; allowed: run the first one again and continue that")
+            why = f"continued another run at {self.t[0]:g} s"
+            raise SceneError(f"rerun: this run {why}. Run the first one again and continue it")
         return simulate(self.scene, **{**self._stepping(), **kwargs})
 
     def continued(self, duration: float | None = None, **kwargs: Any) -> Solution:
-        """Go on from the last state: what follows, with times that count on.
+        """Continue from the last state: the further run, with times that continue.
 
-        Two runs of 5 s are one of 10 s, to the bit on the same machine (systems of lines: where both are of fewer than
-        20 000 steps or both of more, else to rounding). The first row is the last one of this run.
+        Two runs of 5 s are bit-identical to one of 10 s on the same machine. For systems of lines this holds if both
+        are below or both above 20 000 steps; otherwise they agree to rounding. The first row is the last one of this
+        run.
 
         Args:
-            duration: further time [s]; default what an interrupted run has left, else the duration of this one.
+            duration: further time [s]; default: the remaining time of an interrupted run, else the duration of this
+            run.
             **kwargs: of `simulate`: `dt`, `save_every`, `progress` and others.
 
         Raises:
-            SceneError: this run failed, or holds no last state.
+            SceneError: this run failed, or has no final state.
         """
         further = self.further if duration is None else duration
         return simulate(self.scene, start=self, **{**self._stepping(), "duration": further, **kwargs})
 
     @property
     def further(self) -> float:
-        """Time [s] for which the run goes on unless told otherwise: what is left, or its duration once more."""
+        """Default time [s] of a continued run: the remaining time, or its duration again."""
         whole = float(self.settings["duration"])
         left = whole - float(self.t[-1] - self.t[0])
         return float(f"{left:.12g}") if left > 1e-9 * whole else whole
@@ -151,10 +152,10 @@ class Solution(Samples):
 
 
 def load_run(path: str | Path) -> Solution:
-    """A saved run from an `.npz` or `.nc` file or a `.zarr` folder, with the numbers that were saved.
+    """Read a saved run from an `.npz` or `.nc` file or a `.zarr` folder.
 
     Raises:
-        SceneError: one line, where the file is missing or is not a saved run.
+        SceneError: one line, if the file is missing or is not a saved run.
     """
     return Solution.load(path)
 
@@ -180,7 +181,7 @@ def simulate(
     step_check: bool = False,
     **settings: Any,
 ) -> Solution:
-    """Simulate a scene; what is not given is taken from its `[run]`.
+    """Simulate a scene; values that are not given are taken from its `[run]`.
 
     Args:
         scene: packaged name, TOML file, plain values or a `Scene`.
@@ -189,29 +190,29 @@ def simulate(
         dtype: `float64` or `float32`.
         save_every: steps between saved times.
         step_tolerance: speed [m/s] that the change of a tension within a step may give to a link of mean mass. Steps
-            then follow the snaps of lines (see `stepping.adaptive`), dt is the interval between saved times and the
-            longest step, and saved tensions are means over it; `tension_min` and `tension_max` keep the extremes.
-        error_tolerance: error of a step in places [m] and velocities [m/s] that tsit5 and dop853 allow (see
+            then adapt to snap loads (see `stepping.adaptive`), dt is the interval between saved times and the maximum
+            step, and saved tensions are means over it; `tension_min` and `tension_max` keep the extremes.
+        error_tolerance: error of a step in positions [m] and velocities [m/s] that tsit5 and dop853 allow (see
             `stepping.controlled`); dt is then the interval between states that can be saved, not a step.
         progress: called with the fraction done and a line of text.
-        throw: raise `SimulationError` (with the partial solution) where the status is not `ok`.
-        tolerance: wanted RMS angle error [rad]. Without `dt` a short pilot chooses the step (see
-            `study.step_choice`); with it the pilot only checks, and a run that misses is `not_converged`. The
-            estimate and the time it holds for are in `settings["estimated_error"]`.
-        errors: run again with smaller steps and more links (about 12 times the cost), and keep the loads with an
+        throw: raise `SimulationError` (with the partial solution) if the status is not `ok`.
+        tolerance: required RMS angle error [rad]. Without `dt` a short pilot run chooses the step (see
+            `study.step_choice`); with it the pilot only checks, and a run above the tolerance is `not_converged`. The
+            estimate and the time up to which it is valid are in `settings["estimated_error"]`.
+        errors: run again with smaller steps and more links (about 12 times the cost), and store the loads with an
             estimate of their errors in `settings["load_errors"]` (see `study.load_errors`).
-        skip: time at the start [s] that those loads leave out.
-        start: a run of the same scene to go on from its last state, whose times count on (see `Solution.continued`);
-            values of `[run]` but scheme and precision may be others.
-        scratch: an empty folder in which saved states are kept as they come, for runs that are larger than memory; the
-            solution's arrays are mapped from there, and last as long as it does.
-        step_check: repeat the run, or stretches of a long one, at half the step, and warn where the step is too long
-            (see `run.step_check`). Without effect with `tolerance` or `errors`, and of schemes that choose their steps.
+        skip: time at the start [s] that is left out of these loads.
+        start: a run of the same scene to continue from its last state, with times that continue (see
+            `Solution.continued`); values of `[run]` may differ except scheme and precision.
+        scratch: an empty folder for the saved states of runs that are larger than memory; the arrays of the solution
+            are mapped from it and are valid while it exists.
+        step_check: repeat the run, or stretches of a long one, at half the step, and warn if the step is too long (see
+            `run.step_check`). No effect with `tolerance` or `errors`, or for schemes that choose their steps.
         **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
             residual_tolerance, extra, halvings).
 
     Raises:
-        SceneError: for anything a user can mend, before the run starts.
+        SceneError: for invalid input, before the run starts.
     """
     given = {
         "dt": dt,
@@ -233,7 +234,7 @@ def simulate(
         same_scene(scene, start.scene)
         if tolerance is not None or errors:
             what = "errors" if errors else "tolerance"
-            raise SceneError(f"{what}: runs the scene from its start; allowed: without a run to go on from")
+            raise SceneError(f"{what}: restarts the scene, so it cannot be combined with a run to continue")
     entered = time.perf_counter()
     say = progress or (lambda fraction, text: None)
     choice = None
@@ -243,7 +244,7 @@ def simulate(
     run = scene.run
     model = build_model(scene)
     renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
-    stepper = stepper_of(model, run, **renamed)  # a pairing that makes no sense is refused before the start is sought
+    stepper = stepper_of(model, run, **renamed)  # an invalid combination is rejected before the start is solved
     say(0.0, "finding the start")
     first, since = initial_carry(stepper, model, scene, start)
     folder = None if scratch is None else Path(scratch)
@@ -282,7 +283,8 @@ def simulate(
 
 
 def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution | None) -> tuple[Last, TimeOrigin]:
-    """Where a run begins, at its scene's start or at the end of the run before, and what its times count from."""
+    """The initial state of a run, from the start of its scene or the end of the previous run, and the origin of its
+    times."""
     run, names = scene.run, work_names(model) if stepper.track_work else ()
     if before is None:
         s = initial_state(model, scene.start)
@@ -306,7 +308,7 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
 
 
 def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, Any]:
-    """The scene with its step chosen for the tolerance (or as it is, where the caller fixed it), and the estimate."""
+    """The scene with its step chosen for the tolerance (unchanged if the caller fixed it), and the error estimate."""
     from dropper_jax.study.step_choice import choose_step, estimate_error  # noqa: PLC0415
 
     if fixed:
@@ -316,17 +318,17 @@ def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, An
 
 
 def _check_tolerance(solution: Solution, tolerance: float, choice: Any) -> Solution:
-    """The solution with its estimated error; one that misses the tolerance is not called ok."""
+    """The solution with its estimated error; its status is not ok if this exceeds the tolerance."""
     solution = replace(solution, settings={**solution.settings, "estimated_error": choice.summary()})
     if choice.estimate <= tolerance or solution.status != "ok":
         return solution
-    text = f"estimated error {choice.estimate:.2g} rad exceeds the tolerance of {tolerance:g} rad: take a smaller step"
+    text = f"estimated error {choice.estimate:.2g} rad exceeds the tolerance of {tolerance:g} rad. Use a smaller step"
     return replace(solution, status="not_converged", warnings=(*solution.warnings, text))
 
 
 def _check_skip(skip: float, errors: bool, duration: float) -> None:
     if skip and not errors:
-        raise SceneError(f"--skip: {skip:g} s is left out of the loads with errors; allowed: beside --errors")
+        raise SceneError(f"--skip: {skip:g} s can only be left out together with --errors")
     if not 0.0 <= skip < duration:
         raise SceneError(f"--skip: {skip:g} is out of range; allowed: 0 to less than the {duration:g} s of the run")
 
@@ -334,12 +336,12 @@ def _check_skip(skip: float, errors: bool, duration: float) -> None:
 def _with_errors(
     solution: Solution, scene: Scene, skip: float, settings: dict[str, Any], say: Callable[[float, str], None]
 ) -> Solution:
-    """The solution with its loads and their errors; lines whose peaks are off are warned of."""
+    """The solution with its loads and their errors, and a warning for each line with unresolved peaks."""
     from dropper_jax.study.load_errors import load_errors  # noqa: PLC0415
 
     again = lambda variant: simulate(variant, step_check=False, **settings)  # noqa: E731
     found = load_errors(scene, again, skip, solution, lambda done, what: say(done, f"errors: {what}"))
-    notes = tuple(f"{name}: its largest tension is not resolved (see the errors)" for name in found["not_resolved"])
+    notes = tuple(f"{name}: peak tension not converged (see the errors)" for name in found["not_resolved"])
     return replace(
         solution, settings={**solution.settings, "load_errors": found}, warnings=(*solution.warnings, *notes)
     )

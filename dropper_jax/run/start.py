@@ -1,4 +1,4 @@
-"""Where a run starts: a static pose let go, given angles, or given positions."""
+"""Initial state of a run: a released equilibrium, given angles, or given positions."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ def from_angles(
 
 
 def between_points(model: Model, near: State | None = None) -> State:
-    """At rest with all points where the scene puts them and the lines settled between them.
+    """At rest with all points at their positions in the scene and the lines in equilibrium between them.
 
-    With `near`, such a state of a design near by, differentiable in the model.
+    With `near`, such a state of a similar design, it is differentiable in the model.
 
     Raises:
-        SceneError: the lines do not settle.
+        SceneError: the lines have no equilibrium.
     """
     graph = replace(model.geometry, held=(True,) * len(model.points))
     carried = ("point_bodies", "spar_buoys")
@@ -76,11 +76,11 @@ def _equilibrium_state(model: Model, loads: jax.Array | None) -> State:
 def initial_state(model: Model, start: StartSpec, near: State | None = None) -> State:
     """The state at t = 0 that a scene's `[start]` describes.
 
-    A static pose, and lines settled between given points, follow the model, with derivatives by the implicit function
-    theorem. Inside `jit` and `vmap` they need the state `near` of a design near by, from which they are found.
+    An equilibrium, and lines in equilibrium between given points, depend on the model, with derivatives by the implicit
+    function theorem. Inside `jit` and `vmap` they need `near`, the state of a similar design, as the initial guess.
 
     Raises:
-        SceneError: a static pose that was not found; the message says which node and why.
+        SceneError: no equilibrium found; the message gives the node and the reason.
     """
     if start.kind == "static":
         loads = nodal_loads(model, start.release_nodes, start.release_force)
@@ -90,12 +90,12 @@ def initial_state(model: Model, start: StartSpec, near: State | None = None) -> 
 
 
 def _still(model: Model, near: State) -> State:
-    """The places and tensions of a state, at t = 0."""
+    """The positions and tensions of a state, at t = 0."""
     return state(model, near.r, tension=near.tension)
 
 
 def _with_body_velocities(model: Model, s: State) -> State:
-    """The state with the velocities that bodies start with."""
+    """The state with the initial velocities of bodies."""
     for bodies in model.constraints:
         s = replace(s, v=s.v + bodies.initial_velocities(model, s.r))
     return s
@@ -115,7 +115,7 @@ def _state_of_spec(model: Model, start: StartSpec, near: State | None) -> State:
 def _under_tension(model: Model, s: State) -> State:
     """The state with the tensions of its first instant."""
     acting = model.with_internal_state(s.own)
-    if acting.constraints:  # lines in scenes with bodies stretch, so that their tensions follow from their lengths
+    if acting.constraints:  # lines in scenes with bodies stretch, so their lengths determine their tensions
         k = acting.kinematics(s.r, s.v, s.t)
         return replace(s, tension=acting.line.axial.tension(k.links, k.link_velocities, acting.line.length))
     moved = acting.end_acceleration(s.t) if acting.moving else None

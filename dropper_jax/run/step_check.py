@@ -1,12 +1,12 @@
-"""Whether the step of a run is short enough: the run again at half of it, and what that changes.
+"""Check whether the step of a run is short enough: repeat the run at half the step and compare.
 
-With q(h) a result at the step h of a scheme of order p, its error is about
+For a result q(h) at the step h of a scheme of order p, the error is about
 
     e = |q(h) - q(h/2)| 2^p/(2^p - 1)
 
 The results are mean and window maxima of each line's tension, and the positions of the nodes. A run that takes less
-time than its start is repeated as a whole; a longer one in short stretches, from states that it passed. The compiled
-program of the run takes step and count as arguments, so that nothing is compiled again.
+time than its start is repeated completely; a longer one in short stretches that start from its states. The compiled
+program of the run has step and count as arguments, so no program is compiled again.
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ from dropper_jax.run.samples import Kind, Samples, is_finished
 from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.integrate import Progress, Trajectory
 
-#: Time [s] of stepping below which a run is repeated as a whole, however fast its start was: the start of a command.
+#: Run time [s] below which a run is always repeated completely: the start time of a command.
 BRIEF = 2.0
-#: Windows of a whole run, most stretches of others, and the share of the time of stepping that these may take.
+#: Windows of a complete run, maximum number of stretches of others, and their maximum fraction of the run time.
 WINDOWS, STRETCHES, SHARE = 8, 32, 0.05
-#: Tension of a line over that of the line with most, and travel [m] over the length of the longest line, below which
-#: they are not judged by themselves.
+#: Fraction of the maximum tension of all lines, and travel as a fraction of the longest line, below which they are not
+#: checked separately.
 SMALL, AT_REST = 0.1, 1e-3
-#: Estimated errors from which a run warns, of whole runs and of stretches, whose maxima are those of few steps
-#: (`benchmarks/long_steps.py`). Where another error is beyond `ROUGH` no order holds: half of the limit counts, but of
-#: means, which maxima that are not resolved leave good.
+#: Estimated errors above which a run warns, for complete runs and for stretches, whose maxima depend on few steps
+#: (`benchmarks/long_steps.py`). If another error exceeds `ROUGH` the order of the scheme is not reached, and half the
+#: limit applies. Means are excepted, since unresolved maxima do not affect them.
 WARNED = {"mean_tension": 0.02, "window_maxima": 0.04, "positions": 0.03}
 WARNED_STRETCHES = {**WARNED, "window_maxima": 0.07}
-#: Estimated error beyond which a result is of no use, and that of the advised step. The error then falls by less than
-#: the scheme's order: this share of it, between droppers that whip (0.5) and pendulums (1).
+#: Estimated error above which a result is unusable, and that of the advised step. The error then converges with this
+#: fraction of the scheme's order, which is between 0.5 (whipping droppers) and 1 (pendulums).
 ROUGH, TARGET, LESS = 0.1, 0.01, 0.75
-#: Errors of stretches add up along a path of this many travels: five swings, each in both directions.
+#: Errors of stretches accumulate along a path of this many travels: five swings, each in both directions.
 TRAVELS = 10.0
-#: Chaos: the distance of the two runs is below 1 % of the travel for three times the first swing, and from there to
-#: 30 % it takes less than four times as long. A drift of the phase, which grows linearly, takes 30 times as long.
+#: Chaos: the distance of the two runs is below 1 % of the travel for three times the first swing, and it then reaches
+#: 30 % in less than four times this time. A linear drift of the phase takes 30 times as long.
 RESOLVED, SEPARATED, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
 FULL_RUN = "the whole run"
-#: Results by their keys in words.
+#: Names of the results by their keys.
 WORDS = {"mean_tension": "mean tensions", "window_maxima": "largest tensions", "positions": "positions"}
 
 
 class _Compared(NamedTuple):
-    """A window of the run and of the same at half the step: means, means of sizes and maxima of each line's tension
-    (2, lines) [N], and the largest distance of a node at saved times (k,) [m]."""
+    """A window of the run and of the run at half the step: means, mean absolute values and maxima of each line's
+    tension (2, lines) [N], and the maximum distance of a node at saved times (k,) [m]."""
 
     mean: np.ndarray
     size: np.ndarray
@@ -58,10 +58,10 @@ class _Compared(NamedTuple):
 
 
 def with_step_check(solution: Kind, run: ChunkedRun, outcome: RunOutcome, start_s: float) -> Kind:
-    """The solution with the estimated errors of its step, and a warning where they are large.
+    """The solution with the estimated errors of its step, and a warning if they are large.
 
     Args:
-        start_s: time [s] that the run took to its first step.
+        start_s: time [s] until the first step of the run.
     """
     if not is_finished(solution) or not isinstance(outcome.carry, Progress):
         return solution
@@ -77,7 +77,7 @@ def with_step_check(solution: Kind, run: ChunkedRun, outcome: RunOutcome, start_
 
 
 def check_full_run(solution: Samples, run: ChunkedRun, outcome: RunOutcome) -> dict[str, Any] | None:
-    """Estimated errors of a run, by all of it at half the step."""
+    """Estimated errors of a run, from the complete run at half the step."""
     saves, carry, parts = len(outcome.trajectory.r), run.carry, []
     bounds = np.linspace(0, saves, min(WINDOWS, saves) + 1).astype(int)
     for first, last in zip(bounds, bounds[1:], strict=False):
@@ -98,7 +98,7 @@ def check_full_run(solution: Samples, run: ChunkedRun, outcome: RunOutcome) -> d
 
 
 def check_stretches(solution: Samples, run: ChunkedRun, outcome: RunOutcome) -> dict[str, Any] | None:
-    """The same by stretches at half the step, from carries that the run passed."""
+    """Estimated errors from stretches at half the step, which start from carries of the run."""
     saves, trajectory = len(outcome.trajectory.r), outcome.trajectory
     count = max(1, min(STRETCHES, len(outcome.passed) - 1, int(SHARE * saves / 2)))
     length = max(1, int(SHARE * saves / (2 * count)))
@@ -115,7 +115,7 @@ def check_stretches(solution: Samples, run: ChunkedRun, outcome: RunOutcome) -> 
     travel = _travel(solution, np.stack([np.asarray(carry.state.r) for _, carry in outcome.passed]))
     off = None
     if travel is not None and np.any(moved):
-        # what is along the path everywhere is a phase that drifts, and adds up; the rest comes and goes
+        # an error that is along the path everywhere is a phase drift, which accumulates; other errors do not
         separation, moved = np.array(separation), np.array(moved)
         path, distance = (float(np.sqrt(np.mean(_largest(a) ** 2))) / travel for a in (moved, separation))
         drift = abs(float(np.sum(separation * moved))) / float(np.sum(moved**2))
@@ -134,10 +134,10 @@ def _rows(trajectory: Trajectory, first: int, last: int) -> Trajectory:
 
 
 def _compare(solution: Samples, rows: Trajectory, fine: Trajectory) -> _Compared:
-    """Rows (k, ...) of the run and (2 k, ...) of the same at half the step."""
+    """Rows (k, ...) of the run and (2 k, ...) of the run at half the step."""
     lines = [line.links for line in whole_lines(solution.scene)]
     first, links = [line.start for line in lines], [line.stop - line.start for line in lines]
-    # of states some steps apart the same times: more of them would have larger maxima
+    # the same times if states are some steps apart: more times would have larger maxima
     every = slice(None) if solution.settings["save_every"] == 1 else slice(1, None, 2)
     both = rows.tension, fine.tension[every]
     mean, size = (
@@ -149,18 +149,18 @@ def _compare(solution: Samples, rows: Trajectory, fine: Trajectory) -> _Compared
 
 
 def _largest(distance: np.ndarray) -> np.ndarray:
-    """Largest distance of a node (k,) of (k, nodes, 3)."""
+    """Maximum distance of a node (k,) of (k, nodes, 3)."""
     return np.sqrt(np.max(np.sum(distance**2, axis=2), axis=1))
 
 
 def _travel(solution: Samples, nodes: np.ndarray) -> float | None:
-    """Largest extent [m] of a node's path (k, nodes, 3); None of a run at rest."""
+    """Maximum extent [m] of a node's path (k, nodes, 3); None for a run at rest."""
     travel = float(np.max(np.linalg.norm(np.ptp(nodes, axis=0), axis=1)))
     return travel if travel > AT_REST * max(line.total for line in solution.scene.lines) else None
 
 
 def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
-    """Saved time from which the two runs are of different motions: small errors grow as they do in chaos alone."""
+    """Saved time after which the two runs are different motions: small errors grow at a rate that only chaos has."""
     if not np.any(separation > SEPARATED):
         return None
     shift = _largest(nodes - nodes[0])
@@ -170,7 +170,7 @@ def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
 
 
 def _tensions(solution: Samples, parts: list[_Compared], chaotic: bool) -> dict[str, float | None]:
-    """Estimated errors of mean tensions and window maxima, the worst line's."""
+    """Estimated errors of mean tensions and window maxima of the worst line."""
     found = {}
     for name, values, sizes in (("mean_tension", "mean", "size"), ("window_maxima", "top", "top")):
         value = np.stack([getattr(part, values) for part in parts])
@@ -178,20 +178,20 @@ def _tensions(solution: Samples, parts: list[_Compared], chaotic: bool) -> dict[
         scale = np.abs(np.mean([getattr(part, sizes) for part in parts], axis=0)[1])
         scale = np.maximum(scale, SMALL * np.max(scale))
         off = np.abs(change.mean(axis=0))
-        if chaotic:  # other motions differ by chance
+        if chaotic:  # different motions differ by chance
             off = np.maximum(off - 2.0 * change.std(axis=0) / np.sqrt(len(change)), 0.0)
         found[name] = _error(solution, float(np.max(off / scale))) if np.all(scale > 0.0) else None
     return found
 
 
 def _error(solution: Samples, change: float) -> float:
-    """The error of the run's step that a change by half of it tells."""
+    """The error of the step that follows from the change at half the step."""
     gain = 2.0 ** INTEGRATORS[solution.settings["integrator"]].order
     return change * gain / (gain - 1.0)
 
 
 def _advise_step(solution: Samples, found: dict[str, Any]) -> float:
-    """The step [s] for 1 %, two digits."""
+    """The step [s] for an error of 1 %, two digits."""
     worst = max(found[name] or 1e-300 for name in WARNED)
     order = INTEGRATORS[solution.settings["integrator"]].order * (1.0 if worst < ROUGH else LESS)
     dt = solution.settings["dt"] * min(1.0, (TARGET / worst) ** (1.0 / order))
@@ -199,7 +199,7 @@ def _advise_step(solution: Samples, found: dict[str, Any]) -> float:
 
 
 def is_warned(found: dict[str, Any], name: str) -> bool:
-    """Whether an estimated error is one to warn of."""
+    """Whether an estimated error requires a warning."""
     limit = (WARNED if found["repeated"] == FULL_RUN else WARNED_STRETCHES)[name]
     rough = name != "mean_tension" and any((found[other] or 0.0) > ROUGH for other in WARNED if other != name)
     return (found[name] or 0.0) > (0.5 * limit if rough else limit)
@@ -209,8 +209,8 @@ def step_words(found: dict[str, Any]) -> str:
     """The estimated errors in words."""
     off = _off(found, [name for name in WORDS if found[name] is not None])
     chaos = found["chaotic_from_s"]
-    until = "" if chaos is None else f"; chaotic from {chaos:.3g} s: positions until then, tensions beyond chance"
-    return f"{off or 'nothing moves'}; by {found['repeated']} at half of it{until}"
+    until = "" if chaos is None else f"; chaotic from {chaos:.3g} s: positions until then, tensions above chance"
+    return f"{off or 'no motion'}; from {found['repeated']} at half the step{until}"
 
 
 def _off(found: dict[str, Any], names: list[str]) -> str:

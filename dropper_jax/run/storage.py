@@ -1,4 +1,4 @@
-"""Saved runs: `.npz`, labelled data (xarray, netCDF with CF-style names, units and provenance), and the one loader.
+"""Saved runs: `.npz`, labelled data (xarray, netCDF with CF-style names, units and provenance), and their loader.
 
 Needs the extra `io` (xarray, h5netcdf), Zarr folders `sweep` too; `.npz` files need nothing beyond the package.
 """
@@ -39,8 +39,8 @@ VARIABLES = {
     "potential": ("potential_energy", ("time",), "J", "potential energy"),
     "work": ("work", ("time", "contribution"), "J", "work done since the start"),
     "step_status": ("step_status", ("time",), "1", "0 where every step up to this time is good"),
-    "tension_min": ("tension_min", ("time", "link"), "N", "smallest tension since the last time"),
-    "tension_max": ("tension_max", ("time", "link"), "N", "largest tension since the last time"),
+    "tension_min": ("tension_min", ("time", "link"), "N", "minimum tension since the last time"),
+    "tension_max": ("tension_max", ("time", "link"), "N", "maximum tension since the last time"),
     "tension_square": ("tension_square", ("time", "link"), "N2", "mean square of the tension since the last time"),
 }
 BODY_AXES = ("time", "body", "axis")
@@ -51,12 +51,12 @@ BODY_VARIABLES = {
     "body_rates": ("body_angular_velocity", BODY_AXES, "rad s-1", "angular velocity of the bodies"),
 }
 VARIABLES |= BODY_VARIABLES
-#: Arrays that some runs have.
+#: Optional arrays.
 SOME = (*WITHIN, *BODIES)
-#: Attribute that holds everything that is no array, as JSON.
-#: Before the names of what effects changed.
+#: Attribute with the provenance (all data except arrays), as JSON.
+#: Prefix of the names of internal states of effects.
 TAG = "own."
-#: Group of a netCDF file that holds the state at the end.
+#: Group of a netCDF file with the final state.
 RESTART = "restart"
 PROVENANCE = "dropper_jax_run"
 NOT_A_RUN = "not a saved run; allowed: a file written by `dropper run --out`"
@@ -74,7 +74,7 @@ def read_npz(path: str | Path, kind: type[Kind]) -> Kind:
     """The run of an `.npz` file, as a `kind` of samples.
 
     Raises:
-        SceneError: one line, where the file is missing or is not a saved run.
+        SceneError: one line, if the file is missing or is not a saved run.
     """
     refuse_pipe(Path(path), "run")
     try:
@@ -89,7 +89,7 @@ def read_npz(path: str | Path, kind: type[Kind]) -> Kind:
         raise
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except Exception:  # whatever zipfile, zlib, NumPy's header and JSON say about damaged bytes
+    except Exception:  # any error of zipfile, zlib, NumPy's header or JSON about damaged bytes
         raise SceneError(f"{path}: not a saved run; allowed: an .npz file written by `dropper run --out`") from None
     if not isinstance(meta, dict) or meta.get("format") != FORMAT:
         raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
@@ -97,7 +97,7 @@ def read_npz(path: str | Path, kind: type[Kind]) -> Kind:
 
 
 def extra(module: str, name: str) -> Any:
-    """An optional package, or one line saying which extra brings it."""
+    """An optional package, or a one-line error with the extra that installs it."""
     try:
         return importlib.import_module(module)
     except ImportError:
@@ -109,7 +109,7 @@ def _present_fields(solution: Samples) -> list[str]:
 
 
 def netcdf_packages() -> None:
-    """Ask for what netCDF needs, so that a missing package is told before the work starts."""
+    """Import the packages for netCDF, so that a missing one is reported before the run starts."""
     for module in ("xarray", "h5netcdf", "h5py"):
         extra(module, "io")
 
@@ -136,11 +136,11 @@ def to_xarray(solution: Samples) -> xarray.Dataset:
         found["torque"] = (("time", "link"), carried, {"units": "N m", "long_name": "torque of the links"})
     for name, values in solution.own.items():
         inner = [f"{TAG}{name}.axis{i}" for i in range(1, values.ndim)]
-        found[TAG + name] = (("time", *inner), values, {"long_name": f"what effect {name} changed as the run went on"})
+        found[TAG + name] = (("time", *inner), values, {"long_name": f"internal state of effect {name}"})
     found |= labelled.derive_variables(solution)
     for name, values in solution.last.items():
         inner = [f"{name}_axis{i}" for i in range(values.ndim)]
-        found[name] = (inner, values, {"units": units(name), "long_name": "part of the state at the end"})
+        found[name] = (inner, values, {"units": units(name), "long_name": "part of the final state"})
     links = solution.tension.shape[1]
     coordinates = {
         "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
@@ -148,13 +148,13 @@ def to_xarray(solution: Samples) -> xarray.Dataset:
         **labelled.coordinates(solution),
         "axis": ("axis", ["x", "y", "z"], {"long_name": "z is positive upwards"}),
         **_bodies(solution),
-        "contribution": ("contribution", np.array(solution.work_names, dtype=str), {"long_name": "what did the work"}),
+        "contribution": ("contribution", np.array(solution.work_names, dtype=str), {"long_name": "source of the work"}),
     }
     return labelled.add_attributes(xr.Dataset(found, coordinates, _attributes(solution)))
 
 
 def _node_coordinates(solution: Samples, links: int) -> dict[str, Any]:
-    """Nodes and links by number; of several lines with the names of their lines and their numbers in these."""
+    """Nodes and links by number; for several lines with the name of the line and the number in the line."""
     nodes = np.arange(solution.positions.shape[1])
     if len(solution.lines) == 1:
         return {
@@ -195,11 +195,11 @@ def _attributes(solution: Samples) -> dict[str, Any]:
 
 
 def from_xarray(dataset: xarray.Dataset, path: str | Path, kind: type[Kind]) -> Kind:
-    """The run of a dataset made by `to_xarray`; `path` names it in errors.
+    """The run from a dataset made by `to_xarray`; `path` is its name in error messages.
 
     Raises:
-        SceneError: one line, where its parts do not go together.
-        KeyError, ValueError, TypeError: a dataset that is none.
+        SceneError: one line, if its parts are inconsistent.
+        KeyError, ValueError, TypeError: a dataset that is not a run.
     """
     there = {key: name for key, (name, *_) in VARIABLES.items() if key not in SOME or name in dataset}
     arrays = {key: np.asarray(dataset[name].values) for key, name in there.items()}
@@ -211,17 +211,17 @@ def from_xarray(dataset: xarray.Dataset, path: str | Path, kind: type[Kind]) -> 
 
 
 def write_netcdf(solution: Samples, path: str | Path) -> Path:
-    """Write netCDF-4, whole or not at all; the state at the end, from which a run continues, is its group `restart`.
+    """Write netCDF-4 atomically; the final state, from which a run continues, is the group `restart`.
 
     Raises:
-        SceneError: one line, where the packages are missing or the disk refuses.
+        SceneError: one line, if packages are missing or the disk fails.
     """
     path = Path(path)
     netcdf_packages()
     dataset, packed = labelled.for_file(to_xarray(solution))
     try:
         return atomic_write(path, lambda file: _dump(dataset, file, packed, vars(solution).values()))
-    except (OSError, RuntimeError) as error:  # HDF5 reports what it cannot do as either
+    except (OSError, RuntimeError) as error:  # HDF5 reports its errors as either
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise SceneError(f"{path}: {' '.join(reason.split())}") from None
 
@@ -229,7 +229,7 @@ def write_netcdf(solution: Samples, path: str | Path) -> Path:
 def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], arrays: Iterable[Any]) -> None:
     """The dataset into an open file.
 
-    HDF5 brings the process down where a write fails as it closes a file: it is told that all went well, and we are not.
+    HDF5 crashes if a write fails while it closes a file, so errors are hidden from HDF5 and raised afterwards.
     """
     held = DeferredErrorFile(file, lambda: release_pages(arrays))
     names = [name for name in dataset.data_vars if str(name).startswith(LAST)]
@@ -244,15 +244,15 @@ def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], array
 
 
 def write_zarr(solution: Samples, path: str | Path) -> Path:
-    """Write a Zarr folder with consolidated metadata, whole or not at all; needs the extras `io` and `sweep`.
+    """Write a Zarr folder with consolidated metadata atomically; needs the extras `io` and `sweep`.
 
     Raises:
-        SceneError: one line, where the packages are missing, something else is there, or the disk refuses.
+        SceneError: one line, if packages are missing, the path is something else, or the disk fails.
     """
     path = Path(path)
     zarr_packages()
     if path.exists() and not _is_run_folder(path):
-        raise SceneError(f"{path}: is there and is no saved run; allowed: a new folder, or a saved run to replace")
+        raise SceneError(f"{path}: exists and is not a saved run; allowed: a new folder, or a saved run to replace")
     dataset = to_xarray(solution)
     try:
         remove_leftovers(path)
@@ -269,7 +269,7 @@ def write_zarr(solution: Samples, path: str | Path) -> Path:
 
 
 def zarr_packages() -> None:
-    """Ask for what Zarr needs, so that a missing package is told before the work starts."""
+    """Import the packages for Zarr, so that a missing one is reported before the run starts."""
     extra("xarray", "io")
     extra("zarr", "sweep")
 
@@ -285,7 +285,7 @@ def read_zarr(path: str | Path, kind: type[Kind]) -> Kind:
     """The run of a Zarr folder, as a `kind` of samples.
 
     Raises:
-        SceneError: one line, where the folder is missing or is not a saved run.
+        SceneError: one line, if the folder is missing or is not a saved run.
     """
     xr = extra("xarray", "io")
     extra("zarr", "sweep")
@@ -293,12 +293,12 @@ def read_zarr(path: str | Path, kind: type[Kind]) -> Kind:
         raise SceneError(f"{path}: cannot be read: no such folder")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a damaged folder has odd files in it, which the refusal tells
+            warnings.simplefilter("ignore")  # a damaged folder contains unexpected files, which the error reports
             with xr.open_zarr(path, decode_times=False) as dataset:
                 return from_xarray(dataset, path, kind)
     except SceneError:
         raise
-    except Exception:  # whatever xarray, zarr and its codecs say about damaged bytes; our own checks are SceneErrors
+    except Exception:  # any error of xarray, zarr or its codecs about damaged bytes; own checks are SceneErrors
         raise SceneError(f"{path}: {NOT_A_RUN}") from None
 
 
@@ -306,7 +306,7 @@ def read_netcdf(path: str | Path, kind: type[Kind]) -> Kind:
     """The run of a netCDF file, as a `kind` of samples.
 
     Raises:
-        SceneError: one line, where the file is missing or is not a saved run.
+        SceneError: one line, if the file is missing or is not a saved run.
     """
     netcdf_packages()
     refuse_pipe(Path(path), "run")
@@ -322,7 +322,7 @@ def read_netcdf(path: str | Path, kind: type[Kind]) -> Kind:
             raise
         except FileNotFoundError as error:
             raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
-        except Exception:  # whatever xarray, h5netcdf and HDF5 say about damaged bytes; our own checks are SceneErrors
+        except Exception:  # any error of xarray, h5netcdf or HDF5 about damaged bytes; own checks are SceneErrors
             pass
     if found is None:
         raise SceneError(f"{path}: {NOT_A_RUN}")
@@ -330,18 +330,18 @@ def read_netcdf(path: str | Path, kind: type[Kind]) -> Kind:
 
 
 def _with_restart(dataset: xarray.Dataset, path: str | Path) -> xarray.Dataset:
-    """The dataset with the group of the state at the end, which older files have among their other variables."""
+    """The dataset with the group of the final state, which older files store among their other variables."""
     xr = extra("xarray", "io")
     try:
         restart = xr.load_dataset(path, engine="h5netcdf", group=RESTART)
-    except (OSError, KeyError):  # a run that failed has none
+    except (OSError, KeyError):  # a failed run has no final state
         return dataset
     return dataset.assign(restart.data_vars)
 
 
 @contextmanager
 def _without_complaints() -> Iterator[None]:
-    """Nothing on standard error about objects that cannot be closed: h5netcdf's, of a file that it could not open."""
+    """Suppress messages about objects that cannot be closed: h5netcdf's, of a file that it could not open."""
     before = sys.unraisablehook
     sys.unraisablehook = lambda _: None
     try:

@@ -1,6 +1,6 @@
-"""Tables of a run as CSV: angle traces in the form that fitting reads, and tensions.
+"""Tables of a run as CSV: angle traces in the format that fitting reads, and tensions.
 
-Numbers are written so that reading them back gives the same ones.
+Numbers are written with all digits, so that reading them gives identical values.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dropper_jax.run.simulate import Solution
 def write_angles(solution: Solution, path: str | Path, zero: str = "horizontal", rates: bool = True) -> Path:
     """Polar angles and their rates: columns `t [s], theta_1..n [rad], omega_1..n [rad/s]`.
 
-    Of several lines the columns are `theta_LINE/1`, ..., line after line.
+    For several lines the columns are `theta_LINE/1`, ..., line after line.
 
     Args:
         solution: the run.
@@ -37,7 +37,8 @@ def write_angles(solution: Solution, path: str | Path, zero: str = "horizontal",
 
 
 def write_tensions(solution: Solution, path: str | Path) -> Path:
-    """Tensions: columns `t [s], tension_1..n [N]` (`tension_LINE/1` of several lines); t is the tension's own time."""
+    """Tensions: columns `t [s], tension_1..n [N]` (`tension_LINE/1` for several lines); t is the time of the
+    tension."""
     return _write(solution, path, "unit=N", solution.t_tension, {"tension": solution.tension})
 
 
@@ -50,7 +51,7 @@ def write_bodies(solution: Solution, path: str | Path) -> Path:
 
 
 def _names(solution: Solution) -> list[str]:
-    """Names of the links: their numbers, after their line's name where there are several lines."""
+    """Names of the links: their numbers, with the name of the line if there are several lines."""
     lines = solution.lines
     numbers = [(line.name, j + 1) for line in lines for j in range(line.links.stop - line.links.start)]
     return [str(j) if len(lines) == 1 else f"{name}/{j}" for name, j in numbers]

@@ -1,4 +1,4 @@
-"""Twist and torque along lines with torsion, from what the effect kept, and what torsion leaves out of them."""
+"""Twist and torque along lines with torsion, from the stored state of the effect, and warnings about omitted writhe."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
     return found
 
 
-#: Writhe [turns] and its part of the torque from which a run says that it is left out.
+#: Writhe [turns] and its fraction of the torque above which a run warns that it is omitted.
 COILED, FELT = 1e-3, 0.1
 
 
 def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torque: np.ndarray) -> Iterator[str]:
-    """Lines that would throw loops under their torque, and lines whose coils would change their twist.
+    """Warnings about lines that would form loops under their torque, and lines whose coils would change their twist.
 
     A long rod of bending stiffness EI under the torque Q and the tension T is straight up to `Q = 2 sqrt(EI T)`
-    (Greenhill 1883). Twist here is that of the material: between held ends a line that coils trades it for writhe.
+    (Greenhill 1883). Twist here is that of the material: a line that coils between fixed ends exchanges it for writhe.
 
     Args:
         positions: all nodes (k, nodes, 3) [m]; tension, torque: (k, n) [N], [N m].
@@ -62,7 +62,7 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
             if turning[worst] > most[worst]:
                 yield (
                     f"{line.name}: its torque of {turning[worst]:.3g} N m is above 2 sqrt(EI T) = {most[worst]:.3g} "
-                    "N m: it would throw loops, which torsion here leaves out"
+                    "N m: it would form loops, which the torsion model omits"
                 )
         if given["first"] == given["last"] == "held":
             nodes = positions[:, where.nodes]
@@ -70,6 +70,6 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
             gives = 2.0 * np.pi * turns * float(np.min(twisting[where.links])) / float(np.sum(line.length))
             if turns > COILED and gives > FELT * float(np.max(turning)):
                 yield (
-                    f"{line.name}: it winds by {turns:.2g} turns in the run; its twist would change by as many, which "
-                    "torsion here leaves out"
+                    f"{line.name}: it coils by {turns:.2g} turns in the run; its twist would change by as many, which "
+                    "the torsion model omits"
                 )

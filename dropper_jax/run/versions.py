@@ -1,4 +1,4 @@
-"""Versions of what a result depends on."""
+"""Versions of the packages on which a result depends."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import jax
 
 
 def versions() -> dict[str, str]:
-    """Of JAX, NumPy, Python and this package, and what JAX computes on."""
+    """Versions of JAX, NumPy, Python and this package, and the device of JAX."""
     found = {name: metadata.version(name) for name in ("jax", "jaxlib", "numpy")}
     try:
         found["dropper-jax"] = metadata.version("dropper-jax")

@@ -1,8 +1,8 @@
-"""What lines do to the current behind them: the share of it that each link meets, fixed for the run.
+"""Wakes of lines in the current: the fraction of the current at each link, constant during the run.
 
-Of the pose at rest in the unsheltered current. Each link is an element of `sea.wakes`, its drag coefficient `cdn`, its
-frontal area what the current sees of it; the current is taken as uniform, that at the mean height of the lines, and the
-shares go to the profile. Waves are not slowed.
+The wakes are those of the equilibrium in the undisturbed current. Each link is an element of `sea.wakes` with its drag
+coefficient `cdn` and its frontal area. The current of the wake model is uniform, with the value at the mean height of
+the lines; the resulting fractions multiply the profile. Waves are not reduced.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.scene import LineSlice, line_slices
 from dropper_jax.sea.wakes import Elements, Wakes, solve_wakes
 
-#: Turbulence of the current where the scene gives none (assumed).
+#: Default turbulence intensity of the current (assumed).
 TURBULENCE = 0.05
-#: Most links whose wakes are solved: the work grows as their square, plane by plane.
+#: Maximum number of links with wakes: the cost grows with its square, plane by plane.
 MOST = 3000
 
 
 @dataclass(frozen=True)
 class SceneWakes:
-    """Solved wakes, the share of the current per link (n,), the lines, the current's direction [rad], places (n, 3)."""
+    """Solved wakes, fraction of the current per link (n,), the lines, direction of the current [rad], positions (n,
+    3)."""
 
     wakes: Wakes
     share: np.ndarray
@@ -45,7 +46,7 @@ def has_wakes(scene: Scene) -> bool:
 
 
 def with_wakes(scene: Scene) -> Scene:
-    """The scene with the shares of its wakes as `shelter`; one without wakes as it is."""
+    """The scene with the current fractions of its wakes as `shelter`; a scene without wakes is unchanged."""
     if not has_wakes(scene):
         return scene
     drag = {**scene.effects["morison_drag"], "shelter": scene_wakes(scene).share, "wakes": "none", "turbulence": None}
@@ -56,7 +57,7 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     """The wakes of a scene's links.
 
     Raises:
-        SceneError: no drag, no current, no current to speak of, or too many links.
+        SceneError: no drag, no current, a zero current, or too many links.
     """
     drag = scene.effects.get("morison_drag")
     if drag is None or scene.sea is None or scene.sea.current is None:
@@ -100,7 +101,7 @@ def _coefficient(scene: Scene) -> np.ndarray:
 
 
 def wake_facts(found: SceneWakes) -> dict[str, Any]:
-    """Shares of the current by line, the drag of all over that without wakes, and the balance of momentum."""
+    """Fractions of the current by line, total drag over that without wakes, and the momentum balance."""
     e, wakes = found.wakes.elements, found.wakes
     alone = 0.5 * np.sum(e.drag * e.area) * wakes.speed**2
     return {

@@ -1,4 +1,4 @@
-"""Weights of lines in water, and the forces at their ends, which the tension of a link alone is not."""
+"""Weights of lines in water, and the forces at their ends, which differ from the tension of the end link."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 
-#: Words in names of lines and types that are not meant to float.
+#: Words in names of lines and types that should not float.
 HEAVY = ("chain", "mussel", "dropper", "loop", "sock", "crop")
-#: Diameter [m] from which a line is more than a rope: fibre ropes of aquaculture, some of which float, are thinner.
+#: Diameter [m] above which a line is not a rope: fibre ropes of aquaculture, some of which float, are thinner.
 THICK = 0.1
 
 
 def wet_weights(scene: Scene) -> np.ndarray:
-    """Weight less buoyancy (n,) [N] of each link under water, by the effects that the scene has; mussels included."""
+    """Weight minus buoyancy (n,) [N] of each link under water, from the effects of the scene; mussels included."""
     scene = overgrown(scene)
     line, weight = scene.line, scene.effects.get("weight")
     if weight is None:
@@ -39,12 +39,12 @@ def end_forces(
 ) -> dict[str, np.ndarray]:
     """Force (k, 2) [N] of every line on its first and its last point, by name.
 
-    The pull of the link there and the weight in water of the share of it that the point carries: a link's own tension
-    is that of its middle, half a link's weight away. Drag and inertia of that share, and the bed, are left out.
+    The force is the tension of the end link plus the weight in water of the part of the link that belongs to the point:
+    the tension of a link is that at its middle. Drag and inertia of this part, and the seabed, are left out.
 
     Args:
         positions: nodes of all lines (k, nodes, 3) [m]; tension: of their links (k, n) [N].
-        lines: where they stand in these; default: lines as they were written, pieces between attached points together.
+        lines: their indices in these arrays; default: lines as in the scene, pieces between attached points together.
     """
     weights = wet_weights(scene)
     first, last = _end_shares(scene)
@@ -64,7 +64,7 @@ def _ends(lines: Sequence[WholeLine | LineSlice]) -> Iterator[tuple[str, int, in
 
 
 def _end_shares(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Shares of each link's weight (n,) at its first and its last node."""
+    """Fractions of each link's weight (n,) at its first and its last node."""
     nodes, near = scene.link_mass_nodes, []
     for line in scene.lines:
         kind = nodes[line.name]
@@ -77,8 +77,8 @@ def _end_shares(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 def _force(
     positions: np.ndarray, tension: np.ndarray, weights: np.ndarray, end: int, inner: int, link: int, share: np.ndarray
 ) -> np.ndarray:
-    """Size (k,) [N] of the force of an end link on its point."""
-    with np.errstate(invalid="ignore"):  # a run that failed may end with infinite positions
+    """Magnitude (k,) [N] of the force of an end link on its point."""
+    with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
         along = positions[:, inner] - positions[:, end]
         size = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
         force = tension[:, link, None] * along / size
@@ -87,7 +87,7 @@ def _force(
 
 
 def line_weights(scene: Scene) -> list[dict[str, Any]]:
-    """Mass, displaced mass, weight in water and density by the metre, one row for lines alike; [] without a sea.
+    """Mass, displaced mass, weight in water and density per metre, one row for equal lines; [] without a sea.
 
     Values are means over the lines' length, mussels included.
     """
@@ -128,7 +128,8 @@ def lines_in_words(names: list[str]) -> str:
 
 
 def floating_warnings(scene: Scene) -> list[str]:
-    """One line for lines with mussels, of chain or thicker than a rope that are lighter than water."""
+    """A warning for each group of lines that is lighter than water although it has mussels, is chain or thicker than a
+    rope."""
     return [
         f"{lines_in_words(row['lines'])}: floats: {row['mass_kg_per_m']:.4g} kg/m displace "
         f"{row['displaced_kg_per_m']:.4g} kg/m of water; check mass (in air) and diameter"

@@ -1,4 +1,4 @@
-"""The sea: waves, current and what they do at a place."""
+"""The sea: waves, current and their kinematics at a position."""
 
 from dropper_jax.sea.current import Current
 from dropper_jax.sea.water import Sea, Water

@@ -1,4 +1,4 @@
-"""Kinematics of one steady wave of finite height: harmonics that are bound to each other (`sea.steady`)."""
+"""Kinematics of one steady wave of finite height: bound harmonics (`sea.steady`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dropper_jax.base.trigonometry import sincos
 from dropper_jax.sea.steady import SteadyWave
 from dropper_jax.sea.waves import Waves
 
-#: Harmonics whose velocity at the crest is below this part of the first's are left out.
+#: Harmonics with a crest velocity below this fraction of that of the first are left out.
 SMALL = 1e-9
 
 
@@ -21,12 +21,12 @@ class BoundWaves(Waves):
 
         eta = sum_j E_j cos j p,    u = drift + sum_j V_j cosh jk(z + d)/sinh jkd cos j p,    p = k s - w t + e
 
-    The accelerations are the exact time derivatives. The field holds up to the surface, so that nothing is stretched;
-    above the surface and below the bed the values there are kept.
+    The accelerations are the exact time derivatives. The field is valid up to the surface, so no stretching is used.
+    Above the surface and below the seabed the values at the boundary are used.
 
     Attributes:
         speed: V_j = U_j tanh jkd, (n,) [m/s].
-        drift: uniform flow that belongs to the wave [m/s]: c_E less the current, where the mean transport is given.
+        drift: uniform flow of the wave [m/s]: c_E minus the current, if the mean transport is given.
         flow, head: U and Bernoulli's constant in the frame of the wave (`steady.SteadyWave`).
     """
 
@@ -46,7 +46,7 @@ class BoundWaves(Waves):
 
     @property
     def shortest(self) -> jax.Array:
-        """Length of the wave, not of its harmonics [m]."""
+        """Length of the wave [m] (not of its harmonics)."""
         return 2.0 * jnp.pi / self.wave_number[0]
 
     @property
@@ -60,7 +60,7 @@ class BoundWaves(Waves):
         return 4.0 * jnp.sqrt(0.5 * jnp.sum(self.amplitude**2))
 
     def heights(self, z: jax.Array, elevation: jax.Array, depth: jax.Array) -> jax.Array:
-        """Where the kinematics of z are taken (n,) [m]: as it is, up to the surface and down to the bed."""
+        """Height at which the kinematics of z are evaluated (n,) [m]: z limited to the range from seabed to surface."""
         return jnp.maximum(jnp.minimum(z, elevation), -depth)
 
     def _orbit(self, z: jax.Array, cos: jax.Array, sin: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -71,7 +71,7 @@ class BoundWaves(Waves):
         return velocity + self.drift * course, acceleration
 
     def pressure(self, r: jax.Array, t: jax.Array, depth: jax.Array, density: jax.Array) -> jax.Array:
-        """Pressure (n,) [Pa] less the hydrostatic one, by Bernoulli: zero at a surface of height `rho g eta`."""
+        """Pressure (n,) [Pa] minus the hydrostatic one, by Bernoulli: zero at a surface of height `rho g eta`."""
         sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
         elevation = jnp.sum(self.amplitude * cos, axis=-1)
         across, upright = self.profiles(self.heights(r[:, 2], elevation, depth), depth)
@@ -87,7 +87,7 @@ def bound_waves(
 
     Args:
         phase: e [rad]; the crest is at `k s = w t - e`.
-        current: what the sea's current already adds of the mean Eulerian velocity [m/s].
+        current: part of the mean Eulerian velocity that the current of the sea already includes [m/s].
     """
     k, order = wave.wave_number, np.arange(1, wave.order + 1)
     tanh = np.tanh(order * k * wave.depth)

@@ -10,7 +10,8 @@ from dropper_jax.sea.tide import harmonic
 
 KINDS = ("uniform", "power", "table")
 
-#: A power law is taken as linear below this share of its reference height: its slope at the bed is infinite otherwise.
+#: A power law is replaced by a linear profile below this fraction of its reference height, since its slope at the
+#: seabed is infinite.
 LINEAR_BELOW = 0.01
 
 
@@ -18,9 +19,9 @@ LINEAR_BELOW = 0.01
 class Current:
     """Velocity `U(z) s(t)` along a fixed direction, or turning with depth: by `veer` or in a table.
 
-    power: `U = speed ((d + z)/(d + reference))^exponent` (paper (4)). The paper's formula is not defined below the bed
-    and infinitely steep at it (erratum): the height above the bed is clamped at zero, and below 1 % of the reference
-    height the profile is linear. Above the mean surface the value at the surface is kept, in every profile.
+    power: `U = speed ((d + z)/(d + reference))^exponent` (paper (4)). The paper's formula is not defined below the
+    seabed and infinitely steep at it (erratum). The height above the seabed is therefore at least zero, and below 1 %
+    of the reference height the profile is linear. Above the mean surface every profile has its value at the surface.
     """
 
     speed: jax.Array = parameter("speed, at the reference height for a power law", unit="m/s")
@@ -42,7 +43,7 @@ class Current:
         return self.time is None and self.amplitude is None
 
     def scale(self, t: jax.Array) -> jax.Array:
-        """s(t): a table, linear between its times and held outside, or the sum of constituents."""
+        """s(t): a table, linear between its times and constant outside, or the sum of constituents."""
         if self.amplitude is not None:
             return harmonic(t, self.amplitude, self.period, self.phase)
         return jnp.ones_like(self.speed) if self.time is None else jnp.interp(t, self.time, self.factor)
@@ -74,6 +75,6 @@ class Current:
         return rate * self.profile(z, depth)
 
     def along(self, z: jax.Array, direction: jax.Array, depth: jax.Array) -> jax.Array:
-        """Speed along directions (c,) [rad] at heights z (c, points), for waves that ride on it."""
+        """Speed along directions (c,) [rad] at heights z (c, points), for waves on the current."""
         u = self.profile(z, depth)
         return u[..., 0] * jnp.cos(direction)[:, None] + u[..., 1] * jnp.sin(direction)[:, None]

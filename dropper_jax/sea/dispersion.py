@@ -16,7 +16,8 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.programs import cached_jit
 
-#: Newton steps from Fenton's approximation, whose relative error is below 5.2e-4: two reach rounding, one is spare.
+#: Newton steps from Fenton's approximation, whose relative error is below 5.2e-4: two reach rounding, the third is a
+#: margin.
 ITERATIONS = 3
 #: Newton steps on a current; monotone towards the root, slow only next to blocking.
 CURRENT_ITERATIONS = 60
@@ -80,9 +81,9 @@ def on_current(
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Wave number, intrinsic frequency s and U_e of waves of absolute frequency omega (c,) on a current.
 
-    Newton on `f(k) = sqrt(g k tanh kd) + k U_e(k) - w`, which is concave for a uniform current: from the root
-    without current it closes in on the smaller root, the one that a wave train coming from still water has. Where a
-    current stops the waves no root exists: the wave number is then NaN (`blocked`).
+    Newton on `f(k) = sqrt(g k tanh kd) + k U_e(k) - w`, which is concave for a uniform current: from the root without
+    current it converges to the smaller root, which is that of a wave train coming from still water. If the current
+    stops the waves no root exists, and the wave number is NaN (`blocked`).
     """
 
     def excess(k: jax.Array) -> jax.Array:
@@ -102,7 +103,7 @@ def on_current(
 def action_factor(
     omega: jax.Array, k: jax.Array, current: jax.Array, depth: jax.Array, gravity: jax.Array
 ) -> jax.Array:
-    """Amplitude on the current over that in still water: `E (c_g + U_e)/s` is conserved along the way.
+    """Amplitude on the current over that in still water: `E (c_g + U_e)/s` is conserved along the wave path.
 
     In deep water `E/E0 = 4/(s (1 + s)^2)`, `s = sqrt(1 + 4 U w/g)` (Longuet-Higgins and Stewart 1961).
     """

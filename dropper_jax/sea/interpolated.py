@@ -1,7 +1,7 @@
 """Kinematics of many long-crested components from a grid: a few shapes in space, each with its amplitude in time.
 
-Along the direction s of travel and over z the components are smooth, so that over the reach of a line their velocities
-and elevations are combinations of a few shapes (singular value decomposition on a grid):
+Along the direction s of travel and over z the components are smooth, so within the reach of a line their velocities and
+elevations are combinations of a few shapes (singular value decomposition on a grid):
 
     u(s, z, t) = sum_m B_m(s, z) c_m(t),    c(t) = P (cos(e - w t), sin(e - w t)),    u' = sum_m B_m c_m'
 
@@ -19,9 +19,9 @@ import numpy as np
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.sea.waves import Motion, Waves
 
-#: Grid step times the largest wave number: cubics then err by (0.35)^4 3/128 = 3.5e-4 of that component's share.
+#: Grid step times the maximum wave number: the error of cubics is (0.35)^4 3/128 = 3.5e-4 of this component.
 FINENESS = 0.35
-#: Singular values below this part of the largest are left out.
+#: Singular values below this fraction of the maximum are left out.
 CUT = 2e-5
 
 
@@ -29,15 +29,15 @@ CUT = 2e-5
 class GridWaves(Waves):
     """The same water, from shapes on a grid; gradients go to the nodes, not to the sea's parameters.
 
-    What is asked for elsewhere comes from the components: gradients of the velocity are not interpolated, held points
-    may lie off the grid.
+    Other values are computed from the components: gradients of the velocity are not interpolated, and fixed points may
+    be outside the grid.
 
     Attributes:
         origin, step: of the grid in s and z, (2,) [m].
         shapes: u and w of each shape on the grid, (ns, nz, 2 m).
         surface: elevation of each shape, (ns, m).
         projection: (m, 2 c) from cosines and sines to the shapes' amplitudes.
-        error: largest error of velocity and of acceleration over their rms, (2,), measured at 400 places and times.
+        error: maximum error of velocity and of acceleration over their rms, (2,), measured at 400 positions and times.
     """
 
     origin: jax.Array = parameter("first grid point", unit="m", shape="table", default=None)
@@ -59,7 +59,7 @@ class GridWaves(Waves):
         return x * jnp.cos(self.direction) + y * jnp.sin(self.direction)
 
     def _locate(self, x: jax.Array, axis: int, count: int) -> tuple[jax.Array, jax.Array]:
-        """First of the 4 grid points around x (n,) and their weights (n, 4); held outside the grid."""
+        """First of the 4 grid points around x (n,) and their weights (n, 4); constant outside the grid."""
         cell = jnp.clip((x - self.origin[axis]) / self.step[axis], 1.0, count - 2.0)
         first = jnp.clip(jnp.floor(cell).astype(jnp.int32) - 1, 0, count - 4)
         return first, _cubic(cell - first)
@@ -88,7 +88,7 @@ class GridWaves(Waves):
         return jnp.stack([level * cos, level * sin, rising], axis=-1)
 
     def motion(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> Motion:
-        """The water at places r (n, 3) [m]."""
+        """The water at positions r (n, 3) [m]."""
         s = self._along(r[:, 0], r[:, 1])
         c, change = self._amplitudes(t)
         rise, rate = self.rise(t)
@@ -108,7 +108,7 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
     """Shapes and grid for long-crested `waves` between `low` and `high` (2,) [m] in s and z; runs once, on the host."""
     k = np.asarray(waves.wave_number, float)
     asked, highest = low, 1.5 * float(waves.significant_height)
-    low = np.array([low[0], max(low[1] - highest, -depth)])  # stretching takes places under a crest down
+    low = np.array([low[0], max(low[1] - highest, -depth)])  # stretching moves positions under a crest downwards
     count = np.maximum(np.ceil((high - low) * k.max() / FINENESS).astype(int), 4) + 4
     step = (high - low) / (count - 4)
     origin = low - 1.5 * step
@@ -146,7 +146,7 @@ def _fields(waves: Waves, depth: float, s: np.ndarray, z: np.ndarray) -> tuple[n
 
 
 def _with_error(made: GridWaves, waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> GridWaves:
-    """The grid with its error, from 20 times at 20 places."""
+    """The grid with its error, from 20 times at 20 positions."""
     rng = np.random.default_rng(0)
     s, z = np.moveaxis(rng.uniform(low, high, (20, 20, 2)), -1, 0)
     course = float(waves.direction)
@@ -161,5 +161,5 @@ def _with_error(made: GridWaves, waves: Waves, depth: float, low: np.ndarray, hi
 def _motions(
     exact: Waves, found: GridWaves, positions: jax.Array, times: jax.Array, depth: float
 ) -> tuple[Motion, Motion]:
-    """Both at places (q, n, 3) and times (q,)."""
+    """Both at positions (q, n, 3) and times (q,)."""
     return tuple(jax.vmap(lambda r, t, w=w: w.motion(r, t, depth))(positions, times) for w in (exact, found))

@@ -25,7 +25,7 @@ from dropper_jax.sea.tide import Level
 from dropper_jax.sea.water import Sea
 from dropper_jax.sea.waves import Waves
 
-#: Reach of an interpolated sea over that of the line: room for stretch and moving ends.
+#: Reach of an interpolated sea over that of the line: margin for stretch and moving ends.
 MARGIN = 1.2
 
 
@@ -33,7 +33,7 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
     """The sea of a scene.
 
     Args:
-        reach: middle (3,) [m] and radius [m] of where the line can be: what an interpolated sea must cover.
+        reach: centre (3,) [m] and radius [m] of the region of the line, which an interpolated sea must cover.
 
     Raises:
         SceneError: a component that the current stops; an interpolated sea that is not long-crested.
@@ -63,9 +63,10 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
 
 
 def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | None:
-    """The solved wave of a sea, None where linear theory is asked for or, with `auto`, holds.
+    """The solved wave of a sea; None if linear theory is requested or, with `auto`, is valid.
 
-    The current is the mean velocity of the water along the wave where `wave_current` is `doppler`, else none.
+    If `wave_current` is `doppler` the current is the mean velocity of the water along the wave, else it is not
+    included.
 
     Raises:
         SceneError: a wave beyond breaking, or one that cannot be solved.
@@ -90,7 +91,7 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
 
 
 def main_period(spec: SeaSpec) -> float:
-    """Period [s] of the regular waves of a sea, in whichever way they are given."""
+    """Period [s] of the regular waves of a sea, for every form of input."""
     wave = finite_wave(spec)
     if wave is not None:
         return wave.period
@@ -133,9 +134,9 @@ def _solve_wave(
         if error.few and height < limit:
             raise SceneError(
                 f"sea.waves.height: {height:.4g} m is too steep for a wave of {error.length / depth:.3g} depths, whose "
-                f"harmonics do not suffice; allowed: up to about {error.reached:.4g} m"
+                f"harmonics are not sufficient; allowed: up to about {error.reached:.4g} m"
             ) from None
-        raise _beyond(height, limit, f"; the highest that was found is {error.reached:.4g} m") from None
+        raise _beyond(height, limit, f"; the maximum solved height is {error.reached:.4g} m") from None
     if height > limit:
         raise _beyond(height, limit)
     if theory == "auto":
@@ -158,7 +159,7 @@ def make_level(spec: LevelSpec) -> Level:
 
 def _beyond(height: float, limit: float, rest: str = "") -> SceneError:
     return SceneError(
-        f"sea.waves.height: {height:.4g} m is beyond breaking or next to it; allowed: below {limit:.4g} m, the highest "
+        f"sea.waves.height: {height:.4g} m is at or above breaking; allowed: below {limit:.4g} m, the highest "
         f"wave of this length (Williams 1981){rest}"
     )
 
@@ -166,7 +167,7 @@ def _beyond(height: float, limit: float, rest: str = "") -> SceneError:
 def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: float) -> GridWaves:
     if waves.direction.ndim or spec.stretching == "none":
         what = "one direction" if waves.direction.ndim else "sea.stretching constant or wheeler"
-        raise SceneError(f"sea.interpolation: 'grid' cannot serve this sea; allowed: none, or a sea with {what}")
+        raise SceneError(f"sea.interpolation: 'grid' does not support this sea; allowed: none, or a sea with {what}")
     course = np.array([np.cos(spec.waves.direction), np.sin(spec.waves.direction)])
     along, radius = float(middle[:2] @ course), MARGIN * radius
     low, high = np.array([along - radius, middle[2] - radius]), np.array([along + radius, 0.0])
@@ -218,7 +219,7 @@ def waves_on(
     """Waves of the given components, with their wave numbers; pure, differentiable in every array.
 
     Args:
-        current: shifts the frequencies (Doppler) where given; NaN wave numbers are components that it stops.
+        current: shifts the frequencies (Doppler) if given; components stopped by it have NaN wave numbers.
         conserve_action: amplitudes are those in still water and change on the current.
         approximate: Fenton's wave numbers instead of exact ones.
     """

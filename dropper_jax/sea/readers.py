@@ -1,4 +1,4 @@
-"""Seas that people have: component tables, measured elevations, directional spectra. All as values of `[sea.waves]`."""
+"""Readers of component tables, measured elevations and directional spectra, as values of `[sea.waves]`."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 
-COLUMNS = "period_s or frequency_hz, amplitude_m, phase_rad and, if wanted, direction_rad"
+COLUMNS = "period_s or frequency_hz, amplitude_m, phase_rad and, optionally, direction_rad"
 
 
 def read_components(file: str | Path, path: str = "file") -> dict[str, Any]:
-    """Components from a CSV with a header; periods are used where a table has frequencies too (they are rounded less).
+    """Components from a CSV with a header; periods are preferred to frequencies, since they are rounded less.
 
     Raises:
-        SceneError: missing file, wrong columns, a cell that is no number, or a period that is not positive.
+        SceneError: missing file, wrong columns, a cell that is not a number, or a period that is not positive.
     """
     names, rows = _read_csv(file, path)
     known = ("period_s", "frequency_hz", "amplitude_m", "phase_rad", "direction_rad")
@@ -70,7 +70,7 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> dict[str, Any]:
     """`[sea.waves]` of a wavespectra-style dataset: `efth` [m^2/Hz/degree] over `freq` [Hz] and `dir` [degree].
 
     `dir` is where waves come from, clockwise from north (their convention); here +x is east and +y north. One component
-    per bin, phases from the seed. Needs xarray (extra `io`) only to have the dataset. Take one time and site first.
+    per bin, phases from the seed. Only the dataset itself needs xarray (extra `io`). Select one time and site first.
     """
     missing = [name for name in ("efth", "freq", "dir") if name not in dataset]
     if missing:

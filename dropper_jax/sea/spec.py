@@ -1,4 +1,5 @@
-"""`[sea]`, `[sea.waves]` and `[sea.current]` of a scene, validated. Files are read here, so that a scene is whole."""
+"""`[sea]`, `[sea.waves]` and `[sea.current]` of a scene, validated. Files are read here, so that a scene is
+self-contained."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ from dropper_jax.sea.steady import CRITERIA, THEORIES
 from dropper_jax.sea.tide import check_constituents
 from dropper_jax.sea.waves import STRETCHING
 
-#: What may be given of a regular wave instead.
+#: Alternative keys of a regular wave.
 OR = {"amplitude": "height", "period": "length"}
 
 
@@ -66,7 +67,9 @@ class WaveSpec:
     length: float | None = parameter("wavelength", unit="m", low=0.0, open_low=True, optional=True)
     theory: str = option("of a regular wave", choices=THEORIES, default="linear")
     order: int | None = whole_number("number of harmonics of the stream function", low=3, default=None)
-    current_criterion: str = option("mean velocity of the water that the current is", choices=CRITERIA, default="euler")
+    current_criterion: str = option(
+        "mean velocity of the water that the current represents", choices=CRITERIA, default="euler"
+    )
 
     @classmethod
     def read(cls, table: Plain, path: str) -> WaveSpec:
@@ -83,25 +86,25 @@ class WaveSpec:
             if values[key] is None and (instead is None or values[instead] is None):
                 raise SceneError(f"{path}.{key}: missing; kind {kind!r} needs {' and '.join(needed)}")
             if instead is not None and values[key] is not None and values[instead] is not None:
-                raise SceneError(f"{path}.{instead}: given beside `{key}`; allowed: one of the two")
+                raise SceneError(f"{path}.{instead}: cannot be combined with `{key}`; allowed: one of the two")
         _check_theory(values, path)
         _check_sizes(values, path)
         return cls(**values)
 
     @property
     def size(self) -> Any:
-        """Amplitude [m], one or one per component, where it or the height is given."""
+        """Amplitude [m], one or one per component, if it or the height is given."""
         return 0.5 * self.height if self.height is not None else self.amplitude
 
     def table(self) -> dict[str, Any]:
         kept = ("kind", *self.FIELDS[self.kind])
-        # what linear waves do not have is written only where it is asked for
+        # keys that linear waves do not have are written only if given
         plain_wave = {"theory": "linear", "current_criterion": "euler"}
         return {k: v for k, v in as_table(self).items() if k in kept and plain_wave.get(k) != v}
 
 
 def _check_theory(values: dict[str, Any], path: str) -> None:
-    """What only some theories of regular waves take."""
+    """Check of keys that only some theories of regular waves accept."""
     theory = values["theory"]
     if values["order"] is not None and theory != "stream":
         raise SceneError(f"{path}.order: {values['order']} is not used by theory {theory!r}; allowed: with 'stream'")
@@ -110,11 +113,11 @@ def _check_theory(values: dict[str, Any], path: str) -> None:
             f"{path}.current_criterion: 'stokes' is not used by theory 'linear'; allowed: with stokes5, stream, auto"
         )
     if theory != "linear" and values["amplitude"] is not None and not np.all(np.asarray(values["amplitude"]) > 0.0):
-        raise refuse(f"{path}.amplitude", plain(values["amplitude"]), "is no wave", f"> 0 m with theory {theory!r}")
+        raise refuse(f"{path}.amplitude", plain(values["amplitude"]), "is not a wave", f"> 0 m with theory {theory!r}")
 
 
 def _from_file(values: dict[str, Any], path: str) -> dict[str, Any]:
-    """The file's components in place of its name."""
+    """The components of the file instead of its name."""
     clash = [key for key in ("amplitude", "period") if values[key] is not None]
     if clash:
         raise SceneError(f"{path}.{clash[0]}: given twice, here and in the file; allowed: one of the two")
@@ -123,7 +126,7 @@ def _from_file(values: dict[str, Any], path: str) -> dict[str, Any]:
 
 
 def _check_sizes(values: dict[str, Any], path: str) -> None:
-    """One value or one per component everywhere; one of each in a regular sea."""
+    """Check that each key has one value or one per component; one value in a regular sea."""
     given = {key: values[key] for key in ("amplitude", "period", "phase", "direction") if values[key] is not None}
     sizes = {key: np.size(value) for key, value in given.items()}
     most = max(sizes.values())
@@ -163,7 +166,7 @@ class CurrentSpec:
         _check_pair(values, path, "time", "factor", values["time"] is not None or values["factor"] is not None)
         check_constituents(values, path, ("amplitude", "period", "phase"))
         if values["time"] is not None and values["amplitude"] is not None:
-            raise SceneError(f"{path}.amplitude: given beside `time`, both change the factor; allowed: one of the two")
+            raise SceneError(f"{path}.amplitude: cannot be combined with `time`; allowed: one of the two")
         if values["veer"] is not None and values["kind"] == "table":
             raise SceneError(f"{path}.veer: given with kind 'table', which turns itself; allowed: uniform, power")
         return cls(**values)
@@ -191,7 +194,7 @@ class LevelSpec:
         lowest = values["offset"] + (0.0 if values["height"] is None else float(np.min(values["height"])))
         lowest -= 0.0 if values["amplitude"] is None else float(np.sum(np.abs(values["amplitude"])))
         if depth + lowest <= 0.0:
-            raise SceneError(f"{path}: falls to {lowest:.4g} m, below the bed; allowed: above {-depth:g} m")
+            raise SceneError(f"{path}: falls to {lowest:.4g} m, below the seabed; allowed: above {-depth:g} m")
         return cls(**values)
 
     def table(self) -> dict[str, Any]:
@@ -199,7 +202,7 @@ class LevelSpec:
 
 
 def _check_pair(values: dict[str, Any], path: str, axis: str, other: str, needed: bool) -> None:
-    """Two tables of one length over a rising axis, both or none."""
+    """Check two tables of equal length over a rising axis, both or none."""
     if not needed and values[axis] is None and values[other] is None:
         return
     a, b = values[axis], values[other]
@@ -219,8 +222,8 @@ class SeaSpec:
     ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, optional=True)
     stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
     dispersion: str = option("wave numbers", choices=("exact", "fenton"), default="exact")
-    wave_current: str = option("what a current does to waves", choices=("none", "doppler", "action"), default="none")
-    interpolation: str = option("how kinematics are found", choices=("none", "grid"), default="none")
+    wave_current: str = option("effect of a current on waves", choices=("none", "doppler", "action"), default="none")
+    interpolation: str = option("how kinematics are computed", choices=("none", "grid"), default="none")
     waves: WaveSpec | None = None
     current: CurrentSpec | None = None
     level: LevelSpec | None = None
@@ -249,25 +252,27 @@ class SeaSpec:
 
     @classmethod
     def paths(cls) -> list[str]:
-        """All keys of a sea, in the syntax of `--set`; whole waves and currents are tables."""
+        """All keys of a sea, in the syntax of `--set`; complete waves and currents are tables."""
         sections = (("sea", cls), ("sea.waves", WaveSpec), ("sea.current", CurrentSpec), ("sea.level", LevelSpec))
         keys = [f"{name}.{key}" for name, spec in sections for key in field_keys(spec)]
         return [*keys, "sea.packaged", "sea.waves", "sea.current", "sea.level"]
 
 
 def _check_finite_waves(values: dict[str, Any], path: str) -> None:
-    """What waves of finite height cannot be combined with."""
+    """Check of keys that cannot be combined with waves of finite height."""
     theory = "linear" if values["waves"] is None else values["waves"].theory
     if theory == "linear":
         return
     for key, what in (("wave_current", "action"), ("interpolation", "grid")):
         if values[key] == what:
             left = "none, doppler" if key == "wave_current" else "none"
-            raise SceneError(f"{path}.{key}: {what!r} does not serve waves of theory {theory!r}; allowed: {left}")
+            raise SceneError(
+                f"{path}.{key}: {what!r} cannot be combined with waves of theory {theory!r}; allowed: {left}"
+            )
 
 
 def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """`over` on top of `base`, tables merged, except where the kind changes."""
+    """`over` merged into `base`, except tables whose kind changes."""
     merged = dict(base)
     for key, value in over.items():
         old = merged.get(key)
@@ -287,7 +292,7 @@ def sea_names() -> tuple[str, ...]:
 
 
 def read_packaged(name: Plain, path: str) -> dict[str, Any]:
-    """The table of a packaged sea; a component file that it names lies beside it."""
+    """The table of a packaged sea; its component file is next to it."""
     name, known = read_text(name, path), sea_names()
     if name not in known:
         raise SceneError(f"{path}: {name!r} is not a packaged sea; {nearest(name, known)}")

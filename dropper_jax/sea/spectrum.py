@@ -12,7 +12,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.sea.dispersion import ratio_sinh, wave_number
 
 SHAPES = ("jonswap", "pierson_moskowitz", "tma")
-#: Frequencies over the peak frequency between which the shape is tabulated: less than 1e-6 of the energy is outside.
+#: Range of the tabulated shape in peak frequencies: less than 1e-6 of the energy is outside.
 LOWEST, HIGHEST = 0.3, 30.0
 TABLE = 20001
 
@@ -56,9 +56,9 @@ def depth_factor(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float)
 
 
 def bins(gamma: float, count: int, kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies over the peak frequency and shares of the energy (sum 1) of `count` components.
+    """Frequencies over the peak frequency and energy fractions (sum 1) of `count` components.
 
-    equal_energy: each component carries the same energy and sits at the middle of its share: no common period.
+    equal_energy: each component has the same energy and is at the middle of its bin: no common period.
     equal_frequency: equal bins from 0.5 to 4 peak frequencies, each component at random in its bin: no common period.
     even: the same bins with components in their middles, which repeat after one over the bin width.
     """
@@ -73,7 +73,8 @@ def bins(gamma: float, count: int, kind: str, rng: np.random.Generator) -> tuple
 
 
 def spread(exponent: float, count: int, rng: np.random.Generator) -> np.ndarray:
-    """`count` directions [rad] about 0 with density `cos^2s(d/2)`: one from each of `count` equal shares, shuffled."""
+    """`count` directions [rad] about 0 with density `cos^2s(d/2)`: one from each of `count` equal fractions,
+    shuffled."""
     angle = np.linspace(-np.pi, np.pi, 4001)
     below = np.cumsum(np.cos(angle / 2) ** (2 * exponent))
     levels = (np.arange(count) + rng.uniform(size=count)) / count
@@ -103,8 +104,8 @@ def components(
         frequencies: see `bins`.
         spreading: s of `cos^2s(d/2)`; None is long-crested.
         directions: directions per frequency. With one, Hs is the same everywhere; with several, components of one
-            frequency interfere and Hs depends on the place.
-        seed: of the phases and of everything else that is drawn.
+            frequency interfere and Hs depends on the position.
+        seed: of the phases and all other random numbers.
     """
     rng = np.random.default_rng(seed)
     x, share = bins(1.0 if spectrum == "pierson_moskowitz" else gamma, count, frequencies, rng)

@@ -1,4 +1,4 @@
-"""Steady waves of finite height on the host: what every theory of them gives, the highest wave, and which theory holds.
+"""Steady waves of finite height on the host: result of all theories, highest wave, and choice of the theory.
 
 All of them move without change of form along +s over a level bed, crest at s = 0 at t = 0:
 
@@ -13,14 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: Theories by name; `auto` takes the first of linear, stokes5 and stream that holds.
+#: Theories by name; `auto` selects the first valid one of linear, stokes5 and stream.
 THEORIES = ("linear", "stokes5", "stream", "auto")
-#: Which mean velocity of the water is the current's (Fenton's words): Eulerian, at a fixed place that is always wet, or
-#: that of mass transport over the depth (no net flow in a closed flume).
+#: Meaning of the current as mean velocity of the water (after Fenton): Eulerian, at a fixed position that is always
+#: wet,
+#: or that of mass transport over the depth (no net flow in a closed flume).
 CRITERIA = ("euler", "stokes")
-#: Linear theory holds where the second harmonic of the surface is below this share of the first (Le Mehaute's bound).
+#: Linear theory is valid if the second harmonic of the surface is below this fraction of the first (Le Mehaute's
+#: limit).
 LINEAR = 0.01
-#: Stokes V holds up to this share of the highest wave and below this length over depth.
+#: Stokes V is valid up to this fraction of the highest wave and below this length over depth.
 STOKES_HEIGHT, STOKES_LENGTH = 0.5, 6.0
 
 
@@ -29,15 +31,15 @@ class SteadyWave(NamedTuple):
 
     Attributes:
         theory: linear, stokes5 or stream.
-        height, depth, length, period: [m], [m], [m], [s] in the frame of the bed.
+        height, depth, length, period: [m], [m], [m], [s] in the frame of the seabed.
         celerity: speed of the crest [m/s] there.
         eulerian, transport: mean velocities c_E and c_S of the water [m/s] (`CRITERIA`).
         flow: mean speed U = c - c_E of the water in the frame of the wave [m/s].
-        head: Bernoulli's constant there less g d [m^2/s^2].
+        head: Bernoulli's constant there minus g d [m^2/s^2].
         flux: volume flux Q there [m^2/s].
         surface: E_j, (n,) [m].
         speed: U_j, (n,) [m/s].
-        error: what is left of the conditions at the surface, of speed^2 and of flux, over g H and H sqrt(g d).
+        error: residual of the surface conditions, of speed^2 and of flux, over g H and H sqrt(g d).
     """
 
     theory: str
@@ -112,7 +114,7 @@ def second_harmonic(height: float, length: float, depth: float) -> float:
 
 
 def fitting_theory(height: float, length: float, depth: float) -> str:
-    """The simplest theory that holds for a wave of this height and length [m] over a depth [m]."""
+    """The simplest valid theory for a wave of this height and length [m] over a depth [m]."""
     if second_harmonic(height, length, depth) < LINEAR:
         return "linear"
     short = length < STOKES_LENGTH * depth

@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.sea.dispersion import wave_number
 from dropper_jax.sea.steady import SteadyWave
 
-#: From this kd on the water is deep to rounding; the coefficients are taken there, where nothing overflows yet.
+#: Above this kd the water is deep to rounding; the coefficients are evaluated there without overflow.
 DEEP = 20.0
 
 
@@ -30,7 +30,7 @@ def stokes5(
         current: mean velocity of the water along the wave [m/s], in the sense of `criterion` (`steady.CRITERIA`).
 
     Raises:
-        ValueError: no length belongs to this period.
+        ValueError: no length for this period.
     """
     if length is None:
         length = _length(height, depth, gravity, period, current, criterion)
@@ -57,7 +57,7 @@ def stokes5(
 
 
 def _length(height: float, depth: float, gravity: float, period: float, current: float, criterion: str) -> float:
-    """Length [m] of a period: of several the one that is nearest to that of a linear wave."""
+    """Length [m] of a period: of several, that closest to the length of a linear wave."""
 
     def excess(k: float) -> float:
         flow, flux, _ = _integrals(0.5 * k * height, k * depth, k, depth, gravity)
@@ -71,14 +71,15 @@ def _length(height: float, depth: float, gravity: float, period: float, current:
     found = np.flatnonzero((values[:-1] <= 0.0) & (values[1:] > 0.0))
     if not found.size:
         raise ValueError("no wave of Stokes' theory has this period")
-    from scipy.optimize import brentq  # noqa: PLC0415  (mistakes in scenes are told without it)
+    from scipy.optimize import brentq  # noqa: PLC0415  (errors in scenes are reported without it)
 
     first = found[np.argmin(np.abs(np.log(k[found] / still)))]
     return float(2.0 * np.pi / brentq(excess, k[first], k[first + 1], xtol=1e-15, rtol=1e-14))
 
 
 def _integrals(e: float, kd: float, k: float, depth: float, gravity: float) -> tuple[float, float, float]:
-    """Mean speed in the frame of the wave [m/s], volume flux there [m^2/s], Bernoulli's constant less g d [m^2/s^2]."""
+    """Mean speed in the frame of the wave [m/s], volume flux there [m^2/s], Bernoulli's constant minus g d
+    [m^2/s^2]."""
     s, th = _sech(kd), np.tanh(kd)
     c0 = np.sqrt(th)
     c2 = c0 * (2 + 7 * s**2) / (4 * (1 - s) ** 2)

@@ -13,18 +13,18 @@ import numpy as np
 
 from dropper_jax.sea.steady import SteadyWave, highest
 
-#: Orders that are tried one after another, and the error of the conditions between the points that is good enough.
+#: Sequence of orders, and the tolerance of the surface conditions between the points.
 ORDERS, GOOD, ENOUGH = (10, 14, 20, 28, 40, 56, 80), 1e-6, 1e-3
-#: Newton steps per height; the smallest step of height, of the whole.
+#: Newton steps per height; minimum step of the height, relative to the full height.
 STEPS, SMALLEST = 25, 1.0 / 256.0
-#: Where Newton's method ends below this share of the highest wave, the harmonics are too few, not the wave too high.
+#: If Newton's method fails below this fraction of the highest wave, the number of harmonics is too small.
 NEAR = 0.9
 
 
 class NotSolved(ValueError):
-    """No wave was found; `reached` [m] is the largest height at which there was one, of a length [m].
+    """No wave was found; `reached` [m] is the maximum solved height, at a length [m].
 
-    `few`: Newton's method ended far below the highest wave, for want of harmonics.
+    `few`: Newton's method failed far below the highest wave, because of too few harmonics.
     """
 
     def __init__(self, reached: float, length: float, depth: float) -> None:
@@ -48,10 +48,10 @@ def stream_function(
 
     Args:
         current: mean velocity of the water along the wave [m/s], in the sense of `criterion` (`steady.CRITERIA`).
-        order: number of harmonics; None takes as many as the surface needs.
+        order: number of harmonics; None uses as many as the surface needs.
 
     Raises:
-        NotSolved: beyond the highest wave, or next to it.
+        NotSolved: above the highest wave, or close to it.
     """
     speed, time = np.sqrt(gravity * depth), np.sqrt(depth / gravity)
     problem = _Problem(
@@ -112,7 +112,7 @@ class _Problem:
         return self.current if self.criterion == "euler" else self.current + flux - flow
 
     def surface(self, x: np.ndarray, eta: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        """What is left of both conditions (2, m, ...) at phases (m,) where the surface is at eta (m, ...)."""
+        """Residual of both conditions (2, m, ...) at phases (m,) with the surface at eta (m, ...)."""
         k, _, v, flow, flux, head = _parts(x)
         j = np.arange(1, v.shape[0] + 1)[:, None]
         jk = j * k
@@ -138,7 +138,7 @@ class _Problem:
         return np.concatenate([both, np.stack([mean, eta[0] - eta[-1] - height, size])])
 
     def between(self, x: np.ndarray) -> float:
-        """Largest error of the conditions half-way between the points, over the height."""
+        """Maximum error of the conditions half-way between the points, over the height."""
         eta = x[1 : _order(x) + 2]
         n = _order(x)
         angle = np.pi * (np.arange(n) + 0.5) / n
@@ -147,7 +147,7 @@ class _Problem:
 
 
 def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | None:
-    """The solution at a height from a guess; None where Newton's method does not get there."""
+    """The solution at a height from a guess; None if Newton's method fails."""
     count, tiny = x.size, 1e-30
     for _ in range(STEPS):
         # derivatives by complex steps: exact, one evaluation for all columns
@@ -171,7 +171,7 @@ def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | Non
 
 
 def _climb_orders(problem: _Problem, height: float, orders: tuple[int, ...], depth: float) -> np.ndarray:
-    """The wave with as few harmonics as it takes to get to its height; long waves need many."""
+    """The wave with the minimum number of harmonics for its height; long waves need many."""
     for n in orders:
         try:
             return _climb(problem, height, n, depth)
@@ -181,7 +181,7 @@ def _climb_orders(problem: _Problem, height: float, orders: tuple[int, ...], dep
 
 
 def _climb(problem: _Problem, height: float, order: int, depth: float) -> np.ndarray:
-    """From a low linear wave to the height, in steps that are halved where Newton's method fails."""
+    """From a low linear wave to the height, in steps that are halved if Newton's method fails."""
     done, step, past = 0.0, 0.125, []
     while done < 1.0:
         share = min(done + step, 1.0)
@@ -211,7 +211,7 @@ def _first(problem: _Problem) -> tuple[float, float]:
 
 
 def _guess(problem: _Problem, past: list, share: float, height: float, order: int) -> np.ndarray:
-    """A linear wave at first, then one or two solutions carried on."""
+    """Initial guess: a linear wave first, then extrapolation of one or two solutions."""
     if len(past) == 2:
         (a, before), (b, last) = past
         return last + (share - b) / (b - a) * (last - before)

@@ -13,16 +13,16 @@ from dropper_jax.base.fields import component, parameter
 
 
 def harmonic(t: jax.Array, amplitude: jax.Array, period: jax.Array, phase: jax.Array) -> jax.Array:
-    """`sum_i a_i cos(2 pi t/T_i - p_i)` at time t [s]; phases are lags, as tables of tides have them."""
+    """`sum_i a_i cos(2 pi t/T_i - p_i)` at time t [s]; phases are lags, as in tide tables."""
     return jnp.sum(amplitude * jnp.cos(2.0 * jnp.pi * t / period - phase))
 
 
 @component
 class Level:
-    """Height of the mean surface over z = 0, the level that depths of the scene mean [m], and its rate.
+    """Height of the mean surface over z = 0, the reference level of the scene [m], and its rate.
 
-    The water under it moves as if the depth were `d + level` and z counted from there; its wave numbers are those of d,
-    and the level's own vertical velocity (some 1e-4 m/s) is left out.
+    The water moves as with the depth `d + level` and z measured from there. Wave numbers are those of d, and the
+    vertical velocity of the level (some 1e-4 m/s) is left out.
     """
 
     offset: jax.Array = parameter("constant part", unit="m", default=0.0)
@@ -33,7 +33,7 @@ class Level:
     phase: jax.Array | None = parameter("lag of constituents", unit="rad", shape="table", optional=True)
 
     def at(self, t: jax.Array) -> jax.Array:
-        """The level [m] at time t [s]; a table is held outside of its times."""
+        """The level [m] at time t [s]; a table is constant outside its times."""
         level = jnp.asarray(self.offset)
         if self.time is not None:
             level = level + jnp.interp(t, self.time, self.height)
@@ -43,7 +43,7 @@ class Level:
 
 
 def check_constituents(values: dict[str, Any], path: str, keys: tuple[str, str, str]) -> None:
-    """Refuse constituents that are not all given or not of one length; phases are 0 where they are left out."""
+    """Reject incomplete constituents or unequal lengths; phases are 0 by default."""
     amplitude, period, phase = (values[key] for key in keys)
     if amplitude is None and period is None and phase is None:
         return

@@ -1,9 +1,9 @@
 """Wakes of lines in a current: Gaussian, each with the momentum of its drag, added so that momentum is conserved.
 
-Element i of frontal area A_i and drag coefficient C_i at (x_i, y_i, z_i), x along the current, meets u_i and takes
-`T_i/rho = 1/2 C_i A_i u_i^2` from the water. Its wake is `u_i - a g(y) h(z)`, whose width grows as that of a plane
+Element i of frontal area A_i and drag coefficient C_i at (x_i, y_i, z_i), x along the current, has the inflow u_i and
+the drag `T_i/rho = 1/2 C_i A_i u_i^2`. Its wake is `u_i - a g(y) h(z)`, whose width grows as that of a plane
 turbulent wake (Schlichting, Boundary-Layer Theory: half-width 0.25 sqrt(C D x), thus sigma^2 = 0.0451 C D x) and with
-the turbulence of the water, `sigma = I x`; surface and bed reflect it. The amplitude follows from momentum,
+the turbulence of the water, `sigma = I x`; surface and seabed reflect it. The amplitude follows from momentum,
 
     integral (u_i - a g h) a g h dA = T_i/rho,
 
@@ -11,9 +11,9 @@ and wakes are added by Zong and Porte-Agel (2020): `U_s = sum_i (c_i/U_c) a_i g_
 `c_i = u_i - a_i int(g h)^2/int(g h)` of each and `U_c = U - int U_s^2/int U_s` of all, found together (here a quadratic
 equation). Thus `rho int (U - U_s) U_s dA = sum T_i` at every x. Drag and deficit are solved together, going downstream.
 
-Left out: the pressure that turns water aside before and beside a dense farm, and the turbulence that wakes make. Where
-the drag of a dense farm is more than the wake's water has momentum for (at a deficit of about half), the deficit stays
-there and the wake carries less than the drag: `Wakes.balance` says which part.
+The model omits the flow around a dense farm due to pressure, and the turbulence of wakes. If the drag of a dense farm
+exceeds the momentum of the water in the wake (at a deficit of about half), the deficit is limited and the wake contains
+less momentum than the drag. `Wakes.balance` is their ratio.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ import numpy as np
 GROWTH = (0.25 / 1.1774) ** 2
 #: Sigma at the element over C D: the deficit there is about half of the flow.
 START = 0.5
-#: Heights over the depth at which wakes are integrated.
+#: Number of heights over the depth for the integration of wakes.
 HEIGHTS = 48
-#: Diameters behind an element from which its wake is felt.
+#: Distance in diameters behind an element at which its wake starts.
 BEHIND = 2.0
 
 
 @dataclass(frozen=True)
 class Elements:
-    """Parts of lines (n,): places [m], x along the current, extents across it [m], diameter [m], drag coefficient."""
+    """Elements of lines (n,): positions [m], x along the current, extents across it [m], diameter [m], drag
+    coefficient."""
 
     x: np.ndarray
     y: np.ndarray
@@ -52,7 +53,7 @@ class Elements:
 
 @dataclass(frozen=True)
 class Wakes:
-    """Solved wakes: the current [m/s] without them, what each element meets (n,) [m/s], its drag over rho (n,)."""
+    """Solved wakes: the current [m/s] without them, inflow of each element (n,) [m/s], its drag over rho (n,)."""
 
     elements: Elements
     speed: float
@@ -63,7 +64,8 @@ class Wakes:
 
     @property
     def balance(self) -> float:
-        """Momentum lost in the wake behind everything over the drag of all: 1, or less in a farm too dense for it."""
+        """Momentum deficit in the wake behind all elements over their total drag: 1, or less in a farm that is too
+        dense."""
         total = float(np.sum(self.drag))
         end = float(np.max(self.elements.x)) + 10.0 * float(np.max(self.elements.diameter))
         return self.plane(end).momentum / total if total > 0.0 else 1.0
@@ -110,7 +112,7 @@ def solve_wakes(elements: Elements, speed: float, depth: float, turbulence: floa
             first = elements.x < at - BEHIND * elements.diameter
             plane = _plane(elements, first, met, drag, at, speed, depth, turbulence) if np.any(first) else None
         if plane is not None:
-            # in its middle: there Gaussians of the extent's width are what a box of that extent is
+            # at its centre, where Gaussians of this width equal a box of this extent
             lost = plane.deficit(elements.y[i : i + 1], elements.z[i : i + 1])
             met[i] = max(speed - float(lost[0, 0]), 0.0)
         drag[i] = 0.5 * elements.drag[i] * elements.area[i] * met[i] ** 2
@@ -118,7 +120,7 @@ def solve_wakes(elements: Elements, speed: float, depth: float, turbulence: floa
 
 
 def _upright(z: np.ndarray, centre: np.ndarray, high: np.ndarray, depth: float) -> np.ndarray:
-    """h_i (n, nz): Gaussians over z, mirrored at the surface and at the bed."""
+    """h_i (n, nz): Gaussians over z, mirrored at the surface and at the seabed."""
     found = np.zeros((len(centre), len(z)))
     for mirror in (centre, -centre, -2.0 * depth - centre):
         found += np.exp(-0.5 * ((z - mirror[:, None]) / high[:, None]) ** 2)

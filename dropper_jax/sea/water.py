@@ -1,4 +1,4 @@
-"""The sea as a part of the model, and what effects see of it: water at the nodes, frozen over a step."""
+"""The sea as a part of the model, and its state for effects: water at the nodes, frozen over a step."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dropper_jax.sea.waves import Motion
 
 @component
 class Sea:
-    """Water of constant depth below z = 0, the mean surface, with waves and current where given."""
+    """Water of constant depth below z = 0, the mean surface, with waves and current if given."""
 
     depth: jax.Array = parameter("depth of the water", unit="m", low=0.0, open_low=True)
     density: jax.Array = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=SEA_WATER)
@@ -27,12 +27,12 @@ class Sea:
     level: Level | None = None
 
     def over(self, r: jax.Array, t: jax.Array) -> tuple[Sea, jax.Array, jax.Array]:
-        """The water of the level at time t, places r (n, 3) counted from it, and the level [m]."""
+        """The water of the level at time t, positions r (n, 3) relative to it, and the level [m]."""
         level = self.level.at(t)
         return replace(self, depth=self.depth + level, level=None), r.at[..., 2].add(-level), level
 
     def elevation(self, r: jax.Array, t: jax.Array) -> jax.Array:
-        """Elevation of the surface (n,) [m] over places r (n, 3)."""
+        """Elevation of the surface (n,) [m] over positions r (n, 3)."""
         if self.level is not None:
             own, r, level = self.over(r, t)
             return own.elevation(r, t) + level
@@ -41,7 +41,7 @@ class Sea:
         return self.waves.elevation(r[:, 0], r[:, 1], t)
 
     def at(self, r: jax.Array, t: jax.Array) -> Motion:
-        """Water at places r (n, 3) [m]; the acceleration is the local one, du/dt at a fixed place."""
+        """Water at positions r (n, 3) [m]; the acceleration is the local one, du/dt at a fixed position."""
         if self.level is not None:
             own, r, level = self.over(r, t)
             motion = own.at(r, t)
@@ -58,9 +58,9 @@ class Sea:
         return Motion(motion.elevation, velocity, acceleration)
 
     def convective(self, r: jax.Array, t: jax.Array, motion: Motion) -> jax.Array:
-        """`(u . grad) u` (n, 3) [m/s^2], which makes Du/Dt of the local acceleration.
+        """`(u . grad) u` (n, 3) [m/s^2], the difference between Du/Dt and the local acceleration.
 
-        Of the unstretched field, at the heights where the kinematics are taken.
+        It is that of the unstretched field, at the heights at which the kinematics are evaluated.
         """
         if self.level is not None:
             own, r, level = self.over(r, t)
@@ -88,7 +88,8 @@ class Sea:
 
     @property
     def corners(self) -> list[jax.Array]:
-        """Times (k,) [s] at which the water's motion is not smooth: of a table of the current, both ends of a ramp."""
+        """Times (k,) [s] at which the motion of the water is not smooth: table times of the current, both ends of a
+        ramp."""
         found = [] if self.current is None or self.current.time is None else [self.current.time]
         found += [] if self.level is None or self.level.time is None else [self.level.time]
         ramp = None if self.waves is None else self.waves.ramp
@@ -99,7 +100,7 @@ class Sea:
         return replace(self, waves=None)
 
     def water(self, r: jax.Array, t: jax.Array, tangents: jax.Array, material: bool, current: bool = False) -> Water:
-        """What effects see around nodes r (nodes, 3) [m] of links along `tangents` (n, 3).
+        """Water around nodes r (nodes, 3) [m] of links along `tangents` (n, 3), for effects.
 
         Du/Dt with `material`, the velocity of the current alone with `current`.
         """
@@ -112,13 +113,13 @@ class Sea:
 
 
 class Water(NamedTuple):
-    """What a step sees of the water, taken once at its predicted middle.
+    """Water of a step, evaluated once at its predicted midpoint.
 
     Attributes:
         motion: elevation, velocity, local acceleration at the free nodes.
-        material: Du/Dt there (None where no effect asks for it).
+        material: Du/Dt there (None if no effect needs it).
         tangents: of the links (n, 3).
-        current: velocity of the current alone (None where no effect asks for it).
+        current: velocity of the current alone (None if no effect needs it).
     """
 
     motion: Motion

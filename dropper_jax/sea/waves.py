@@ -1,12 +1,12 @@
-"""Linear (Airy) waves in finite depth: elevation, velocity, acceleration and dynamic pressure where they are asked for.
+"""Linear (Airy) waves in finite depth: elevation, velocity, acceleration and dynamic pressure at given positions.
 
 With `p = k (x cos m + y sin m) - w t + e` and s the intrinsic frequency (w without a current), per component
 
-    eta = a cos p,    u = a s C cos p (cos m, sin m),    u_z = a s S sin p,    u' = d/dt at a fixed place
+    eta = a cos p,    u = a s C cos p (cos m, sin m),    u_z = a s S sin p,    u' = d/dt at a fixed position
     C = cosh k(z + d)/sinh kd,    S = sinh k(z + d)/sinh kd,    pressure = rho (s^2/k) a C cos p
 
 (thesis (6.4)-(6.9), where (C.30) lacks the minus sign of u'_z and (C.25)-(C.30) lack phase and sum; paper (7)-(13)).
-Exponentials are taken of -kd and of k z only, so that kd = 95 is fine in float32.
+Exponentials are evaluated only of -kd and of k z, so that kd = 95 does not overflow in float32.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ import jax.numpy as jnp
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.trigonometry import sincos
 
-#: How kinematics are carried above the mean surface, where linear theory is not defined.
+#: Extrapolation of kinematics above the mean surface, where linear theory is not defined.
 STRETCHING = ("none", "constant", "wheeler")
 
 
 class Motion(NamedTuple):
-    """Water at some places: elevation (n,) [m], velocity and local acceleration (n, 3) [m/s], [m/s^2]."""
+    """Water at some positions: elevation (n,) [m], velocity and local acceleration (n, 3) [m/s], [m/s^2]."""
 
     elevation: jax.Array
     velocity: jax.Array
@@ -55,7 +55,7 @@ class Waves:
 
     @property
     def speeds(self) -> jax.Array:
-        """What the profiles of a component are times, for its velocity (c,) [m/s]: `a s`."""
+        """Factor of the profiles of a component for its velocity (c,) [m/s]: `a s`."""
         return self.amplitude * (self.omega if self.intrinsic is None else self.intrinsic)
 
     @property
@@ -83,10 +83,11 @@ class Waves:
         return self.rise(t)[0] * jnp.sum(self.amplitude * sincos(self.phases(x, y, t))[1], axis=-1)
 
     def heights(self, z: jax.Array, elevation: jax.Array, depth: jax.Array) -> jax.Array:
-        """Where the kinematics of z are taken (n,) [m]: as it is, capped at the mean surface, or Wheeler's z'.
+        """Height at which the kinematics of z are evaluated (n,) [m]: z, z limited to the mean surface, or Wheeler's
+        z'.
 
-        Wheeler (1970): `z' = d (z - eta)/(d + eta)`. Velocity and local acceleration are mapped separately, so that
-        one is not the time derivative of the other. Nothing is taken from above the surface or below the bed.
+        Wheeler (1970): `z' = d (z - eta)/(d + eta)`. Velocity and local acceleration are mapped separately, so one is
+        not the time derivative of the other. Heights are limited to the range from seabed to surface.
         """
         if self.stretching == "wheeler":
             z = depth * (z - elevation) / (depth + elevation)
@@ -102,7 +103,7 @@ class Waves:
         return (up + down) * scale, (up - down) * scale
 
     def motion(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> Motion:
-        """The water at places r (n, 3) [m], all components in one pass."""
+        """The water at positions r (n, 3) [m], all components in one pass."""
         sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
         rise, rate = self.rise(t)
         elevation = rise * jnp.sum(self.amplitude * cos, axis=-1)
@@ -110,7 +111,7 @@ class Waves:
         return Motion(elevation, rise * velocity, rise * acceleration + rate * velocity)
 
     def _orbit(self, z: jax.Array, cos: jax.Array, sin: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Velocity and local acceleration (n, 3) at heights z, ramp aside."""
+        """Velocity and local acceleration (n, 3) at heights z, without the ramp."""
         across, upright = self.profiles(z, depth)
         speed = self.speeds
         along = self.omega * speed
@@ -128,7 +129,7 @@ class Waves:
         )
 
     def airy_velocity(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> jax.Array:
-        """Velocity (n, 3) [m/s] at places r whose heights are already mapped: what gradients are taken of."""
+        """Velocity (n, 3) [m/s] at positions r with mapped heights, for gradients."""
         sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
         return self.rise(t)[0] * self._orbit(r[:, 2], cos, sin, depth)[0]
 
@@ -143,7 +144,7 @@ class Waves:
         return self.rise(t)[0] * jnp.stack([jnp.sum(across * cos), jnp.sum(across * sin), jnp.sum(up)])
 
     def pressure(self, r: jax.Array, t: jax.Array, depth: jax.Array, density: jax.Array) -> jax.Array:
-        """Dynamic pressure (n,) [Pa]; zero mean, the hydrostatic part aside."""
+        """Dynamic pressure (n,) [Pa]; zero mean, without the hydrostatic part."""
         phases = self.phases(r[:, 0], r[:, 1], t)
         elevation = self.elevation(r[:, 0], r[:, 1], t)
         across, _ = self.profiles(self.heights(r[:, 2], elevation, depth), depth)

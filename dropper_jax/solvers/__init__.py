@@ -1,7 +1,7 @@
 """Linear solvers for the Newton correction of a step: dense, banded, condensed; network for systems of lines.
 
 Each offers `refuse(model, integrator)`, `prepare(problem, u)` once per step, `factor(problem, u, prepared)` once per
-iteration, `apply(factor, rows)` and `apply_transposed(factor, rows)` on `Unknowns`. What they invert may be
+iteration, `apply(factor, rows)` and `apply_transposed(factor, rows)` on `Unknowns`. The inverted matrix may be
 approximate; derivatives are refined to the exact Jacobian.
 """
 

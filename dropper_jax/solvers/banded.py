@@ -1,7 +1,7 @@
 """The exact Jacobian as a block-tridiagonal matrix: `jacfwd` over a few colours, block elimination in a scan. O(n).
 
-A block is a node with the link before it: 3 positions and 1 tension. Where forces reach the next neighbours but one,
-two nodes make a block. A block is inverted by nested 3 + 1 elimination: the node's mass first, then the link's
+A block is a node with the link before it: 3 positions and 1 tension. If forces couple second neighbours, a block
+contains two nodes. A block is inverted by nested 3 + 1 elimination: the node's mass first, then the link's
 reaction, which is the order in which a free-ended chain of i links is always solvable, so no pivoting is needed.
 """
 
@@ -26,7 +26,7 @@ class _Factor(NamedTuple):
 
 
 def _product(a: jax.Array, b: jax.Array) -> jax.Array:
-    """Small matrix product as elementwise work, which fuses where a library call would not."""
+    """Small matrix product as elementwise operations, which fuse, unlike a library call."""
     return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
 
 
@@ -51,7 +51,7 @@ def block_inverse(m: jax.Array) -> jax.Array:
 
 
 class Layout:
-    """How unknowns are packed into blocks: block i holds node i and link i, `width` nodes to a block."""
+    """Packing of unknowns into blocks: block i contains node i and link i, with `width` nodes per block."""
 
     def __init__(self, nodes: int, links: int, width: int) -> None:
         self.nodes, self.links, self.width = nodes, links, width
@@ -83,7 +83,7 @@ class Banded:
         if not isinstance(model.geometry, Path):
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if model.laws:
-            return f"effect {model.laws[0].name!r} brings unknowns of its own; use dense"
+            return f"effect {model.laws[0].name!r} has its own unknowns; use dense"
         if not integrator.local_rows:
             return f"integrator {integrator.name!r} couples all links in each row; use dense"
         return None
@@ -169,7 +169,7 @@ def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[jax.Array
         return jnp.swapaxes(answer[(index + offset) % colours, :, index, :], -1, -2)
 
     def cut(blocks: jax.Array, end: int) -> jax.Array:
-        """With fewer blocks than colours a missing neighbour would alias an existing one."""
+        """Prevent aliases of missing neighbours if there are fewer blocks than colours."""
         none = jnp.zeros_like(blocks[:1])
         return jnp.concatenate([blocks[:-1], none] if end else [none, blocks[1:]])
 

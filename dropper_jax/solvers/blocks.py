@@ -1,4 +1,4 @@
-"""Products and inverses of small blocks: elementwise work, batched."""
+"""Products and inverses of small blocks: batched elementwise operations."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ Tree = TypeVar("Tree")
 
 
 def optimization_barrier(tree: Tree) -> Tree:
-    """The same arrays, computed once: a loop that makes no trip, into which the compiler fuses nothing.
+    """The same arrays, computed once: a loop without iterations, into which the compiler does not fuse.
 
-    Without it all that makes a block is computed again for each element that reads it: of a longline of 99 nodes a
-    correction takes 285 us without and 132 us with it. (XLA's CPU compiler drops its optimization barriers before.)
+    Without it each block is recomputed for each element that reads it: a correction of a longline of 99 nodes takes 285
+    us without and 132 us with it. (XLA's CPU compiler removes its optimization barriers before fusion.)
     """
     first = jax.tree.leaves(tree)[0]
-    # false but for a matrix that is no number, which nothing mends; not known when compiling
+    # true only for a NaN matrix, whose result is NaN anyway; not known at compile time
     never = jnp.isnan(jnp.ravel(first)[0]) if first.size else jnp.zeros((), bool)
     changed = lambda c: (jnp.zeros((), bool), jax.tree.map(jnp.negative, c[1]))  # noqa: E731
     return jax.lax.while_loop(lambda c: c[0], changed, (never, tree))[1]
@@ -33,7 +33,8 @@ def multiply(a: jax.Array, b: jax.Array) -> jax.Array:
 def inverse(m: jax.Array) -> jax.Array:
     """Inverses of blocks (..., k, k), row by row without pivoting: inertia and stiffness first, a constraint last.
 
-    Not by cofactors: they lose twice as many digits. A chain of links 1e6 times as stiff as inertia is solved to 4e-6
+    Cofactors are not used, since they lose twice as many
+    digits. A chain of links 1e6 times as stiff as inertia is solved to 4e-6
     (LAPACK's inverses: 4e-6; cofactors: 7e-3).
     """
     k = m.shape[-1]

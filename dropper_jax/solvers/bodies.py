@@ -1,11 +1,11 @@
-"""Rigid bodies in the network's matrix: lines with their ends on bodies held first, then all bodies at once.
+"""Rigid bodies in the network matrix: first lines with fixed ends on bodies, then all bodies at once.
 
     seats:  A x_a + D'f + l = r_a,    x_a - W x_b = r_l          (f: of the links, l: multipliers of the seats)
     bodies: A x_b + B m - W'l = r_b,    C x_b = r_m              (m: multipliers of the edges and of pins)
 
-Lines answer a motion of the seats with the forces `K x_a`: one solve per seat and axis. What is left is a dense matrix
-of 18 unknowns per body (21 where one is pinned), `A + W' K W` bordered by the constraints. Where forces of pieces join
-lines with bodies (contact) their corners answer beside the seats.
+The response of lines to a motion of the seats (attached nodes) is the force `K x_a`: one solve per seat and axis. The
+remaining dense matrix has 18 unknowns per body (21 if one is pinned), `A + W' K W` bordered by the constraints. If
+element forces couple lines with bodies (contact), the corners are treated like the seats.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from dropper_jax.solvers.pieces import Coupling
 from dropper_jax.solvers.saddle import LinkParts, Saddle
 from dropper_jax.solvers.stretching import Stretching
 
-#: Unknowns of a body: places of its corners, multipliers of its edges, and of its pin.
+#: Unknowns of a body: positions of its corners, multipliers of its edges, and of its pin.
 BODY_COORDINATES, EDGES, PIN = 12, 6, 3
 
 
 @dataclass(frozen=True)
 class BodyNodeMap:
-    """Which free nodes are whose: corners (bodies, 4), seats (seats,), the rest (kept,), and the graph of the rest.
+    """Groups of free nodes: corners (bodies, 4), seats (seats,), the rest (kept,), and the graph of the rest.
 
     Attributes:
-        edge: nodes that lines see moved, seats first, then corners where pieces join these with lines.
-        pinned: numbers of the pinned bodies.
+        edge: nodes whose motion acts on lines: seats first, then corners that elements couple with lines.
+        pinned: indices of the pinned bodies.
     """
 
     graph: Graph
@@ -63,15 +63,15 @@ class BodyNodeMap:
 
     @property
     def size(self) -> int:
-        """Unknowns of one body."""
+        """Number of unknowns of one body."""
         return BODY_COORDINATES + EDGES + (PIN if self.pinned.size else 0)
 
     def scatter_edge(self, edge: jax.Array) -> jax.Array:
-        """Moves of the edge (edge, 3) among those of all free nodes."""
+        """Displacements of the edge (edge, 3) in an array of all free nodes."""
         return scatter_add(self.edge, edge, self.graph.free)
 
     def sums(self, along: jax.Array) -> jax.Array:
-        """Sum on the free nodes of what links (n, 3) carry, in the sign of the rows."""
+        """Sum of link forces (n, 3) on the free nodes, with the sign of the rows."""
         return self.graph.from_last(along) - self.graph.from_first(along)
 
     def pad_seats(self, values: jax.Array) -> jax.Array:
@@ -80,7 +80,7 @@ class BodyNodeMap:
         return jnp.pad(values, ((0, more),) + ((0, 0),) * (values.ndim - 1)) if more else values
 
     def split(self, between: Coupling | None) -> tuple[Coupling | None, Coupling | None]:
-        """What couples kept nodes, by their numbers among these, and what couples others."""
+        """Blocks that couple kept nodes, by their indices among these, and blocks that couple others."""
         if between is None:
             return None, None
         pairs = np.array(between.pairs, int).reshape(-1, 2)
@@ -99,11 +99,11 @@ def _rest(graph: Graph, away: tuple[int, ...]) -> Graph:
 
 @dataclass(frozen=True)
 class Lines:
-    """The lines of a scene with bodies, their kept nodes factored: how they answer moves of the edge.
+    """The lines of a scene with bodies with factored kept nodes: their response to displacements of the edge.
 
     Attributes:
-        block: blocks (edge, 3, 3) of the edge's rows by its own moves, links and pieces aside.
-        others: blocks of pieces that reach the edge, or None.
+        block: blocks (edge, 3, 3) of the edge's rows by its own displacements, without links and elements.
+        others: blocks of elements that include the edge, or None.
     """
 
     nodes: BodyNodeMap
@@ -122,7 +122,8 @@ class Lines:
     def answer(
         self, edge: jax.Array, force: jax.Array | None = None, stretch: jax.Array | None = None
     ) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Other moves (free, 3), tensions (n,) and the edge's rows (edge, 3) as the edge moves (edge, 3)."""
+        """Other displacements (free, 3), tensions (n,) and rows of the edge (edge, 3) for displacements of the edge
+        (edge, 3)."""
         nodes, links, graph = self.nodes, self.links, self.nodes.graph
         moved = nodes.scatter_edge(edge)
         d = graph.differences(moved, None)
@@ -140,14 +141,14 @@ class Lines:
 
     @staticmethod
     def _by_pieces(others: Coupling, moved: jax.Array) -> jax.Array:
-        """Rows (free, 3) of pieces that reach the edge, by moves of all free nodes (free, 3)."""
+        """Rows (free, 3) of elements that include the edge, for displacements of all free nodes (free, 3)."""
         row, column = np.array(others.pairs, int).T
         return scatter_add_many(row, jnp.sum(others.blocks * moved[column][:, None, :], axis=-1), len(moved))
 
 
 @dataclass(frozen=True)
 class BodyFactor:
-    """The factored matrix of lines and bodies; `shares` of the edge in all corners."""
+    """The factored matrix of lines and bodies; `shares` are the weights of the edge in all corners."""
 
     lines: Lines
     shares: jax.Array
@@ -158,7 +159,7 @@ class BodyFactor:
         return replace(self, lines=self.lines.transpose(), turned=not self.turned)
 
     def solve(self, force: jax.Array, stretch: jax.Array, gaps: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Moves (free, 3), tensions (n,) and multipliers (rows,) for r_x, r_y and the gaps' rows."""
+        """Displacements (free, 3), tensions (n,) and multipliers (rows,) for r_x, r_y and the rows of the gaps."""
         lines, nodes, bodies = self.lines, self.lines.nodes, len(self.lines.nodes.corners)
         seats, edges, off, pins = len(nodes.seats), *parts(gaps, nodes)
         off, link_force = nodes.pad_seats(off), nodes.pad_seats(force[nodes.seats])
@@ -180,7 +181,7 @@ class BodyFactor:
 
 
 def parts(gaps: jax.Array, nodes: BodyNodeMap) -> tuple[jax.Array, jax.Array, list[jax.Array]]:
-    """Gaps (rows,) of edges (bodies, 6), of seats (seats, 3), and, where one is pinned, of pins (bodies, 3)."""
+    """Gaps (rows,) of edges (bodies, 6), of seats (seats, 3), and, if one is pinned, of pins (bodies, 3)."""
     bodies, seats = len(nodes.corners), len(nodes.seats)
     edges, off, pins = jnp.split(gaps, [EDGES * bodies, EDGES * bodies + 3 * seats])
     pins = [scatter_add(nodes.pinned, pins.reshape(-1, 3), bodies)] if nodes.pinned.size else []
@@ -190,7 +191,7 @@ def parts(gaps: jax.Array, nodes: BodyNodeMap) -> tuple[jax.Array, jax.Array, li
 def factor_bodies(
     problem: StepProblem, u: Unknowns, node: jax.Array, links: LinkParts, between: Coupling | None = None
 ) -> BodyFactor:
-    """From A = `node` (free, 3, 3) of the lines' nodes and seats, the links' parts, and what pieces couple."""
+    """From A = `node` (free, 3, 3) of line nodes and seats, the parts of links, and the blocks of elements."""
     (constraint,) = problem.model.constraints
     nodes = BodyNodeMap.of(problem, constraint, between)
     within, others = nodes.split(between)
@@ -212,9 +213,9 @@ def factor_bodies(
 
 
 def body_blocks(problem: StepProblem, u: Unknowns, nodes: BodyNodeMap) -> jax.Array:
-    """Rows of each body by its own unknowns (bodies, 18, 18), seats aside, from 18 directions of forward mode.
+    """Rows of each body by its own unknowns (bodies, 18, 18), without seats, from 18 directions of forward mode.
 
-    Where one is pinned 21, in which bodies that are not have multipliers that are nothing.
+    The size is 21 if one is pinned; the additional multipliers of other bodies are zero.
     """
     model, bodies = problem.model, len(nodes.corners)
     only = problem.acting(tuple(e for e in model.effects if e.bodily))

@@ -1,8 +1,9 @@
-"""Node blocks eliminated first, one scalar tridiagonal system in the tensions left. Linear cost, whole-array work.
+"""Node blocks are eliminated first, which leaves a scalar tridiagonal system for the tensions. Linear cost, array
+operations.
 
-The matrix is `[[K, -G], [g', -c]]`: K node-local (nodes, 3, 3), G the pull of a unit tension, g the gradient of the
-axial law, c its compliance. What K leaves out of the Jacobian (the geometric stiffness between neighbours) makes
-Newton converge linearly, to the same solution: by a factor of about 0.1 per iteration at h omega = 0.6.
+The matrix is `[[K, -G], [g', -c]]`: K node-local (nodes, 3, 3), G the force of a unit tension, g the gradient of the
+axial law, c its compliance. K omits the geometric stiffness between neighbours. Newton therefore converges linearly to
+the same solution, by a factor of about 0.1 per iteration at h omega = 0.6.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def _part(x: Components, where: slice) -> Components:
 
 
 def _eliminate(inverse: Inverse, force: Components, gradient: Components, compliance: jax.Array, free: int) -> _Factor:
-    """The tridiagonal matrix left in the tensions: node i joins link i before it and link i + 1 after it."""
+    """The remaining tridiagonal matrix of the tensions: node i couples link i before it and link i + 1 after it."""
     links = compliance.shape[0]
     held = free < links
     own = _times(inverse, _part(force, slice(free)))
@@ -78,7 +79,7 @@ def _solve(f: _Factor, rows: Unknowns) -> Unknowns:
 
 @dataclass(frozen=True)
 class Condensed:
-    """Tridiagonal in the tensions."""
+    """Condensed solver with a tridiagonal system of tensions."""
 
     name: str = "condensed"
 
@@ -90,14 +91,14 @@ class Condensed:
         if not model.line.axial.condensable:
             return "the damper of its slack links is not in the condensed matrix; use banded or dense"
         if model.laws:
-            return f"effect {model.laws[0].name!r} brings unknowns of its own; use dense"
+            return f"effect {model.laws[0].name!r} has its own unknowns; use dense"
         if model.reach > 0:
             what = "compound links couple" if model.line.compound else "a force in the scene couples"
             return f"it eliminates node by node, but {what} neighbouring nodes; use banded or dense"
         return None
 
     def prepare(self, problem: StepProblem, u: Unknowns) -> Inverse:
-        """Inverses of the node blocks, kept over the iterations of a step: they change little, and cost the most."""
+        """Inverses of the node blocks, reused in the iterations of a step: they change little, and cost most."""
         node = problem.node_matrix(u)
         return 1.0 / node if node.ndim == 1 else inverse_rows(node)
 

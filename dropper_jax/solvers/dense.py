@@ -13,13 +13,13 @@ from dropper_jax.model import Model
 from dropper_jax.residual import Implicit, StepProblem, Unknowns
 
 LU = tuple[jax.Array, jax.Array]
-#: Diagonal added for laws: their unknowns are of the size of their rows, so that this is far below either.
+#: Diagonal added for laws, far below their unknowns and rows, which have the same size.
 SHARING = 1e-9
 
 
 @dataclass(frozen=True)
 class Dense:
-    """LU of the whole Jacobian."""
+    """LU of the full Jacobian."""
 
     name: str = "dense"
 
@@ -49,13 +49,13 @@ class Dense:
 
 
 def _sharing(u: Unknowns) -> jax.Array:
-    """A small diagonal on the laws' unknowns, which several held joints leave undetermined; Newton converges all the
-    same, to one of their solutions."""
+    """A small diagonal on the unknowns of laws, which are undetermined if several joints stick; Newton still converges
+    to one of the solutions."""
     mark = Unknowns(jnp.zeros_like(u.x), jnp.zeros_like(u.y), tuple(jnp.full_like(z, SHARING) for z in u.z))
     return jnp.diag(ravel_pytree(mark)[0])
 
 
 def residual_matrix(problem: StepProblem, u: Unknowns) -> jax.Array:
-    """The dense Jacobian (N, N) of a step's rows, for tests and for looking at."""
+    """The dense Jacobian (N, N) of a step's rows, for tests and inspection."""
     flat, unravel = ravel_pytree(u)
     return jax.jacfwd(lambda x: ravel_pytree(problem.residual(unravel(x)))[0])(jnp.asarray(flat))

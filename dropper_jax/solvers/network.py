@@ -3,9 +3,9 @@
     node rows:  A dx + D'(G D dx + p dy) = r_x,    link rows:  g . D dx + c dy = r_y
 
 D takes differences over links. With `dy = (r_y - g . D dx)/c` a link is a 3x3 stiffness `S = G - p g'/c` between its
-nodes; where some links are rigid (c = 0) tensions stay unknowns, see `saddle`. Unknowns of node-local laws (seabed
-friction) go before all others, softened by `SOFT` where the law holds its node: there the matrix is approximate, and
-Newton still ends at the exact solution.
+nodes; if some links are rigid (c = 0) tensions remain unknowns, see `saddle`. Unknowns of node-local laws (seabed
+friction) are eliminated first, with the compliance `SOFT` if the node sticks. The matrix is then approximate, but
+Newton still converges to the exact solution.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from dropper_jax.solvers.pieces import coupling
 from dropper_jax.solvers.saddle import LinkParts, Saddle
 from dropper_jax.solvers.stretching import Stretching
 
-#: Compliance of a held node's friction relative to its inertia.
+#: Compliance of the friction of a sticking node relative to its inertia.
 SOFT = 1e-8
 
 
@@ -43,7 +43,7 @@ class LawBlocks(NamedTuple):
 
 @dataclass(frozen=True)
 class NetworkFactor:
-    """The factored Jacobian: of nodes and links, and the law's blocks, its own inverted, or None."""
+    """The factored Jacobian: of nodes and links, and the blocks of the law with its own block inverted, or None."""
 
     system: Stretching | Saddle | BodyFactor
     law: LawBlocks | None
@@ -69,7 +69,7 @@ def _inverse2(m: jax.Array) -> jax.Array:
 
 @dataclass(frozen=True)
 class Network:
-    """Nodes that do not touch each other at once."""
+    """Eliminates nodes that are not neighbours at once."""
 
     name: str = "network"
 
@@ -79,7 +79,7 @@ class Network:
         if not integrator.networkable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense"
         if model.node_reach > 0:
-            return "a force in the scene couples neighbouring nodes beside the tensions; use dense"
+            return "a force in the scene couples neighbouring nodes in addition to the tensions; use dense"
         if len(model.laws) > 1 or any(not law.node_local for law in model.laws):
             return f"effect {model.laws[0].name!r} couples nodes through its unknowns; use dense"
         return None
@@ -93,7 +93,7 @@ class Network:
         between = coupling(problem, u)
         if model.constraints or between is not None:
             own = problem.acting(tuple(e for e in model.effects if not (e.bodily or isinstance(e, ElementForce))))
-        if model.laws and u.z:  # what joins in at an instant has none
+        if model.laws and u.z:  # the equations of an instant have no such unknowns
             node, law = optimization_barrier(_law_blocks(own, u))
             law = law._replace(law=_inverse2(law.law + SOFT * jnp.eye(2, dtype=dtype)))
             node = node - multiply(law.force, multiply(law.law, law.position))

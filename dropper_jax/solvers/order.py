@@ -1,7 +1,7 @@
-"""In which order nodes that are coupled as a graph are eliminated, in rounds of nodes that do not touch each other.
+"""Elimination order of nodes that are coupled as a graph, in rounds of nodes that are not neighbours.
 
-A chain of m nodes takes log2(m) rounds (every other node, which is cyclic reduction), lines that hang on a line do so
-beside it: a longline of 99 nodes takes 7 rounds, one of 234 takes 10.
+A chain of m nodes takes log2(m) rounds (every other node, which is cyclic reduction), and lines that hang on a line are
+eliminated in the same rounds: a longline of 99 nodes takes 7 rounds, one of 234 takes 10.
 """
 
 from __future__ import annotations
@@ -12,26 +12,27 @@ from dataclasses import dataclass
 import numpy as np
 
 Pair = tuple[int, int]
-#: Neighbours with which nodes may go at once where they are coupled to the next but one, as by bending: a chain of 200
-#: takes 15 rounds then; 69 with 4, and 101 with 2, of its ends one by one.
+#: Maximum number of neighbours of nodes in one round if second neighbours are coupled, as by bending. A chain of 200
+#: then
+#: takes 15 rounds; 69 with 4, and 101 with 2, which eliminate it from its ends.
 WIDER = 5
 
 
 @dataclass(frozen=True)
 class Round:
-    """Nodes eliminated at once, and where their blocks and those of the others stand: static tables.
+    """Nodes eliminated at once, and indices of their blocks and those of the others: static tables.
 
-    Blocks stand in one array: `width` diagonal blocks of these nodes, their rows towards up to `degree` neighbours
-    (degree, width), the neighbours' rows towards them (degree, width), then all other blocks. Right sides: these
-    nodes, then the others. A number one past the end is a block or row of zeros.
+    Blocks are in one array: `width` diagonal blocks of these nodes, their rows for up to `degree` neighbours (degree,
+    width), the rows of the neighbours for them (degree, width), then all other blocks. Right sides: these nodes, then
+    the others. An index one past the end is a block or row of zeros.
 
     Attributes:
-        nodes: their numbers (width,).
-        degree: most neighbours of one.
-        neighbours: of each (degree, width), numbered as the right sides of the next round are.
-        keep: where each block of the next round stands.
-        change: which products of these blocks it loses, (most, blocks), numbered as (degree, degree, width).
-        change_rows: the same of the right sides, (most, rows), numbered as (degree, width).
+        nodes: their indices (width,).
+        degree: maximum number of neighbours.
+        neighbours: of each (degree, width), as indices of the right sides of the next round.
+        keep: index of each block of the next round.
+        change: products that are subtracted from these blocks, (most, blocks), as indices of (degree, degree, width).
+        change_rows: the same for right sides, (most, rows), as indices of (degree, width).
     """
 
     nodes: np.ndarray
@@ -48,9 +49,9 @@ class Round:
 
 @dataclass(frozen=True)
 class Order:
-    """The rounds; `slot` is where each block (row, column) is collected from, (most, blocks), see `Round`.
+    """The rounds; `slot` contains the source of each block (row, column), (most, blocks), see `Round`.
 
-    `nodes` lists all nodes in the order of the rounds, `position` where each stands in it.
+    `nodes` lists all nodes in the order of the rounds, `position` is the index of each in this list.
     """
 
     rounds: tuple[Round, ...]
@@ -65,9 +66,9 @@ def elimination_order(
     """The order for `count` nodes whose matrix is the sum of `blocks`, listed by (row, column).
 
     Args:
-        blocks: several may stand at one place; those with a row or a column that is no node (>= count) are left out.
-        after: of some nodes, those that must go before them.
-        most: neighbours of a node that may go with others whose neighbours are fewer.
+        blocks: several may have the same position; a row or column index >= count is not a node and is left out.
+        after: for some nodes, those that must be eliminated before them.
+        most: maximum number of neighbours of a node that is eliminated together with others of fewer neighbours.
     """
     kept = {pair for pair in blocks if max(pair) < count}
     taken = _rounds(count, kept, after or {}, most)
@@ -100,7 +101,7 @@ def elimination_order(
 def _rounds(
     count: int, pairs: set[Pair], after: dict[int, Iterable[int]], few: int
 ) -> list[tuple[dict[int, list[int]], int]]:
-    """Nodes of each round with their neighbours, and most neighbours of one."""
+    """Nodes of each round with their neighbours, and the maximum number of neighbours."""
     near: list[set[int]] = [set() for _ in range(count)]
     for a, b in pairs:
         if a != b:
@@ -110,7 +111,7 @@ def _rounds(
     left, rounds = list(range(count)), []
     while left:
         ready = [i for i in left if not waiting.get(i)]
-        # two neighbours cost no more blocks than there were; more, where nothing else is left, cost new ones
+        # two neighbours do not add blocks; more neighbours add new blocks and are used only if nothing else remains
         most = max(few, min(len(near[i]) for i in ready))
         found: dict[int, list[int]] = {}
         beside: set[int] = set()
@@ -130,7 +131,7 @@ def _rounds(
 
 
 def _list_blocks(neighbours: dict[int, list[int]], degree: int) -> list[Pair | None]:
-    """The blocks of the nodes of a round in the order of `Round`; None where a node has fewer neighbours."""
+    """The blocks of the nodes of a round in the order of `Round`; None if a node has fewer neighbours."""
     slots = [(i, others[c] if c < len(others) else None) for c in range(degree) for i, others in neighbours.items()]
     rows = [None if a is None else (i, a) for i, a in slots]
     columns = [None if a is None else (a, i) for i, a in slots]

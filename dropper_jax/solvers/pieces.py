@@ -1,4 +1,4 @@
-"""What forces made of pieces add to the matrix of a system of lines: blocks between the nodes that a piece joins."""
+"""Contribution of element forces to the matrix of a system of lines: blocks between the nodes of an element."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from dropper_jax.solvers.order import Pair
 
 
 class Coupling(NamedTuple):
-    """Blocks (k, 3, 3) of the rows of one node by the unknowns of another, and which (row, column) they are."""
+    """Blocks (k, 3, 3) of the rows of one node by the unknowns of another, and their (row, column)."""
 
     pairs: tuple[Pair, ...]
     blocks: jax.Array
 
 
 def coupling(problem: StepProblem, u: Unknowns) -> Coupling | None:
-    """Exact, from three directions of forward mode for each node of a piece; None without pieces."""
+    """Exact, from three directions of forward mode for each node of an element; None without elements."""
     found = [_of(problem, u, effect) for effect in problem.pieces]
     if not found:
         return None
@@ -37,7 +37,9 @@ def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
         at = problem.instant(x)
         return at.r, at.v
 
-    follows = jax.jvp(where, (u.x,), (jnp.ones_like(u.x),))[1]  # how places and velocities follow the unknowns
+    follows = jax.jvp(where, (u.x,), (jnp.ones_like(u.x),))[
+        1
+    ]  # derivatives of positions and velocities by the unknowns
     (r, v), (turn_r, turn_v) = at_pieces(k, nodes), (graph.everywhere(part, None)[nodes] for part in follows)
 
     def rows(x: jax.Array) -> jax.Array:
@@ -52,7 +54,7 @@ def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
 
 
 def _sum_blocks(nodes: np.ndarray, blocks: jax.Array, free: int) -> Coupling:
-    """Blocks of the same two nodes together; those of held points fall away."""
+    """Sum of blocks of the same two nodes; those of fixed points are left out."""
     each = nodes.shape[1]
     row = np.broadcast_to(nodes[:, :, None], (len(nodes), each, each)).ravel()
     column = np.broadcast_to(nodes[:, None, :], (len(nodes), each, each)).ravel()

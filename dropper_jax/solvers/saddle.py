@@ -1,9 +1,10 @@
-"""Elimination of a system of lines in which some links keep their length: tensions stay unknowns beside the places.
+"""Elimination of a system of lines with inextensible links: tensions remain unknowns in addition to positions.
 
     A x + D'(G D x + p y) = r_x,    g . D x + c y = r_y        (c = 0 of rigid links; D takes differences over links)
 
-Each inner node of a line goes with the link before it, four unknowns. The last link of a line closes it: its tension
-waits for the line's inner nodes and for a point of its own at one of its ends, so that it has something to move.
+Each inner node of a line is eliminated with the link before it, four unknowns. The last link of a line closes it. Its
+tension is eliminated after the inner nodes of the line and a separate point at one of its ends, so that its pivot is
+not zero.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from dropper_jax.solvers.elimination import Elimination, eliminate, solve
 from dropper_jax.solvers.order import WIDER, Order, Pair, elimination_order
 from dropper_jax.solvers.pieces import Coupling
 
-#: Compliance of a line's last link, relative to that of its points. It makes no difference but where a straight line
-#: between held points leaves nothing to move.
+#: Compliance of the last link of a line, relative to that of its points. It has an effect only for a straight line
+#: between
+#: fixed points, which cannot move.
 CLOSING = 1e-10
 
 
@@ -47,7 +49,7 @@ class Saddle(NamedTuple):
 
     @classmethod
     def of(cls, graph: Graph, node: jax.Array, links: LinkParts, between: Coupling | None = None) -> Saddle:
-        """From A = `node` (free, 3, 3), and what it has besides its diagonal."""
+        """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
         diagonal = node + graph.from_first(links.turn) + graph.from_last(links.turn)
         size = jnp.max(jnp.abs(diagonal)) if graph.free else jnp.max(jnp.abs(links.turn)) + 1.0
         before, last = (LinkParts(*(part[at] for part in links)) for at in (graph.previous_links, _last(graph)))
@@ -77,7 +79,7 @@ class Saddle(NamedTuple):
         return self._replace(groups=self.groups.transpose())
 
     def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Moves (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
+        """Displacements (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
         graph = self.graph
         last, points = _last(graph), len(graph.free_points)
         own = jnp.concatenate([stretch[graph.previous_links], jnp.zeros((points,), force.dtype), stretch[last]])
@@ -101,9 +103,9 @@ def _last(graph: Graph) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _group_order(graph: Graph, between: tuple[Pair, ...] = ()) -> Order:
-    """For blocks in the order of `Saddle.of`: groups are the free nodes, then the lines' last links."""
+    """The order for blocks as in `Saddle.of`: groups are the free nodes, then the last links of lines."""
     count, none = graph.free + len(graph.members), graph.free + len(graph.members)
-    number = lambda nodes: np.where(nodes < graph.free, nodes, none).tolist()  # noqa: E731  held nodes are no group
+    number = lambda nodes: np.where(nodes < graph.free, nodes, none).tolist()  # noqa: E731  fixed nodes have no group
     own, closing = list(range(count)), list(range(graph.free, count))
     inner, first = list(range(graph.inner)), number(graph.first[graph.previous_links])
     start, end = number(graph.first[_last(graph)]), number(graph.last[_last(graph)])
@@ -114,7 +116,8 @@ def _group_order(graph: Graph, between: tuple[Pair, ...] = ()) -> Order:
 
 
 def _before_last_link(graph: Graph) -> dict[int, set[int]]:
-    """What goes before each line's last link: the line's inner nodes, and a point at one end that no other one has.
+    """Nodes eliminated before the last link of each line: its inner nodes, and a point at one end that is not used by
+    another.
 
     Both ends where there are more lines than points.
     """

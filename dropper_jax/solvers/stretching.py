@@ -1,4 +1,4 @@
-"""Elimination of a system of lines all of whose links stretch: their tensions go first, then all nodes by rounds."""
+"""Elimination of a system of lines with elastic links only: first tensions, then all nodes by rounds."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dropper_jax.solvers.saddle import LinkParts
 
 
 class Stretching(NamedTuple):
-    """The factored matrix where all links stretch: their tensions go first."""
+    """The factored matrix for elastic links only: tensions are eliminated first."""
 
     graph: Graph
     links: LinkParts
@@ -25,7 +25,7 @@ class Stretching(NamedTuple):
 
     @classmethod
     def of(cls, graph: Graph, node: jax.Array, links: LinkParts, between: Coupling | None = None) -> Stretching:
-        """From A = `node` (free, 3, 3), and what it has besides its diagonal."""
+        """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
         ratio = links.force / links.compliance[:, None]
         stiffness = links.turn - ratio[..., None] * links.gradient[:, None, :]
         diagonal = node + graph.from_first(stiffness) + graph.from_last(stiffness)
@@ -39,7 +39,7 @@ class Stretching(NamedTuple):
         return self._replace(links=self.links.transpose(), nodes=self.nodes.transpose())
 
     def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Moves (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
+        """Displacements (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
         graph, (_, link_force, gradient, compliance) = self.graph, self.links
         x = solve(self.nodes, force + graph.gather((stretch / compliance)[:, None] * link_force))
         return x, (stretch - jnp.sum(gradient * graph.differences(x, None), axis=-1)) / compliance
@@ -47,7 +47,7 @@ class Stretching(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _node_order(graph: Graph, between: tuple[Pair, ...] = ()) -> Order:
-    """For the blocks of the free nodes, of links by their first and last nodes, and the other way round."""
+    """The order for the blocks of the free nodes, of links from first to last node, and from last to first."""
     own, first, last = range(graph.free), graph.first.tolist(), graph.last.tolist()
     pairs = [*zip(own, own, strict=True), *zip(first, last, strict=True), *zip(last, first, strict=True)]
     return elimination_order(graph.free, [*pairs, *between], most=WIDER if between else 2)

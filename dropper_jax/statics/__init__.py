@@ -1,4 +1,4 @@
-"""Poses at rest."""
+"""Static equilibrium."""
 
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.search import Equilibrium

@@ -1,11 +1,11 @@
-"""Statics of lines and rigid bodies in coordinates that leave bodies rigid: moves of the lines' nodes, six per body.
+"""Statics of lines and rigid bodies in coordinates that keep bodies rigid: displacements of line nodes, six per body.
 
-A pinned body has its three turns only, about its pin in place of the middle c of its corners.
+A pinned body has only its three rotations, about its pin instead of the centre c of its corners.
 
     corners: x = c + d + R(w) (x_0 - c),    R v = v + 2 (p x v + p x (p x v))/(1 + p.p),  p = w/2
     (K + kappa) dq = Q(q),    Q = (dx/dq)' F
 
-with the seats carried along. The descent is that of `system`. Dense: for hundreds of nodes.
+with the attached nodes included. The descent is that of `system`. Dense: for hundreds of nodes.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ from dropper_jax.statics.tangent import DenseTangent, NodeMoves
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Generalised coordinates q (3 kept + 6 bodies,) of a pose: moves of nodes, then moves and turns of bodies.
+    """Generalised coordinates q (3 kept + 6 bodies,) of a configuration: displacements of nodes, then displacements and
+    rotations of bodies.
 
-    Bodies that are pinned (bodies,) have no moves.
+    Pinned bodies (bodies,) have no displacements.
     """
 
     retained_nodes: np.ndarray
@@ -50,23 +51,24 @@ class Coordinates:
 
     @property
     def moving(self) -> np.ndarray:
-        """Which of the six coordinates of every body are there (k,)."""
+        """Which of the six coordinates of every body are used (k,)."""
         given = np.ones((len(self.corners), 2, 3), bool)
         given[self.pinned, 0] = False
         return np.flatnonzero(given)
 
     def first(self, body: int) -> int:
-        """Number of the first coordinate of a body."""
+        """Index of the first coordinate of a body."""
         return 3 * len(self.retained_nodes) + int(np.searchsorted(self.moving, 6 * body))
 
     def split(self, q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Moves of nodes (kept, 3) and bodies (bodies, 3) [m], and half turns of bodies (bodies, 3) [rad]."""
+        """Displacements of nodes (kept, 3) and bodies (bodies, 3) [m], and half rotations of bodies (bodies, 3)
+        [rad]."""
         nodes = q[: 3 * len(self.retained_nodes)].reshape(-1, 3)
         bodies = scatter_add(self.moving, q[3 * len(self.retained_nodes) :], 6 * len(self.corners)).reshape(-1, 2, 3)
         return nodes, bodies[:, 0], 0.5 * bodies[:, 1]
 
     def positions_of(self, constraint: HolonomicConstraint, r: jax.Array, q: jax.Array) -> jax.Array:
-        """Places (free, 3) [m] of all free nodes, from those at q = 0."""
+        """Positions (free, 3) [m] of all free nodes, from those at q = 0."""
         nodes, shift, half = self.split(q)
         corner = r[self.corners]
         centre = jnp.mean(corner, axis=1, keepdims=True)
@@ -96,7 +98,8 @@ def generalised_forces(model: Model, s: State, loads: jax.Array, q: jax.Array) -
 
 
 def arms(model: Model) -> jax.Array:
-    """Lengths (coordinates,) [m] that make moves of the coordinates: 1, and the bodies' sizes for turns."""
+    """Lengths (coordinates,) [m] that convert coordinates to displacements: 1, and the sizes of bodies for
+    rotations."""
     where = Coordinates.of(model)
     corner = jnp.stack([p.position for p in model.points])[-where.corners.size :].reshape(-1, 4, 3)
     spread = corner - jnp.mean(corner, axis=1, keepdims=True)
@@ -109,7 +112,8 @@ def arms(model: Model) -> jax.Array:
 
 @dataclass(frozen=True)
 class BodyMoves:
-    """Coordinates x = q times `arms` [m] as the unknowns of a pose, and forces [N] along them (see `NodeMoves`)."""
+    """Coordinates x = q times `arms` [m] as the unknowns of an equilibrium, and forces [N] along
+    them (see `NodeMoves`)."""
 
     model: Model
 
@@ -119,7 +123,7 @@ class BodyMoves:
 
     @property
     def none(self) -> jax.Array:
-        """x of the pose that moves are counted from."""
+        """x of the reference configuration of the displacements."""
         return jnp.zeros(Coordinates.of(self.model).size, self.model.dtype)
 
     def rows(self, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
@@ -133,5 +137,5 @@ class BodyMoves:
 
 
 def moves_of(model: Model) -> NodeMoves | BodyMoves:
-    """The unknowns of the model's pose."""
+    """The unknowns of the equilibrium of the model."""
     return BodyMoves(model) if model.constraints else NodeMoves(model)

@@ -1,19 +1,19 @@
-"""First guess of a hanging line: the stable pose of links under dead loads, or the catenary. Host-side NumPy.
+"""Initial guess of a hanging line: the stable equilibrium of links under dead loads, or the catenary. Host-side NumPy.
 
 With w_i the load on free node i, link j carries the force `T_j = T_1 - c_j`, `c_j` the sum of the loads before it. Its
-direction is that of T_j, because a link in tension is stable and one in compression is not. What is left is to close
-the line, sum d_j = D: the gradient of the convex function
+direction is that of T_j, because a link in tension is stable and one in compression is not. The remaining condition is
+that the line closes, sum d_j = D: the gradient of the convex function
 
     f(T_1) = sum_j L_j (|T_j| + |T_j|^2/(2 EA_j)) - T_1 . D    (rigid links: without the second term)
 
-whose only minimum is the stable pose; every other equilibrium has links in compression.
+whose only minimum is the stable equilibrium; every other equilibrium has links in compression.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-#: The norm is smoothed by this share of the mean load at first, and less by a factor of 10 in each further round.
+#: The norm is first smoothed by this fraction of the mean load, and by a factor of 10 less in each further round.
 SMOOTHING = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
 ROUNDS = 60
 
@@ -55,7 +55,7 @@ def _hanging(
     arc: np.ndarray, middle: np.ndarray, total: float, distance: float, rise: float, per_metre: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     slack = max(total**2 - rise**2, 0.0)
-    ratio = max(np.sqrt(slack) / distance, 1.0 + 1e-9)  # a taut line still gets a shape to start from
+    ratio = max(np.sqrt(slack) / distance, 1.0 + 1e-9)  # a taut line also needs an initial shape
     a = distance / (2 * _half_span(ratio))
     # lowest point at arc s0 from the start: rise = a (cosh - cosh) with total = a (sinh + sinh)
     centre = distance / 2 - a * np.arctanh(np.clip(rise / total, -1 + 1e-12, 1 - 1e-12))
@@ -68,7 +68,7 @@ def _hanging(
 def _fold_line(
     arc: np.ndarray, total: float, rise: float, link: float, per_metre: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Both ends above one another: down and up again, opened by half a link so that the fold has a side."""
+    """Ends on one vertical: down and up again, opened by half a link to define the plane of the fold."""
     turn = 0.5 * (total - rise)
     z = np.where(arc < turn, -arc, -turn + (arc - turn))
     x = -0.5 * link * np.sin(2 * np.pi * arc / total)
@@ -79,8 +79,8 @@ def _fold_line(
 def _half_span(ratio: float) -> float:
     """The root `u > 0` of `sinh(u)/u = ratio`, for a ratio above 1: half the span over the catenary's parameter.
 
-    `log(sinh(u)/u)` is convex and increasing, so Newton's steps come down to the root from any start above it;
-    `7 + 2 log(ratio)` is one for every ratio.
+    `log(sinh(u)/u)` is convex and increasing, so Newton's method decreases to the root from any start above it. `7 + 2
+    log(ratio)` is such a start for every ratio.
     """
     u = 7.0 + 2.0 * np.log(ratio)
     for _ in range(60):
@@ -98,10 +98,10 @@ def hang(
     loads: np.ndarray,
     flexibility: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Free nodes and tensions of the stable pose.
+    """Free nodes and tensions of the stable equilibrium.
 
     Args:
-        start, end: held ends (3,) [m]; `end` None for a free end.
+        start, end: fixed ends (3,) [m]; `end` None for a free end.
         length: (n,) [m].
         loads: on the free nodes (nodes, 3) [N].
         flexibility: 1/EA per link (n,) [1/N], zero for rigid links.
@@ -134,7 +134,7 @@ def _first_guess(start: np.ndarray, end: np.ndarray, length: np.ndarray, loads: 
 def _close(
     before: np.ndarray, length: np.ndarray, flexibility: np.ndarray, span: np.ndarray, guess: np.ndarray
 ) -> np.ndarray:
-    """T_1 (3,) [N] that closes the line: damped Newton on f, its norms smoothed less and less."""
+    """T_1 (3,) [N] that closes the line: damped Newton on f, with decreasing smoothing of its norms."""
     scale = float(np.mean(np.linalg.norm(np.diff(before, axis=0), axis=1))) or 1.0
     force = guess
     for share in SMOOTHING:

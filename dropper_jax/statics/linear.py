@@ -1,10 +1,11 @@
-"""Small motions about a static pose: mass, damping and stiffness matrices, and what moving ends do to the tensions.
+"""Small motions about an equilibrium: mass, damping and stiffness matrices, and the effect of moving ends on tensions.
 
     M x'' + C x' + K x = -(M_h u'' + C_h u' + K_h u),    dT = T_x x + T_v x' + T_u u + T_w u'
 
-x are moves of the free nodes, u of the held points; all matrices are exact derivatives at the pose. Of amplitude zero:
-quadratic drag damps what moves in a current, `dF/dv = rho c_d A U`, and nothing in still water; internal damping and
-linear damping are in C. Waves are calm, dry friction has no linear form. For u = Re(U exp(i w t)):
+x are displacements of the free nodes, u of the fixed points; all matrices are exact derivatives at the equilibrium.
+They are those of zero amplitude: quadratic drag damps motion in a current, `dF/dv = rho c_d A U`, but not in still
+water. Internal damping and linear damping are in C. Waves are left out, and dry friction has no linear form. For u =
+Re(U exp(i w t)):
 
     x = -(K + i w C - w^2 M)^-1 (K_h + i w C_h - w^2 M_h) U
 
@@ -30,12 +31,13 @@ from dropper_jax.statics.stiffness import stiffness_with_held, verges
 
 @dataclass(frozen=True)
 class Response:
-    """Complex amplitudes of what `U exp(i w t)` of the ends does; the motion is their real part times `exp(i w t)`.
+    """Complex amplitudes of the response to `U exp(i w t)` of the ends; the motion is the real part of them times
+    `exp(i w t)`.
 
     Attributes:
         omega: (k,) [rad/s].
-        moves: of the free nodes (k, free, 3) [m].
-        tension: of the links (k, n) [N], about that of the pose.
+        moves: displacements of the free nodes (k, free, 3) [m].
+        tension: of the links (k, n) [N], relative to that of the equilibrium.
     """
 
     omega: np.ndarray
@@ -45,14 +47,14 @@ class Response:
 
 @dataclass(frozen=True)
 class Linearised:
-    """Matrices of small motions; freedoms are x, y, z of the free nodes, and of the held points `held`.
+    """Matrices of small motions; degrees of freedom are x, y, z of the free nodes, and of the fixed points `held`.
 
     Attributes:
         mass, damping, stiffness: (f, f) [kg], [N s/m], [N/m]; f = 3 free.
-        held_mass, held_damping, held_stiffness: (f, h) of the held points' motion; h = 3 held.
+        held_mass, held_damping, held_stiffness: (f, h) for motion of the fixed points; h = 3 held.
         tension_by_place, tension_by_speed: (n, f + h) [N/m], [N s/m].
-        tension: of the pose (n,) [N].
-        held: names of the held points.
+        tension: at the equilibrium (n,) [N].
+        held: names of the fixed points.
         warnings: links on the verge of going slack, where small motions are not linear.
     """
 
@@ -69,18 +71,18 @@ class Linearised:
     warnings: tuple[str, ...] = ()
 
     def response(self, omega: ArrayLike, motion: Mapping[str, ArrayLike]) -> Response:
-        """What held points that move by `motion` do: amplitudes (3,) [m] by name, complex where they lag.
+        """Response to the motion `motion` of fixed points: amplitudes (3,) [m] by name, complex for a phase lag.
 
         Args:
             omega: angular frequencies (k,) [rad/s].
 
         Raises:
-            SceneError: a name that is no held point.
+            SceneError: a name that is not a fixed point.
         """
         moved = np.zeros((len(self.held), 3), complex)
         for name, amplitude in motion.items():
             if name not in self.held:
-                raise SceneError(f"motion: {name!r} is no held point; {nearest(name, self.held)}")
+                raise SceneError(f"motion: {name!r} is not a fixed point; {nearest(name, self.held)}")
             moved[self.held.index(name)] = np.asarray(amplitude)
         omega, u = np.atleast_1d(np.asarray(omega, float)), moved.ravel()
         if not (np.all(np.isfinite(omega)) and np.all(omega >= 0.0)):
@@ -101,11 +103,11 @@ class Linearised:
 
 
 def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) -> Linearised:
-    """The matrices about a static pose.
+    """The matrices about an equilibrium.
 
     Args:
         pose: `equilibrium(...).state`.
-        loads: forces that hold the pose (free nodes, 3) [N].
+        loads: additional forces of the equilibrium (free nodes, 3) [N].
 
     Raises:
         SceneError: rigid links or bodies, or an effect that is not smooth.
@@ -115,7 +117,7 @@ def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) 
     if model.constraints:
         raise SceneError("body: rigid bodies are not linearised; allowed: scenes of lines, points and buoys")
     if model.laws:
-        raise SceneError(f"effects.{model.laws[0].name}: dry friction has no linear form; allowed: scenes without it")
+        raise SceneError(f"effects.{model.laws[0].name}: dry friction has no linear form. Use a scene without it")
     loads = jnp.zeros_like(pose.r) if loads is None else loads
     (damping, by_speed), (mass, _), by_position = _matrices(rest(model), pose)
     f = 3 * model.free_nodes
@@ -129,7 +131,7 @@ def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) 
 
 @cached_jit(brief=True)
 def _matrices(model: Model, pose: State) -> tuple[tuple[jax.Array, jax.Array] | jax.Array, ...]:
-    """Derivatives of the free nodes' rows and of tensions by velocities and accelerations, of tensions by places."""
+    """Derivatives of the free nodes' rows and of tensions by velocities and accelerations, of tensions by positions."""
     free, held = 3 * model.free_nodes, 3 * model.geometry.ends
     positions = model.ends(pose.t).positions
 

@@ -1,4 +1,4 @@
-"""Natural periods, modes and their damping about a static pose, from the stiffness and mass matrices there."""
+"""Natural periods, modes and their damping about an equilibrium, from the stiffness and mass matrices there."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from dropper_jax.model import Model, State
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.stability import stiffness_and_motions, stiffness_of_motions
 
-#: Stiffness over the largest one (per mass) that is rounding; swinging is 1e-11 of the axial stiffness of a chain.
+#: Stiffness relative to the maximum (per mass) that is rounding; that of swinging is 1e-11 of the axial stiffness of a
+#: chain.
 ROUNDING = 1e-13
-#: Instants of a swing at which damping forces are summed; exact for powers of the speed up to 30.
+#: Number of instants per period at which damping forces are summed; exact for powers of the speed up to 30.
 INSTANTS = 32
 
 
@@ -28,11 +29,12 @@ class Modes:
 
     Attributes:
         period: natural periods (modes,) [s], the longest first.
-        shape: moves of the free nodes (modes, nodes, 3), largest component 1; of rigid bodies those of four corners
+        shape: displacements of the free nodes (modes, nodes, 3), maximum component 1; of rigid bodies those of four
+        corners
             each, the last ones.
         mass: modal masses (modes,) [kg], of the shape: `x'Mx`.
-        damping_ratio: of infinitely small swings (modes,), over `critical_damping`: by `b_l`, not by `b_q`.
-        bodies: moves of the bodies' reference points [m] and turns about x, y, z [rad] (modes, bodies, 6); or None.
+        damping_ratio: at zero amplitude (modes,), relative to `critical_damping`: includes `b_l`, but not `b_q`.
+        bodies: displacements of the reference points [m] and rotations about x, y, z [rad] (modes, bodies, 6); or None.
     """
 
     period: np.ndarray
@@ -48,24 +50,24 @@ class Modes:
 
     @property
     def critical_damping(self) -> np.ndarray:
-        """Modal damping (modes,) [kg/s] without a swing, `2 omega mass`: the thesis' (2.5), `b_cr = 2 sqrt(k m)`."""
+        """Critical modal damping (modes,) [kg/s], `2 omega mass`: the thesis' (2.5), `b_cr = 2 sqrt(k m)`."""
         return 2 * self.omega * self.mass
 
 
 def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
-    """Solve `K x = omega^2 M x` about a static pose.
+    """Solve `K x = omega^2 M x` about an equilibrium.
 
-    K is minus the derivative of all static forces with the tensions that belong to the links' lengths, made symmetric
-    (drag of a current is not); M holds the masses and the added mass of the water at rest. Links that keep their length
-    keep their tension T, to first order, and leave motions x with `G x = 0`, G the derivative of the lengths: of these
-    K is the second derivative of the potential and of `T` times the lengths.
+    K is minus the derivative of all static forces, including tensions that follow from the lengths of links. It is
+    symmetrised, since drag in a current is not symmetric. M contains the masses and the added mass of the water at
+    rest. Inextensible links keep their tension T to first order and allow motions x with `G x = 0`, G being the
+    derivative of the lengths. For these K is the second derivative of the potential and of `T` times the lengths.
 
-    Damping ratios are `x'Cx / (2 omega x'Mx)`, C minus the derivative of all forces by the velocities: exact to first
-    order in C, and where a mode is damped alone. Dry friction is left out.
+    Damping ratios are `x'Cx / (2 omega x'Mx)`, C being minus the derivative of all forces by the velocities. They are
+    exact to first order in C, and for modes without coupling by damping. Dry friction is left out.
 
     Args:
         pose: `equilibrium(...).state`.
-        count: how many of the slowest modes; all by default. Modes without stiffness are left out.
+        count: number of the slowest modes; all by default. Modes without stiffness are left out.
     """
     still = rest(model)
     stiffness, motions = stiffness_of_motions(still, pose)
@@ -85,10 +87,10 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
 
 
 def damping_at(model: Model, pose: State, modes: Modes, amplitude: float) -> np.ndarray:
-    """Damping ratios (modes,) of swings of an amplitude [m], that of the largest component: quadratic drag included.
+    """Damping ratios (modes,) at an amplitude [m] of the maximum component, including quadratic drag.
 
-    `ratio = D / (4 pi E)` with the energy D that all forces take in a swing `x = A shape sin(omega t)` about the pose,
-    and `E = omega^2 A^2 mass / 2`. Of `b_q |v| v` on one mass that is `4 b_q A / (3 pi m)`.
+    `ratio = D / (4 pi E)` with the energy D dissipated by all forces in a period of `x = A shape sin(omega t)` about
+    the equilibrium, and `E = omega^2 A^2 mass / 2`. For `b_q |v| v` on one mass the ratio is `4 b_q A / (3 pi m)`.
     """
     speed = amplitude * jnp.asarray(modes.omega[:, None, None] * modes.shape)
     lost = -np.asarray(_mean_power(model, pose, speed)) * modes.period
@@ -96,18 +98,18 @@ def damping_at(model: Model, pose: State, modes: Modes, amplitude: float) -> np.
 
 
 def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
-    """The longest natural periods (count,) [s] about a static pose, differentiable in model and pose.
+    """The longest natural periods (count,) [s] about an equilibrium, differentiable in model and configuration.
 
-    With `K x = omega^2 M x`, x'Mx = 1:  d(omega^2) = x'(dK - omega^2 dM) x, where K follows the pose. Take the pose
-    from `equilibrium` or `settle` of the same model, so that it does. Of modes with equal periods only the sum of
-    omega^2 has a derivative; NaN where there are not so many modes with a stiffness.
+    With `K x = omega^2 M x`, x'Mx = 1:  d(omega^2) = x'(dK - omega^2 dM) x, where K depends on the configuration. Use
+    that of `equilibrium` or `settle` of the same model, which has the required derivatives. Of modes with equal periods
+    only the sum of omega^2 has a derivative. Missing modes (fewer than `count` with a stiffness) are NaN.
 
     Raises:
         SceneError: rigid links.
     """
     if not model.line.axial.elastic:
         raise SceneError(
-            "line.axial.law: 'rigid' links leave motions that turn with the pose: periods have no derivative here; "
+            "line.axial.law: the modes of 'rigid' links depend on the configuration: periods have no derivative here; "
             "allowed: elastic, rope, tabulated"
         )
     stiffness, motions = stiffness_and_motions(rest(model), pose)
@@ -122,7 +124,7 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
 
 
 def _speeding(model: Model, pose: State, v: jax.Array) -> jax.Array:
-    """Forces (free nodes, 3) [N] at the pose when it moves with v, without what rigid links pull."""
+    """Forces (free nodes, 3) [N] at the equilibrium with the velocity v, without the tensions of rigid links."""
     k = model.instant(pose.r, v, pose.t, model.ends(pose.t))
     return model.force(k) + model.tension_force(
         model.line.axial.tension(k.links, k.link_velocities, model.line.length), k.tangents
@@ -143,7 +145,7 @@ def _damping(model: Model, pose: State, shapes: jax.Array) -> jax.Array:
 
 @cached_jit(brief=True)
 def _mean_power(model: Model, pose: State, speeds: jax.Array) -> jax.Array:
-    """Mean power (modes,) [W] of all forces over a swing with the largest velocities (modes, nodes, 3)."""
+    """Mean power (modes,) [W] of all forces over a period with the velocity amplitudes (modes, nodes, 3)."""
     model = rest(model)
     phases = jnp.cos(2 * jnp.pi * (jnp.arange(INSTANTS) + 0.5) / INSTANTS)
     power = lambda v: jnp.sum(_speeding(model, pose, v) * v)  # noqa: E731
@@ -151,7 +153,7 @@ def _mean_power(model: Model, pose: State, speeds: jax.Array) -> jax.Array:
 
 
 def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
-    """Moves and small turns of the bodies (modes, bodies, 6)."""
+    """Displacements and small rotations of the bodies (modes, bodies, 6)."""
     constraint = model.constraints[0]
     axes = np.asarray(constraint.pose(model, pose.r)[1])
     moved, rates = (np.asarray(part) for part in jax.vmap(lambda r: constraint.pose(model, r))(jnp.asarray(shape)))

@@ -1,4 +1,4 @@
-"""The equations of a pose at rest, and Newton on them."""
+"""The equations of static equilibrium, and Newton's method on them."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from dropper_jax.model import Graph, Kinematics, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, damped_newton, newton
 from dropper_jax.solvers import SOLVERS
 
-#: Largest scaled row (forces by m g, elongations by L) of a pose that counts as found, and what rounding always leaves,
-#: in units of the last place.
+#: Maximum scaled row (forces by m g, elongations by L) of a converged equilibrium, and the rounding error in units of
+#: the
+#: last place.
 TOLERANCE, UNITS = 1e-10, 1e4
-#: Part of the heaviest body's weight that residual forces are measured against.
+#: Fraction of the weight of the heaviest body that scales residual forces.
 PART = 1e-2
-#: Least kappa over the weight per length: keeps what nothing holds (a float in calm water) from running off.
+#: Minimum kappa over the weight per length: prevents drift of unconstrained parts (a float in calm water).
 SMALLEST = 1e-9
-#: Unknowns up to which LU of the whole Jacobian is used.
+#: Maximum number of unknowns for LU of the full Jacobian.
 DENSE_LIMIT = 200
 
 
 def rest(model: Model) -> Model:
-    """The model without laws of their own and without waves.
+    """The model without set-valued laws and without waves.
 
-    Dry friction may hold many poses, the frictionless one is taken; waves pass, a current stays.
+    Dry friction allows many equilibria; the frictionless one is used. Waves are left out, a current is included.
     """
     effects = tuple(e for e in model.effects if not isinstance(e, Law))
     return replace(model, effects=effects, sea=None if model.sea is None else model.sea.without_waves())
@@ -37,7 +38,7 @@ def rest(model: Model) -> Model:
 class RestProblem(StepProblem):
     """Unknowns: x = r - (the state's r), y = T, at rest at the state's time.
 
-    kappa [N/m] makes the matrix of corrections stiffer and leaves the rows as they are: `K + kappa` of one correction.
+    kappa [N/m] makes the matrix of corrections stiffer and does not change the rows: `K + kappa` of one correction.
     """
 
     def __init__(self, model: Model, s: State, loads: jax.Array, kappa: jax.Array | float = 0.0) -> None:
@@ -61,7 +62,7 @@ class RestProblem(StepProblem):
         return force, line.axial.at_rest(d, y, line.length)
 
     def tension(self, x: jax.Array) -> jax.Array:
-        """Tensions that belong to the links' lengths (n,) [N]."""
+        """Tensions from the lengths of links (n,) [N]."""
         line, d = self.model.line, self.link_vectors(x)
         return line.axial.tension(d, jnp.zeros_like(d), line.length)
 
@@ -75,9 +76,9 @@ class RestProblem(StepProblem):
 
 
 def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
-    """What a residual force is measured against, a scalar [N]: the mean weight of a link, or `PART` of that of a body.
+    """Scale of residual forces, a scalar [N]: the mean weight of a link, or `PART` of that of a body.
 
-    With NumPy on the host: each operation on arrays of JAX would be a program of its own.
+    NumPy on the host: each operation on JAX arrays would be a separate program.
     """
     mass = xp.mean(xp.asarray(model.line.mass))
     if model.constraints:
@@ -86,14 +87,14 @@ def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
 
 
 def soft_scale(model: Model) -> jax.Array:
-    """What stiffnesses are measured against, a scalar [N/m]: the mean weight of a link per its length."""
+    """Scale of stiffness, a scalar [N/m]: the mean weight of a link per its length."""
     return force_scale(model) / jnp.mean(model.line.length)
 
 
 def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
-    """Largest scaled row of a pose that counts as found, a scalar: `TOLERANCE`, or what rounding leaves of stiff lines.
+    """Maximum scaled row of a converged equilibrium, a scalar: `TOLERANCE`, or the rounding error of stiff lines.
 
-    With NumPy on the host. Of large buoyancies of bodies rounding leaves 10 times `TOLERANCE`.
+    NumPy on the host. With large buoyancies of bodies the rounding error is 10 times `TOLERANCE`.
     """
     line = model.line
     length = xp.asarray(line.length)
@@ -108,30 +109,30 @@ def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
 
 
 def system_tolerance(model: Model) -> float:
-    """The same as a number."""
+    """The tolerance as a Python number."""
     return float(rest_tolerance(model, np))
 
 
 @cached_jit(brief=True)
 def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
+    """Unbalanced forces (free, 3) [N] in a configuration, and the tensions there."""
     return unbalanced_at(model, s, loads, jnp.zeros_like(s.r))
 
 
 def balanced(model: Model, s: State, loads: jax.Array) -> State:
-    """The pose with the tensions that belong to its lengths."""
+    """The state with tensions from its lengths."""
     return state(model, s.r, tension=unbalanced(model, s, loads)[1], t=s.t)
 
 
 def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Unbalanced forces, minus F (free, 3) [N], at places s.r + x, and the tensions of the links as they lie."""
+    """Unbalanced forces, minus F (free, 3) [N], at positions s.r + x, and the tensions of the links there."""
     problem = RestProblem(model, s, loads)
     tension = problem.tension(x)
     return problem.residual(Unknowns(x, tension)).x, tension
 
 
 def rest_solver(model: Model) -> Solver:
-    """The solver of the exact Jacobian that is cheapest for the model; the network's is of systems."""
+    """The cheapest solver of the exact Jacobian for the model; the network solver is for systems."""
     if isinstance(model.geometry, Graph):
         return SOLVERS["dense"] if model.node_reach > 0 else SOLVERS["network"]
     return SOLVERS["dense"] if SOLVERS["dense"].size(model) <= DENSE_LIMIT else SOLVERS["banded"]
@@ -141,10 +142,10 @@ def rest_solver(model: Model) -> Solver:
 def polish(
     model: Model, s: State, loads: jax.Array, kappa: jax.Array, iterations: int = 25, damped: bool = True
 ) -> tuple[State, jax.Array]:
-    """The pose next to that of `s`, and its largest scaled row: Newton on places and tensions together.
+    """The equilibrium near `s`, and its maximum scaled row: Newton on positions and tensions together.
 
-    Tensions are unknowns, as those of rigid links must be. kappa [N/m] stiffens the corrections: a small one holds
-    what may move freely (a line with its ends above one another turns), a large one makes them a slow fall.
+    Tensions are unknowns, which rigid links require. kappa [N/m] stiffens the corrections: a small value fixes free
+    motions (rotation of a line with its ends on one vertical), a large value gives small steps of a descent.
     """
     problem, start = RestProblem(model, s, loads, kappa), Unknowns(jnp.zeros_like(s.r), s.tension)
     u, residual = (damped_newton if damped else newton)(problem, rest_solver(model), start, iterations)
@@ -158,7 +159,7 @@ def solve_statics(model: Model, s: State, loads: jax.Array) -> tuple[State, floa
 
 
 def name_of(model: Model, node: int) -> str:
-    """A free node in words: its point, or its line and number."""
+    """The name of a free node: its point, or its line and number."""
     graph = model.geometry
     if not isinstance(graph, Graph):
         return f"node {node + 1}"

@@ -1,8 +1,8 @@
-"""The search for a static pose: the stable one of dead loads, by Newton with load continuation, or by descent.
+"""Search for the equilibrium: the stable one of dead loads, by Newton with load continuation, or by descent.
 
     F(r) + loads + sum of tensions = 0 on the free nodes,    axial law of every link = 0
 
-On the host, from nothing but the scene; derivatives of what is found stand in `static_pose`.
+The search runs on the host and needs only the scene; for derivatives see `static_pose`.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from dropper_jax.statics.system import (
     springy,
 )
 
-#: Smallest share of the loads that continuation tries to add before it gives up.
+#: Minimum load increment (fraction of the loads) of the continuation.
 SMALLEST_INCREMENT = 1.0 / 1024
-#: Corrections of a slow fall from an unstable pose.
+#: Corrections of the descent from an unstable equilibrium.
 FALL_STEPS = 80
 
 
@@ -45,15 +45,15 @@ FALL_STEPS = 80
 )
 @dataclass(frozen=True)
 class Equilibrium:
-    """A static pose; what is traced holds traced arrays.
+    """A static equilibrium; a traced one contains traced arrays.
 
     Attributes:
         positions: nodes (n + 1, 3) [m]; of a system those of all lines, line after line.
         tension: links (n,) [N].
-        residual: largest scaled row.
-        status: `ok` or `not_converged`; `traced` inside JAX's transformations, where a pose that was not found is NaN.
-        message: what went wrong, else empty.
-        state: the same as a `State` at rest.
+        residual: maximum scaled row.
+        status: `ok` or `not_converged`; `traced` inside JAX's transformations, in which a failed search gives NaN.
+        message: the reason of a failure, else empty.
+        state: the equilibrium as a `State` at rest.
     """
 
     positions: np.ndarray
@@ -65,8 +65,8 @@ class Equilibrium:
 
 
 def search(model: Model, loads: jax.Array | None, t: float) -> Equilibrium:
-    """The pose in which the model rests (see `static_pose.equilibrium`), sought on the host."""
-    if model.dtype != jnp.float64 and jax.config.jax_enable_x64:  # stiff links' balance would drown in rounding
+    """The equilibrium of the model (see `static_pose.equilibrium`), solved on the host."""
+    if model.dtype != jnp.float64 and jax.config.jax_enable_x64:  # the balance of stiff links would be lost in rounding
         exact = search(model.cast(jnp.float64), loads, t)
         return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
     full, model = model, rest(model)
@@ -83,7 +83,7 @@ def search(model: Model, loads: jax.Array | None, t: float) -> Equilibrium:
         message = describe_unbalance(model, s, share * loads, residual, f"beyond {share:.1%} of the loads")
     elif not stable(model, s):
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
-    if message and not model.line.compound:  # slack links, a bed or the surface on the way
+    if message and not model.line.compound:  # slack links, seabed or surface during the search
         lower = _by_descent(full, model, loads, t)
         if lower.status == "ok" and stable(model, lower.state):
             return lower
@@ -110,20 +110,22 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
     if not message and model.line is not rigid:
         s, residual = solve_statics(replace(model, lines=(rigid,)), s, loads)
         message = (
-            "" if residual <= tolerance else f"no pose of the rigid links found: largest scaled row {residual:.1e}"
+            ""
+            if residual <= tolerance
+            else f"no equilibrium of the rigid links found: maximum scaled row {residual:.1e}"
         )
     return _result(full, s, residual, message)
 
 
 def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[State, float]:
-    """The pose into which a line moves slowly from `s`, away from one of a (negative) stiffness [N/m]."""
+    """The equilibrium reached by descent from `s`, next to one with a (negative) stiffness [N/m]."""
     drag = jnp.asarray(4.0 * abs(stiffness), model.dtype)
     fallen, _ = polish(model, s, loads, drag, iterations=FALL_STEPS, damped=False)
     return solve_statics(model, fallen, loads)
 
 
 def outward(full: Model) -> Effect | None:
-    """The friction that holds the lines of a system where they were laid, or None."""
+    """The static seabed friction of the lines of a system, or None."""
     friction = full.effect("seabed_friction")
     outward = (
         friction is not None
@@ -135,7 +137,7 @@ def outward(full: Model) -> Effect | None:
 
 
 def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
-    """The stable pose under the forces as they are on a straight guess, updated where they depend on the pose."""
+    """The stable equilibrium under the forces on a straight guess, updated if they depend on the configuration."""
     s = _hang(model, loads, None, t)
     for _ in range(1 if model.constant_force else 4):
         s = _hang(model, loads, s, t)
@@ -166,14 +168,15 @@ def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State
 
 @cached_jit(brief=True)
 def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.Array]:
-    """The held ends, and the forces (free nodes, 3) [N] on nodes at rest at places r, or where the line begins."""
+    """The fixed ends, and the forces (free nodes, 3) [N] on nodes at rest at positions r, or at the start of the
+    line."""
     ends = model.ends(t)
     r = jnp.broadcast_to(ends.start, (model.free_nodes, 3)) if r is None else r
     return ends, model.force(model.instant(r, jnp.zeros_like(r), t, ends))
 
 
 def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
-    """The loads added little by little to the catenary; returns the share that was reached."""
+    """Load continuation from the catenary; returns the fraction of the loads that was reached."""
     s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads))
     if not np.any(np.asarray(loads)):
         return s, residual, 1.0
@@ -204,7 +207,7 @@ def _on_same_branch(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
 
 @cached_jit(brief=True)
 def _nodes(model: Model, s: State) -> jax.Array:
-    """All nodes' places (n + 1, 3) [m]."""
+    """Positions of all nodes (n + 1, 3) [m]."""
     return model.nodes(s.r, model.ends(s.t))
 
 

@@ -1,4 +1,4 @@
-"""Whether a pose at rest is stable, and the way from one that is not to one that is."""
+"""Stability of an equilibrium, and the path from an unstable to a stable one."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from dropper_jax.statics.bodies import moves_of
 from dropper_jax.statics.rest_problem import RestProblem, force_scale
 from dropper_jax.statics.tangent import stiffness_matrix
 
-#: Free nodes up to which stability is looked at, how negative a stiffness (over the weight of a link per its length)
-#: may be for rounding, and the first displacement from an unstable pose, in lengths of a link.
+#: Maximum number of free nodes for the stability check, the negative stiffness (over the weight of a link per its
+#: length)
+#: that is rounding, and the first displacement from an unstable equilibrium, in lengths of a link.
 FEW, ROUNDING, NUDGE = 200, 1e-6, 0.1
-#: Difference of a stiffness from its transpose, over its largest entry, beyond which it has no energy.
+#: Difference of a stiffness from its transpose, over its maximum entry, above which it has no energy.
 TURNING = 1e-8
 
 
@@ -32,7 +33,7 @@ def stiffness_and_motions(model: Model, s: State) -> tuple[jax.Array, jax.Array]
 
 
 def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray]:
-    """The same on the host, and with rigid links: of the motions that leave these their lengths.
+    """The stiffness on the host, also with rigid links: that of motions which keep their lengths.
 
     Of rows `f(x, T)` and lengths `y(x, T)`: T of a link that stretches follows from x, the others' y must not change.
     """
@@ -55,11 +56,11 @@ def _rows_by_unknowns(model: Model, s: State) -> jax.Array:
 
 
 def stable(model: Model, s: State) -> bool:
-    """Whether no displacement that keeps rigid links' lengths lowers the energy to second order.
+    """Whether no displacement that keeps the lengths of rigid links reduces the energy to second order.
 
-    Smallest eigenvalue of the stiffness on the null space of the constraints (least real part where drag makes it
-    unsymmetric: every slow motion returns), against the mean weight of a link per length. A line whose links are all
-    in tension under dead loads is stable, and systems of more than `FEW` nodes are not looked at.
+    Smallest eigenvalue of the stiffness on the null space of the constraints (minimum real part if drag makes it
+    unsymmetric: every slow motion returns), relative to the mean weight of a link per length. A line with all links in
+    tension under dead loads is stable. Systems of more than `FEW` nodes are not checked.
     """
     if model.constant_force and np.all(np.asarray(s.tension) > 0.0) or model.free_nodes > FEW:
         return True
@@ -68,13 +69,13 @@ def stable(model: Model, s: State) -> bool:
 
 
 def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
-    """The least stiffness [N/m] of a pose and the displacement (free nodes, 3), largest 1, that meets it."""
+    """Minimum stiffness [N/m] of an equilibrium and its displacement (free nodes, 3), maximum 1."""
     k, motions = stiffness_of_motions(model, s)
     if not k.size:
         return np.inf, np.zeros(s.r.shape)
     values, vectors = np.linalg.eigh(0.5 * (k + k.T))
     if values[0] < 0.0 and np.max(np.abs(k - k.T)) > TURNING * np.max(np.abs(k)):
-        # drag turns with the links: what it adds on one way it may take on the way back
+        # drag turns with the links: a cycle of displacements may gain or lose energy
         values, vectors = np.linalg.eig(k)
         values, vectors = values.real, vectors.real
     least = int(np.argmin(values))
@@ -85,13 +86,14 @@ def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
 def escape(
     model: Model, s: State, residual: float, tolerance: float, find: Callable[[State, float], tuple[State, float]]
 ) -> tuple[State, float]:
-    """From an unstable pose to a stable one next to it, if there is one; else the pose as it is, with its residual.
+    """From an unstable equilibrium to a stable one near it, if there is one; else the same equilibrium with its
+    residual.
 
-    A rod may stand upright, a rope laid out along a current drift aside at the least push.
+    Examples are an upright rod, and a rope along a current, which drifts sideways after any small disturbance.
 
     Args:
-        find: the pose, and its residual, that is reached from a start to either side of the softest displacement; it
-            is given that one's stiffness [N/m].
+        find: returns the equilibrium and its residual from a start to either side along the softest displacement; it
+            gets the stiffness [N/m] of this displacement.
     """
     if stable(model, s):
         return s, residual

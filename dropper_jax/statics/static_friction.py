@@ -1,11 +1,12 @@
-"""Statics of lines that were pulled outward along the bed: its friction mobilised, against the pull, where they lie.
+"""Statics of lines that were pulled outward along the seabed, with mobilised friction against the tension.
 
 A line laid out straight from its first point and then pulled at the other end slides as far as the tension reaches.
-Each node on the bed is held back by `mu N` towards where it lay; those that the tension does not reach lie there still:
+Friction of up to `mu N` acts on each node on the seabed towards its laid position. Nodes that the tension does not
+reach remain there:
 
-    z_i = -K u_i min(1, mu N_i/(K |u_i|)),    u_i = r_i - (where it was laid), in the plane of the bed
+    z_i = -K u_i min(1, mu N_i/(K |u_i|)),    u_i = r_i - (laid position), in the plane of the seabed
 
-so that the tension falls by mu w per length to zero and stays there (Jonkman 2007, his CB > 0). K stands for sticking.
+The tension thus falls by mu w per length to zero and stays there (Jonkman 2007, his CB > 0). K models sticking.
 """
 
 from __future__ import annotations
@@ -25,13 +26,15 @@ from dropper_jax.model import Effect, Kinematics, Model, State
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.rest_problem import force_scale
 
-#: K over the stiffness of a link, and the way that full friction gives at most [m]: what is stiffer drowns in rounding.
+#: K over the stiffness of a link, and the maximum displacement at full friction [m]: a stiffer K would be lost in
+#: rounding.
 GRIP, GIVE = 100.0, 1e-7
 
 
 @component
 class StaticSeabedFriction(Effect):
-    """Friction of nodes on the bed towards where they were laid: `position` (free, 2) [m], `grip` K (free,) [N/m]."""
+    """Friction of nodes on the seabed towards their laid
+    positions: `position` (free, 2) [m], `grip` K (free,) [N/m]."""
 
     name: ClassVar[str] = "laid_out"
     position: jax.Array
@@ -46,9 +49,9 @@ class StaticSeabedFriction(Effect):
 
 
 def with_static_seabed_friction(model: Model, s: State, mu: jax.Array) -> tuple[Model, jax.Array]:
-    """The model of a static pose with friction on the inner nodes of all lines, and what rounding leaves of its rows.
+    """The static model with friction on the inner nodes of all lines, and the rounding error of its rows.
 
-    The latter is in `force_scale`, as `system_tolerance` is. Differentiable in model and pose.
+    The latter is in units of `force_scale`, like `system_tolerance`. Differentiable in model and configuration.
     """
     graph, length = model.geometry, model.line.length
     ends = model.ends(s.t).positions
@@ -58,7 +61,7 @@ def with_static_seabed_friction(model: Model, s: State, mu: jax.Array) -> tuple[
     for path, span in zip(graph.paths, graph.spans, strict=True):
         start, end = field[path[0], :2], field[path[-1], :2]
         across = safe_norm(end - start)
-        laid = across > 0.0  # a line that hangs straight down, or a loop, has nowhere to be laid
+        laid = across > 0.0  # a line that hangs straight down, or a loop, has no laid position
         along = jnp.cumsum(length[span])[:-1, None]
         inner.append(path[1:-1])
         positions.append(jnp.where(laid, start + along * (end - start) / jnp.where(laid, across, 1.0), 0.0))

@@ -1,9 +1,9 @@
-"""Static equilibrium as a function of model and loads, with exact derivatives of the pose.
+"""Static equilibrium as a function of model and loads, with exact derivatives.
 
-    R(theta, u) = 0,    du = -R_u^-1 R_theta dtheta        (theta: model and loads, u: places and tensions)
+    R(theta, u) = 0,    du = -R_u^-1 R_theta dtheta        (theta: model and loads, u: positions and tensions)
 
-The pose is sought on the host (`search`), or found next to one that is given, in the compiled program. Its derivatives
-follow from the implicit function theorem, by one linear solve at the pose.
+The equilibrium is solved on the host (`search`), or from a given nearby one in the compiled program. Its derivatives
+follow from the implicit function theorem, by one linear solve at the equilibrium.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import descend, unbalance
 from dropper_jax.statics.tangent import Linear, solve_linear
 
-#: Corrections until a pose counts as not found.
+#: Maximum number of corrections.
 CORRECTIONS = 100
-#: Corrections of rigid lines.
+#: Number of corrections of rigid lines.
 RIGID = 12
 
 
 def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
-    """Loads (free nodes, 3) [N] from node numbers (counted from 1) and 3-vectors; none where `nodes` is None."""
+    """Loads (free nodes, 3) [N] from node numbers (counted from 1) and 3-vectors; zero without `nodes`."""
     if nodes is None or len(nodes) == 0:
         return jnp.zeros((model.free_nodes, 3), model.dtype)
     index = np.asarray(nodes, int) - 1
@@ -47,23 +47,22 @@ def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None)
 
 
 def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0, near: State | None = None) -> Equilibrium:
-    """The pose in which the model rests at time t under additional nodal `loads` (free nodes, 3) [N].
+    """The equilibrium of the model at time t under additional nodal `loads` (free nodes, 3) [N].
 
-    Works for hanging strings, slack loops, ends at different heights or at the same point, loops nearly as long as
-    they are straight, and lifted nodes. Sought on the host.
+    Works for hanging strings, slack loops, ends at different heights or at the same point, nearly taut loops, and
+    lifted nodes. It is solved on the host.
 
     Differentiable in model and loads, forward and reverse, by the implicit function theorem (see `settle`): inside
-    `grad`, `jvp` and `jacfwd` the pose is sought on the host all the same; inside `jit` and `vmap` it is the one next
-    to `near`. Where a link is on the verge of going slack, or a node of touching the bed, the derivative is that of
-    one side.
+    `grad`, `jvp` and `jacfwd` the equilibrium is also solved on the host; inside `jit` and `vmap` it is the one next to
+    `near`. If a link is on the verge of going slack, or a node of touching the seabed, the derivative is one-sided.
 
     Args:
         loads: additional forces on the free nodes (free nodes, 3) [N].
         t: time [s], for ends that move.
-        near: a pose to start from, such as that of another design: Newton from there, not on the host.
+        near: initial configuration, such as the equilibrium of another design: Newton from there, not on the host.
 
     Raises:
-        SceneError: where nothing gives the line a shape (no weight); traced values without a pose near by.
+        SceneError: the shape of the line is undetermined (no weight); traced values without `near`.
     """
     if near is not None or _is_traced((model, loads)):
         return _differentiable(model, loads, t, near)
@@ -75,13 +74,11 @@ def _is_traced(tree: object) -> bool:
 
 
 def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State | None) -> Equilibrium:
-    """The pose next to one that is given, or that is found on the host for the values that are differentiated at."""
+    """The equilibrium next to a given one, or next to one solved on the host for the primal values."""
     if near is None:
         at = jax.lax.stop_gradient((model, loads))
         if _is_traced(at):
-            raise SceneError(
-                "near: no pose to start from inside jit or vmap; allowed: `equilibrium(...).state` of a design near by"
-            )
+            raise SceneError("near: missing inside jit or vmap. Use `equilibrium(...).state` of a similar design")
         found = equilibrium(*at, t)
         if found.status != "ok":
             raise SceneError(f"equilibrium: {found.message}")
@@ -92,13 +89,13 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
     residual, tolerance = _remaining_residual(acting, s, loads)
     status, message = "traced", ""
     if not _is_traced((model, s)):
-        message = "" if float(residual) <= tolerance else "no equilibrium found next to the pose that was given"
+        message = "" if float(residual) <= tolerance else "no equilibrium found next to the given configuration"
         status = "not_converged" if message else "ok"
     return Equilibrium(model.nodes(s.r, model.ends(s.t)), s.tension, residual, status, message, s)
 
 
 def _remaining_residual(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
-    """Largest scaled row of a settled pose, and what it may be (NaN where that is not known in a trace)."""
+    """Maximum scaled row of an equilibrium, and its tolerance (NaN if that is not known in a trace)."""
     tolerance = np.nan if _is_traced(model) else 2.0 * system_tolerance(model)
     if model.constraints or model.line.axial.elastic:
         return unbalance(model, s, loads), tolerance
@@ -107,20 +104,20 @@ def _remaining_residual(model: Model, s: State, loads: jax.Array) -> tuple[jax.A
 
 
 def settle(model: Model, near: State, loads: jax.Array | None = None, there: bool = False) -> State:
-    """The equilibrium next to the pose `near`, as a differentiable, batchable function of model and loads.
+    """The equilibrium next to `near`, as a differentiable, batchable function of model and loads.
 
     Newton from `near` (found once with `equilibrium`); derivatives by the implicit function theorem. Lines that stretch
-    are solved in O(n); rigid ones, and rigid bodies, with dense matrices. Places are NaN where no pose of lines that
-    stretch is found, and derivatives where a motion that nothing holds has no answer to what changes.
+    are solved in O(n); rigid ones, and rigid bodies, with dense matrices. Positions are NaN if no equilibrium of
+    elastic lines is found. Derivatives are NaN if the change of the forces acts on an unconstrained motion.
 
-    With `there`, lines that stretch are not moved from `near`, which must be the pose of this model: its derivatives
-    alone are computed, in a smaller program.
+    With `there`, elastic lines are not moved from `near`, which must be the equilibrium of this model: only its
+    derivatives are computed, in a smaller program.
     """
     return _settle(model, near, jnp.zeros_like(near.r) if loads is None else loads, there)[0]
 
 
 def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[State, Model]:
-    """The pose, and the model that is at rest there."""
+    """The equilibrium, and the model that is at rest there."""
     model = rest(full)
     if model.constraints or model.line.axial.elastic:
         friction = outward(full)
@@ -147,9 +144,9 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
 
 
 def equilibrium_near(model: Model, near: State, loads: jax.Array, there: bool = False) -> State:
-    """The pose next to `near`, differentiable; its places are NaN where there is none.
+    """The equilibrium next to `near`, differentiable; its positions are NaN if there is no equilibrium.
 
-    With `there` it is `near` itself, which is not looked at again: only its derivatives are new.
+    With `there` it is `near` itself, which is not checked again: only its derivatives are computed.
     """
     t, near = near.t, jax.lax.stop_gradient(near)
     if not there:

@@ -1,11 +1,11 @@
-"""Mooring stiffness: how forces on chosen points change as these are displaced, all else in equilibrium.
+"""Mooring stiffness: change of the forces on chosen points with their displacements, all else in equilibrium.
 
     S = K_aa - K_ae K_ee^-1 K_ea,    K = -dF/dx        (a: the chosen points, e: all other free nodes)
 
 F holds all static forces: tensions, weight, buoyancy with its waterline, contact, drag of a current (which makes S
-unsymmetric). On a held point it is what the lines pull: nothing else reaches a support. Of a rigid body a is six:
-moves of its reference point, and turns about the scene's axes there. On the host, with a sparse K where there are no
-bodies.
+unsymmetric). On a fixed point F is the force of the lines, since no other force acts on a support. A rigid body has six
+degrees of freedom: displacements of its reference point, and rotations about the scene's axes there. Computed on the
+host, with a sparse K if there are no bodies.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ if TYPE_CHECKING:
 
 #: Degrees of freedom of a point [m], and of a body, [m] and [rad].
 POINT, BODY = ("x", "y", "z"), ("x", "y", "z", "roll", "pitch", "yaw")
-#: Stretch of a link, over its length, and its tension over the largest one, of a link on the verge of going slack.
+#: Limits for a link on the verge of going slack: stretch over its length, and tension over the maximum tension.
 VERGE = 1e-9
 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Stiffness of points and bodies about a static pose.
+    """Stiffness of points and bodies about an equilibrium.
 
     Attributes:
-        names: of points and bodies, in the order that was asked for.
-        freedoms: `NAME.x` and so on (k,), of all of them.
-        matrix: minus the change of force by displacement (k, k) [N/m]; [N], [N m] where bodies turn.
-        warnings: links on the verge of going slack, where the matrix is that of one side.
+        names: of points and bodies, in the requested order.
+        freedoms: degrees of freedom of all of them, `NAME.x` and so on (k,).
+        matrix: minus the change of force by displacement (k, k) [N/m]; [N], [N m] for rotations of bodies.
+        warnings: links on the verge of going slack, with a one-sided matrix.
     """
 
     names: tuple[str, ...]
@@ -53,14 +53,14 @@ class Stiffness:
 
 
 def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: jax.Array | None = None) -> Stiffness:
-    """The stiffness of points, held or free, and rigid bodies, by name.
+    """The stiffness of points, fixed or free, and rigid bodies, by name.
 
     Args:
         pose: `equilibrium(...).state`.
-        loads: forces that hold the pose (free nodes, 3) [N].
+        loads: additional forces of the equilibrium (free nodes, 3) [N].
 
     Raises:
-        SceneError: no such point; rigid links, whose tensions do not follow from lengths; what nothing holds.
+        SceneError: unknown point; rigid links, whose tensions do not follow from lengths; unconstrained motions.
     """
     if not model.line.axial.elastic:
         raise SceneError(
@@ -78,18 +78,18 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: ja
 
 
 def verges(model: Model, pose: State) -> tuple[str, ...]:
-    """Remarks on links that are as long as they are unstretched: on one side they pull, on the other they do not."""
+    """Warnings about links at their unstretched length, which are in tension on one side only."""
     size = np.linalg.norm(np.asarray(model.links(pose.r, model.ends(pose.t))), axis=1)
     length, tension = np.asarray(model.line.length), np.asarray(pose.tension)
     there = (np.abs(size / length - 1.0) <= VERGE) & (np.abs(tension) <= VERGE * max(np.max(np.abs(tension)), 1e-300))
     if not np.any(there):
         return ()
     links = ", ".join(str(i + 1) for i in np.flatnonzero(there)[:5])
-    return (f"links {links} are on the verge of going slack: derivatives are those of one side",)
+    return (f"links {links} are on the verge of going slack: derivatives are one-sided",)
 
 
 def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, tuple[str, int]]:
-    """What is meant by each name: ("held", number among held points), ("free", node) or ("body", number)."""
+    """Meaning of each name: ("held", index among fixed points), ("free", node) or ("body", index)."""
     graph, found = model.geometry, {}
     bodies = list(model.constraints[0].names) if model.constraints else []
     retained = (
@@ -102,11 +102,13 @@ def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, tuple[str, i
             raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
         if name in bodies:
             if bodies.index(name) in model.constraints[0].pinned:
-                raise SceneError(f"points: {name!r} is pinned and cannot be moved; allowed: what is free or held")
+                raise SceneError(
+                    f"points: {name!r} is pinned and cannot be moved; allowed: free and fixed points, other bodies"
+                )
             found[name] = "body", bodies.index(name)
             continue
         if name not in known:
-            raise SceneError(f"points: {name!r} is no point of the scene; {nearest(name, known + bodies)}")
+            raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, known + bodies)}")
         point = known.index(name)
         held = np.flatnonzero(graph.held_points == point)
         if held.size:
@@ -114,7 +116,7 @@ def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, tuple[str, i
             continue
         node = _node(model, point)
         if model.constraints and node not in retained:
-            raise SceneError(f"points: {name!r} sits on a rigid body; allowed: the body's own name")
+            raise SceneError(f"points: {name!r} is on a rigid body. Use the name of the body")
         found[name] = "free", retained[node] if model.constraints else node
     return found
 
@@ -127,7 +129,7 @@ def _node(model: Model, point: int) -> int:
 def _shifted_residual(
     model: Model, pose: State, loads: jax.Array, x: jax.Array, u: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Unbalanced forces, minus F, on free nodes (free, 3) and held points (held, 3) [N], moved by x and u [m]."""
+    """Unbalanced forces, minus F, on free nodes (free, 3) and fixed points (held, 3) [N], displaced by x and u [m]."""
     problem = RestProblem(model, pose, loads)
     problem.ends = Ends(problem.ends.positions + u, problem.ends.velocities)
     tension = problem.tension(x)
@@ -137,7 +139,8 @@ def _shifted_residual(
 
 @cached_jit(brief=True)
 def _of_held(model: Model, pose: State, loads: jax.Array) -> tuple[jax.Array, ...]:
-    """By moves of held points: rows (3 free, h) and these points' forces (h, h); these by free nodes (h, 3 free)."""
+    """Derivatives by displacements of fixed points: rows (3 free, h) and forces on these points (h, h); the latter by
+    free nodes (h, 3 free)."""
     x, u = jnp.zeros_like(pose.r), jnp.zeros((model.geometry.ends, 3), model.dtype)
     rows, own = jax.jacfwd(lambda u: _shifted_residual(model, pose, loads, x, u))(u)
     back = jax.jacrev(lambda x: _shifted_residual(model, pose, loads, x, u)[1])(x)
@@ -145,7 +148,7 @@ def _of_held(model: Model, pose: State, loads: jax.Array) -> tuple[jax.Array, ..
 
 
 def stiffness_with_held(model: Model, pose: State, loads: jax.Array) -> csc_array:
-    """K [N/m] of moves of the free nodes, then of the held points (f + h, f + h). On the host."""
+    """K [N/m] of displacements of the free nodes, then of the fixed points (f + h, f + h). On the host."""
     from scipy.sparse import block_array, csc_array  # noqa: PLC0415
 
     rows, own, back = (csc_array(np.asarray(part)) for part in _of_held(model, pose, loads))
@@ -153,7 +156,7 @@ def stiffness_with_held(model: Model, pose: State, loads: jax.Array) -> csc_arra
 
 
 def _numbers(model: Model, asked: dict[str, tuple[str, int]]) -> np.ndarray:
-    """Rows of K of the points and bodies that are asked for, in their order."""
+    """Rows of K of the requested points and bodies, in their order."""
     where = Coordinates.of(model) if model.constraints else None
     first = {
         "free": lambda i: 3 * i,
@@ -165,7 +168,7 @@ def _numbers(model: Model, asked: dict[str, tuple[str, int]]) -> np.ndarray:
 
 
 def _condensed(model: Model, pose: State, loads: jax.Array, matrix: csc_array, picked: np.ndarray) -> np.ndarray:
-    """K of some freedoms, all other free ones in equilibrium, held points at rest."""
+    """K of some degrees of freedom, all other free ones in equilibrium, fixed points at rest."""
     others = np.setdiff1d(np.arange(matrix.shape[0] - 3 * model.geometry.ends), picked)
     rows, inner = matrix[picked], matrix[others]
     whole = rows[:, picked].toarray()
@@ -178,9 +181,9 @@ def _condensed(model: Model, pose: State, loads: jax.Array, matrix: csc_array, p
 def _solver(
     model: Model, pose: State, loads: jax.Array, matrix: csc_array, nodes: np.ndarray
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Solves with K_ee, refined where a motion of these nodes is free; refused where that is what the points pull at.
+    """Solve with K_ee, refined if these nodes have a free motion; an error if the points load this motion.
 
-    A slack chain on a bed without friction moves freely across it, and that is nothing to its fairlead.
+    A slack chain on a seabed without friction moves freely across it, which does not affect its fairlead.
     """
     from scipy.sparse import eye_array  # noqa: PLC0415
     from scipy.sparse.linalg import splu  # noqa: PLC0415
@@ -199,13 +202,14 @@ def _solver(
         if not words:
             node = int(nodes[np.argmax(np.max(np.abs(left), axis=1))]) // 3
             words = "nothing holds " + ("a body" if model.constraints else name_of(model, node))
-        raise SceneError(f"points: the others have no equilibrium of their own: {words}; allowed: what is held")
+        raise SceneError(f"points: the others have no equilibrium: {words}. Use constrained points")
 
     return solve
 
 
 def _of_bodies(model: Model, pose: State, loads: jax.Array) -> csc_array:
-    """The same in the coordinates of `statics.bodies`, bodies moved and turned about their reference points."""
+    """K in the coordinates of `statics.bodies`, with displacement and rotation of bodies about their reference
+    points."""
     from scipy.sparse import csc_array  # noqa: PLC0415
 
     where, constraint = Coordinates.of(model), model.constraints[0]

@@ -1,11 +1,11 @@
-"""Statics of a system of lines: damped Newton descent from a rough guess to the stable pose.
+"""Statics of a system of lines: damped Newton descent from an approximate guess to the stable equilibrium.
 
     (K + kappa) dx = F(r),    r <- r + a dx
 
-F holds all forces and the tensions of the links as they lie, K their stiffness (`tangent`). The share a is the largest
+F contains all forces and the tensions of the links, K is their stiffness (`tangent`). The step length a is the largest
 of a geometric series that does not overshoot: `F(r + a dx) . dx` may not turn far negative (the line search of
-nonlinear finite elements; it needs no energy, so that a current may act). kappa falls while whole steps are taken and
-rises when they are cut: descent far from rest, Newton near it. Descent ends in stable poses.
+nonlinear finite elements; it needs no energy, so that a current may act). kappa decreases after full steps and
+increases after shortened ones: descent far from equilibrium, Newton near it. Descent ends in a stable equilibrium.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ from dropper_jax.statics.bodies import BodyMoves, moves_of
 from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, balanced, force_scale, name_of, soft_scale
 from dropper_jax.statics.tangent import NodeMoves
 
-#: Rounds until a pose counts as not found.
+#: Maximum number of iterations.
 ROUNDS = 1000
-#: Rounds that may pass without a pose better than the guess.
+#: Maximum number of iterations without an improvement over the guess.
 HOPELESS = 500
-#: Largest move of a node in one round, in mean link lengths.
+#: Maximum displacement of a node in one iteration, in mean link lengths.
 REACH = 1.0
-#: Least share of a correction that is tried.
+#: Minimum fraction of a correction that is tried.
 LEAST_SHARE = 2.0**-13
-#: Kappa, over the weight of a link per its length, from which it rises where a correction was cut short.
+#: Minimum kappa after a shortened correction, over the weight of a link per its length.
 FIRST = 1e-2
-#: How far the force along a correction may turn against it, over its value at the start.
+#: Maximum opposing force along a correction, relative to its initial value.
 OVERSHOOT = 0.5
-#: Shares of the axial stiffness that poses are found with on the way to a stiff one.
+#: Fractions of the axial stiffness in the continuation to a stiff system.
 SOFTENING = (1e-5, 1e-3, 1e-1, 1.0)
-#: Stretch of the springs that stand for rigid links.
+#: Stretch of the springs that replace rigid links.
 GIVE = 1e-4
-#: Factors on kappa after a whole, a good and a short step.
+#: Factors on kappa after a full, a good and a short step.
 FALL, KEEP, RISE = 0.2, 0.7, 4.0
 
 
 def correct_pose(
     moves: NodeMoves | BodyMoves, s: State, loads: jax.Array, kappa: jax.Array
 ) -> tuple[State, jax.Array, jax.Array]:
-    """One correction of the pose s: the next pose, the largest force [N] that is left there, and the next kappa."""
+    """One correction of the configuration s: the next one, its maximum unbalanced force [N], and the next kappa."""
     soft, reach = soft_scale(moves.model), REACH * jnp.mean(moves.model.line.length)
     rows_at = partial(moves.rows, s, loads)
     rows, linear = jax.linearize(rows_at, moves.none)
@@ -67,7 +67,7 @@ def correct_pose(
         after = rows_at(share * dx)
         return share, -jnp.sum(after * dx), jnp.max(jnp.abs(after))
 
-    # the whole correction is the first that is tried: the rows stand in the program once
+    # the full correction is tried first in the same loop, so that the program contains the rows only once
     never = jnp.full((), -jnp.inf, dx.dtype)
     share, _, size = jax.lax.while_loop(overshoots, shorter, (jnp.full((), 2.0, dx.dtype), never, -never))
     harder = jnp.maximum(RISE * kappa, FIRST * soft)
@@ -77,13 +77,13 @@ def correct_pose(
 
 @cached_jit(brief=True)
 def unbalance(model: Model, s: State, loads: jax.Array) -> jax.Array:
-    """Largest scaled unbalanced force of a pose."""
+    """Maximum scaled unbalanced force of a configuration."""
     moves = moves_of(model)
     return jnp.max(jnp.abs(moves.rows(s, loads, moves.none)), initial=0.0) / force_scale(model)
 
 
 def guess(model: Model, t: float = 0.0) -> State:
-    """Every line straight between its points, where the scene puts these."""
+    """Every line straight between its points at their positions in the scene."""
     geometry = model.geometry
     positions = np.array([np.asarray(p.position, float) for p in model.points])
     moved = np.asarray(model.ends(jnp.asarray(t, model.dtype)).positions, float)
@@ -106,9 +106,9 @@ def guess(model: Model, t: float = 0.0) -> State:
 def descend(
     model: Model, s: State, loads: jax.Array, tolerance: jax.Array, kappa: jax.Array, rounds: int
 ) -> tuple[State, jax.Array]:
-    """The pose that descent from `s` reaches, and its largest scaled unbalanced force: of the best pose on the way.
+    """Result of the descent from `s`: the best configuration and its maximum scaled unbalanced force.
 
-    It ends with the second pose in a row within the tolerance: the last correction ends at rounding.
+    It stops after two successive configurations within the tolerance: the last correction then reaches rounding.
     """
     moves, scale = moves_of(model), force_scale(model)
     s = balanced(model, s, loads)
@@ -132,15 +132,17 @@ def descend(
 
 
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
-    """The stable pose that descent from `s` reaches, and its largest scaled unbalanced force."""
+    """The stable equilibrium reached by descent from `s`, and its maximum scaled unbalanced force."""
     found, residual = descend(model, s, loads, tolerance, soft_scale(model), ROUNDS)
     return found, float(residual)
 
 
 def find_softened(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
-    """The pose by way of softer lines: where slack links tauten one after another, stiff ones cut every step short.
+    """Equilibrium by continuation from softer lines: if slack links become taut one after another, stiff links shorten
+    every step.
 
-    A weightless line of 200 links in a current is found in seconds this way, and not in `ROUNDS` rounds without.
+    A weightless line of 200 links in a current is solved in seconds, but not within `ROUNDS` iterations without
+    continuation.
     """
     residual = np.inf
     for share in SOFTENING:
@@ -149,26 +151,26 @@ def find_softened(model: Model, s: State, loads: jax.Array, tolerance: float) ->
 
 
 def with_axial(model: Model, axial: AxialLaw) -> Model:
-    """The model with another law of its links."""
+    """The model with another axial law."""
     return replace(model, lines=(replace(model.line, axial=axial),))
 
 
 def springy(model: Model) -> Model:
-    """The model with stiff springs in place of rigid links: they stretch by about `GIVE` of their length."""
+    """The model with stiff springs instead of rigid links, which stretch by about `GIVE` of their length."""
     weight = force_scale(model) * model.line.links / GIVE
     return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape)))
 
 
 def describe_unbalance(model: Model, s: State, loads: jax.Array, residual: float, sought: str) -> str:
-    """Which node is farthest from balance in a pose that was not found, and why; `sought` tells how far."""
+    """The node with the maximum unbalanced force after a failed search; `sought` describes the extent of the search."""
     if model.constraints:
-        return f"no equilibrium of lines and bodies found: largest scaled unbalanced force {residual:.1e}"
+        return f"no equilibrium of lines and bodies found: maximum scaled unbalanced force {residual:.1e}"
     rows = np.asarray(RestProblem(model, s, loads).residual(Unknowns(jnp.zeros_like(s.r), s.tension)).x)
     size = np.max(np.abs(rows), axis=1)
     node = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
     force = ", ".join(f"{x:.3g}" for x in rows[node])
     position = ", ".join(f"{x:.4g}" for x in np.asarray(s.r[node]))
     return (
-        f"no equilibrium found {sought}: largest scaled unbalanced force {residual:.1e}, "
-        f"{name_of(model, node)} at ({position}) m is left with ({force}) N"
+        f"no equilibrium found {sought}: maximum scaled unbalanced force {residual:.1e}, "
+        f"{name_of(model, node)} at ({position}) m has ({force}) N"
     )

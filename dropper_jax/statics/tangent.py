@@ -1,11 +1,12 @@
-"""The tangent stiffness of a pose at rest: its blocks, and linear solves with it that stay in a compiled program.
+"""Tangent stiffness of an equilibrium: its blocks, and linear solves with it inside a compiled program.
 
-    K = -dF/dr,    K dr = dF        (F: all static forces on free nodes, tensions of the links as they lie included)
+    K = -dF/dr,    K dr = dF        (F: all static forces on free nodes, including the tensions of links)
 
-Exact: drag that turns with the links, contact and wetted shares stand in it. Its blocks come from a handful of
-directional derivatives (nodes that no row has in common share one) and are eliminated in rounds (`solvers.elimination`)
-in O(n). Where a node may move freely K is singular: what is eliminated is `K + kappa`, and the solution is refined with
-K itself. That gives the shortest solution where there is one, and NaN where there is none.
+K is exact: it includes drag that turns with the links, contact and wetted fractions. Its blocks come from a handful of
+directional derivatives (nodes without a common row use the same
+one) and are eliminated in rounds (`solvers.elimination`)
+in O(n). If a node can move freely K is singular: `K + kappa` is eliminated, and the solution is refined with K itself.
+This gives the shortest solution, or NaN if the system has no solution.
 """
 
 from __future__ import annotations
@@ -32,16 +33,17 @@ if TYPE_CHECKING:
 
 Linear = Callable[[jax.Array], jax.Array]
 
-#: Most corrections of a linear solve, and the share of the right side that may be left: else there is no solution.
+#: Maximum number of corrections of a linear solve, and the remaining fraction of the right side above which the system
+#: has no solution.
 REFINEMENTS, LEFT = 20, 1e-7
 #: Stiffness, over the weight of a link per its length, below which a motion counts as free.
 FREE = 1e-7
-#: Inverse iterations that find the softest motion; they need not find the softest of several soft ones.
+#: Number of inverse iterations for the softest motion; of several soft ones any may result.
 INVERSE_ITERATIONS = 12
 
 
 class Pattern(NamedTuple):
-    """Which nodes' forces depend on which: entries (row, column), and a colour (free,) to each column."""
+    """Dependence of nodal forces on nodes: entries (row, column), and a colour (free,) of each column."""
 
     row: np.ndarray
     column: np.ndarray
@@ -51,7 +53,8 @@ class Pattern(NamedTuple):
 
 @lru_cache(maxsize=64)
 def pattern(geometry: Geometry, reach: int) -> Pattern:
-    """Of forces that reach that many links far; columns that meet in no row share a colour."""
+    """Pattern of forces that couple nodes up to this number of links apart; columns without a common row have the same
+    colour."""
     from scipy.sparse import coo_array, eye_array  # noqa: PLC0415
 
     free = geometry.free
@@ -83,7 +86,7 @@ def _order(geometry: Geometry, reach: int) -> Order:
 
 @dataclass(frozen=True)
 class Tangent:
-    """How blocks of a model's K stand and are eliminated."""
+    """Layout and elimination order of the blocks of a model's K."""
 
     pattern: Pattern
     order: Order
@@ -96,7 +99,8 @@ class Tangent:
         return cls(pattern(model.geometry, reach), _order(model.geometry, reach), jax.lax.stop_gradient(kappa))
 
     def matrix(self, linear: Linear, x: jax.Array) -> jax.Array:
-        """Blocks (entries, 3, 3) [N/m] of a linear map of moves like x to forces, in the order of the pattern."""
+        """Blocks (entries, 3, 3) [N/m] of a linear map from displacements like x to forces, in the order of the
+        pattern."""
         row, column, colour, colours = self.pattern
         picked = jnp.asarray(colour == np.arange(colours)[:, None], x.dtype)
         axes = jnp.eye(3, dtype=x.dtype)
@@ -105,25 +109,25 @@ class Tangent:
         return jnp.swapaxes(answer[colour[column], :, row, :], -1, -2)
 
     def dense(self, blocks: jax.Array) -> jax.Array:
-        """The same as one matrix (3 free, 3 free)."""
+        """The map as one matrix (3 free, 3 free)."""
         row, column, size = self.pattern.row, self.pattern.column, len(self.pattern.colour)
         matrix = jnp.zeros((size, 3, size, 3), blocks.dtype)
         return matrix.at[row, :, column, :].set(blocks).reshape(3 * size, 3 * size)
 
     def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> Elimination:
-        """The factored map of moves like x, stiffer by kappa [N/m]."""
+        """The factored map of displacements like x, stiffened by kappa [N/m]."""
         own = jnp.asarray(self.pattern.row == self.pattern.column, x.dtype)
         stiffer = kappa * own[:, None, None] * jnp.eye(3, dtype=x.dtype)
         return eliminate(self.order, self.matrix(linear, x) + stiffer)
 
     def apply(self, factor: Elimination, rows: jax.Array, transposed: bool = False) -> jax.Array:
-        """The moves that forces call for."""
+        """The displacements for given forces."""
         return solve(factor.transpose() if transposed else factor, rows)
 
 
 @dataclass(frozen=True)
 class DenseTangent:
-    """The same for any coordinates (k,), as one matrix."""
+    """The factored map for any coordinates (k,), as one matrix."""
 
     kappa: jax.Array
 
@@ -141,7 +145,7 @@ class DenseTangent:
 
 
 def solve_linear(tangent: Tangent | DenseTangent, linear: Linear, right: jax.Array) -> jax.Array:
-    """dr [m] with `linear(dr) = right` [N]; differentiable in both modes; NaN where there is none."""
+    """dr [m] with `linear(dr) = right` [N]; differentiable in both modes; NaN if there is no solution."""
     factor = tangent.factor(linear, tangent.kappa, right)
 
     def solve_with(transposed: bool, matrix: Linear, b: jax.Array) -> jax.Array:
@@ -151,7 +155,7 @@ def solve_linear(tangent: Tangent | DenseTangent, linear: Linear, right: jax.Arr
 
 
 def refine_solution(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
-    """x of `matrix(x) = b` by `x <- x + apply(b - matrix(x))`, until that changes nothing any more."""
+    """x of `matrix(x) = b` by `x <- x + apply(b - matrix(x))`, until the residual no longer decreases."""
     enough = 1e2 * jnp.finfo(b.dtype).eps
 
     def keep_iterating(carry: tuple[jax.Array, ...]) -> jax.Array:
@@ -172,7 +176,7 @@ def refine_solution(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
 
 @dataclass(frozen=True)
 class NodeMoves:
-    """Moves x (free, 3) [m] of the nodes of lines that stretch as the unknowns of a pose."""
+    """Displacements x (free, 3) [m] of the nodes of elastic lines as the unknowns of an equilibrium."""
 
     model: Model
 
@@ -182,20 +186,20 @@ class NodeMoves:
 
     @property
     def none(self) -> jax.Array:
-        """x of the pose that moves are counted from."""
+        """x of the reference configuration of the displacements."""
         return jnp.zeros((self.model.free_nodes, 3), self.model.dtype)
 
     def rows(self, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
-        """Unbalanced forces [N], minus F, at x from the pose s."""
+        """Unbalanced forces [N], minus F, at the displacement x from s."""
         return unbalanced_at(self.model, s, loads, x)[0]
 
     def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
-        """The pose at x from the pose s."""
+        """The configuration at the displacement x from s."""
         return state(self.model, s.r + x, tension=unbalanced_at(self.model, s, loads, x)[1], t=s.t)
 
 
 def stiffness_matrix(moves: NodeMoves, s: State, loads: jax.Array) -> jax.Array:
-    """K at a pose as the tangent of its moves keeps it: blocks, or one matrix."""
+    """K at a configuration in the form of its unknowns: blocks, or one matrix."""
     return moves.tangent.matrix(jax.linearize(partial(moves.rows, s, loads), moves.none)[1], moves.none)
 
 
@@ -205,7 +209,8 @@ def _blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
 
 
 def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:
-    """How all forces fall as all places change (3 free, 3 free) [N/m], drag and contact included. On the host."""
+    """Minus the derivative of all forces by all positions (3 free, 3 free) [N/m], including drag and contact. On the
+    host."""
     from scipy.sparse import csc_array  # noqa: PLC0415
 
     near, axis = pattern(model.geometry, max(model.reach, 1)), np.arange(3)
@@ -216,9 +221,9 @@ def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:
 
 
 def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.ndarray]:
-    """The least stiffness [N/m] of a pose, and the motion (free, 3), largest 1, that meets it. On the host.
+    """Minimum stiffness [N/m] of an equilibrium and its motion (free, 3), maximum 1. On the host.
 
-    Raises nothing: a pose with a free motion has stiffness 0 to rounding.
+    It does not raise: an equilibrium with a free motion has the stiffness 0 to rounding.
     """
     from scipy.sparse import eye_array  # noqa: PLC0415
     from scipy.sparse.linalg import splu  # noqa: PLC0415
@@ -235,7 +240,7 @@ def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.
 
 
 def free_motion(model: Model, s: State, loads: jax.Array) -> str:
-    """Which node moves freely about a pose, in words; empty where all are held, and for links that do not stretch."""
+    """A note on the node that can move freely about an equilibrium; empty without any, and for inextensible links."""
     model = rest(model)
     if model.constraints or not model.line.axial.elastic:
         return ""
@@ -244,4 +249,4 @@ def free_motion(model: Model, s: State, loads: jax.Array) -> str:
         return ""
     node = int(np.argmax(np.max(np.abs(way), axis=1)))
     along = ", ".join(f"{x:.2f}" for x in way[node])
-    return f"nothing holds {name_of(model, node)} along ({along}), where its stiffness is {least:.1e} N/m"
+    return f"{name_of(model, node)} is unconstrained along ({along}), with a stiffness of {least:.1e} N/m"

@@ -1,11 +1,11 @@
-"""Steps that follow the snaps of lines: refused and taken again where tensions change too much within one.
+"""Snap-adaptive steps: a step is rejected and repeated if a tension changes too much within it.
 
     roughness = max over links |T1 - T0| h / m,    m the mean mass of a link
 
-T0 and T1 are the tensions of the step before and of this one: the speed that what changes within a step could give to a
-link. Measured on a chain that snaps, beside an estimate of the error of places (Zienkiewicz and Xie 1991), it finds
-deviation and peaks as well with half the steps. The next step has `SAFETY (tolerance/roughness)^(1/2)` of this one's
-length, within bounds. Steps end at the saved times, which are evenly spaced.
+T0 and T1 are the tensions of the previous and of this step, and the roughness is the speed that their change could give
+to a link. On a snapping chain it gives the same standard deviation and peaks with half the steps of an estimate of the
+position error (Zienkiewicz and Xie 1991). The next step is `SAFETY (tolerance/roughness)^(1/2)` times this one, within
+bounds. Steps end at the saved times, which are evenly spaced.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
 
 SAFETY, SLOWER, FASTER = 0.85, 0.25, 1.6
-#: Shortest step as a share of the interval between saved times; what is rough there is taken as it is.
+#: Minimum step as a fraction of the interval between saved times; such a step is accepted at any roughness.
 SHORTEST = 1.0 / 4096.0
-#: Roughness over tolerance of a step that is not solved; the inverse is the least that counts.
+#: Roughness over tolerance assigned to a step that is not solved; the inverse is the minimum used.
 MOST = 1e6
 
 
 class Adaptive(NamedTuple):
-    """What a run of steps that follow carries: progress in intervals, the next step [s], how many were refused."""
+    """State of a snap-adaptive run: progress in intervals, the next step [s], the number of rejected steps."""
 
     progress: Progress
     h: jax.Array
@@ -37,7 +37,7 @@ class Adaptive(NamedTuple):
 
 
 class Within(NamedTuple):
-    """Tensions between two saved times: mean, mean of squares, least and largest, (k, n) each; steps (k,)."""
+    """Tensions between two saved times: mean, mean square, minimum and maximum, (k, n) each; steps (k,)."""
 
     mean: jax.Array
     square: jax.Array
@@ -47,7 +47,7 @@ class Within(NamedTuple):
 
 
 class _Interval(NamedTuple):
-    """What the loop over the steps of one interval carries."""
+    """State of the loop over the steps of one interval."""
 
     adaptive: Adaptive
     mean: jax.Array
@@ -69,10 +69,10 @@ def advance_adaptively(
     saves: int,
     count: jax.Array | None = None,
 ) -> tuple[Adaptive, tuple[Trajectory, Within]]:
-    """`saves` further intervals of dt [s], in steps of a roughness of at most `tolerance` [m/s].
+    """Advance by `saves` intervals of dt [s], in steps with a roughness of at most `tolerance` [m/s].
 
-    Saved tensions are means over their interval. With a `count` it is for so many intervals, and `saves` is how many
-    rows there are: the first are filled.
+    Saved tensions are means over their interval. With a `count` only this number of intervals is computed, and of
+    `saves` rows the first are filled.
     """
 
     def save(adaptive: Adaptive, _: None) -> tuple[Adaptive, tuple[Trajectory, Within]]:
@@ -126,7 +126,7 @@ def advance_adaptively(
 
 
 class _Tried(NamedTuple):
-    """A step that was tried: its end and length, whether it is bad and whether to take it, the length of the next."""
+    """A trial step: its end and length, whether it failed and whether it is accepted, the length of the next."""
 
     state: State
     report: Report
@@ -146,7 +146,7 @@ def _try(
     bad = step_failed(stepper, model, s1, report.residual)
     rough = roughness(model, state, s1, h) / tolerance
     rough = jnp.where(bad | ~jnp.isfinite(rough), MOST, rough)
-    # a run that has failed goes on to its end, however rough
+    # a failed run continues to its end with any roughness
     take = (rough <= 1.0) | (h <= 1.01 * SHORTEST * dt) | (first_bad >= 0)
     factor = jnp.clip(SAFETY / jnp.sqrt(jnp.maximum(rough, 1.0 / MOST)), SLOWER, FASTER)
     return _Tried(s1, report, h, bad, take, jnp.clip(h * factor, SHORTEST * dt, dt))
@@ -155,10 +155,10 @@ def _try(
 def adaptive_step_lengths(
     stepper: Stepper, model: Model, s: State, dt: jax.Array, intervals: int, tolerance: jax.Array, most: int = 100_000
 ) -> tuple[jax.Array, jax.Array]:
-    """Lengths (most,) [s] of the steps that follow the snaps of `intervals` of dt [s] from s, and their number.
+    """Lengths (most,) [s] of the snap-adaptive steps of `intervals` of dt [s] from s, and their number.
 
-    A run along them, `integrate(stepper, model, s, lengths[:number], number)`, has derivatives in both modes: those of
-    the steps as they were taken. What comes after `most` steps is left out.
+    A run along these steps, `integrate(stepper, model, s, lengths[:number], number)`, has derivatives in both modes
+    with the steps held constant. Steps after the first `most` are left out.
     """
     adaptive = adaptive_start(begin(stepper, model, s), dt)
     last = adaptive.progress.state.t + intervals * dt
@@ -181,7 +181,7 @@ def adaptive_step_lengths(
 
 
 def adaptive_start(progress: Progress, dt: jax.Array) -> Adaptive:
-    """The carry of a run that begins with steps of a sixteenth of the interval."""
+    """The carry of a run whose first step is 1/16 of the interval."""
     return Adaptive(progress, dt / 16.0, jnp.zeros((), jnp.int32))
 
 

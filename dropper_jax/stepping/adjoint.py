@@ -1,11 +1,11 @@
-"""Derivatives of many quantities of a run in reverse mode: one run, then one way back for all of them.
+"""Derivatives of many quantities of a run in reverse mode: one run, then one backward pass for all of them.
 
     J_i = f_i(r_1, T_1, ..., r_K, T_K),    dJ_i = sum_k (df_i/dr_k dr_k + df_i/dT_k dT_k)
 
-A run keeps the state before and the unknowns of each step (some 0.2 MB for 400 links), so that the way back solves
-nothing again: each step costs one factorisation, shared by all quantities, and one transposed solve for each. `grad` of
-`integrate` gives the same derivatives; it runs twice or three times, and its program takes three times as long to
-compile. Steps that resist are not halved here: such a run is to be taken again with a smaller step.
+A run stores the state before each step and its unknowns (some 0.2 MB for 400 links), so the backward pass solves no
+step again. Each step costs one factorisation, common to all quantities, and one transposed solve for each. `grad` of
+`integrate` gives the same derivatives, but runs the steps two or three times and takes three times as long to compile.
+Steps that do not converge are not halved here: such a run must be repeated with a smaller step.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from dropper_jax.stepping.stepper import Stepper
 
 
 class Record(NamedTuple):
-    """A run of k steps as the way back needs it.
+    """A run of k steps for the backward pass.
 
     Attributes:
         before: the state before each step, every leaf (k, ...).
-        unknowns: what each step solved for, every leaf (k, ...).
+        unknowns: solution of each step, every leaf (k, ...).
         r: free nodes (k, nodes, 3) [m] after each step.
         tension: links (k, n) [N].
-        residual: largest scaled row of all steps; NaN where one is.
+        residual: maximum scaled row of all steps; NaN if one is NaN.
         last: the state after them.
     """
 
@@ -47,7 +47,7 @@ class Record(NamedTuple):
 
 
 def check_recordable(stepper: Stepper, model: Model) -> None:
-    """Refuse what has no way back here.
+    """Reject schemes and models without a backward pass.
 
     Raises:
         SceneError: an explicit scheme or one of several stages, links that break, effects with a state or laws of
@@ -55,17 +55,17 @@ def check_recordable(stepper: Stepper, model: Model) -> None:
     """
     scheme = stepper.integrator
     if stepper.solver == "none" or len(getattr(scheme, "stages", ())) != 1:
-        raise SceneError(f"run.integrator: {scheme.name!r} has no way back; allowed: energy_momentum")
+        raise SceneError(f"run.integrator: {scheme.name!r} has no backward pass; allowed: energy_momentum")
     if not stepper.until_converged:
         raise SceneError("scene: a single line; allowed: systems of lines that join at points")
     start = model.initial_internal_state()
     if model.line.failures is not None or start or model.laws or model.constraints:
         what = "links that break" if model.line.failures is not None else "friction, bodies or effects with a state"
-        raise SceneError(f"scene: {what} are not followed backwards; allowed: storms without them")
+        raise SceneError(f"scene: {what} have no backward pass. Use a scene without them")
 
 
 def record(stepper: Stepper, model: Model, s: State, h: jax.Array, steps: int) -> Record:
-    """`steps` steps of `h` [s] from `s`, with what the way back needs."""
+    """`steps` steps of `h` [s] from `s`, with the data for the backward pass."""
     s = begin(stepper, model, s).state
     h = jnp.asarray(h, model.dtype)
 
@@ -91,9 +91,9 @@ def backward_pass(
     """Derivatives of q quantities by leaves of the model and by the start.
 
     Args:
-        moving: numbers of the leaves of the model that count; static.
+        moving: indices of the leaves of the model that are differentiated; static.
         by_position: df/dr_k (k, q, nodes, 3); by_tension: df/dT_k (k, q, n).
-        by_end: derivatives by the last state, every leaf (q, ...), of what comes after this run; none where left out.
+        by_end: derivatives by the last state, every leaf (q, ...), of the time after this run; zero by default.
 
     Returns:
         By the leaves, each (q, ...), and by the state that the run starts from, every leaf (q, ...).

@@ -1,4 +1,4 @@
-"""The rules by which a run's scheme and solver are chosen or refused."""
+"""Rules for choosing or rejecting the scheme and solver of a run."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from dropper_jax.residual import Explicit, Implicit, Integrator
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.stepper import Stepper
 
-#: Most Newton corrections of a step of a system of lines; what needs more is halved.
+#: Maximum number of Newton corrections of a step of a system of lines; a step that needs more is halved.
 SYSTEM_ITERATIONS = 16
 
 
-#: Below this many unknowns LU of the whole Jacobian beats block elimination (measured at 3 compound links).
+#: Number of unknowns below which LU of the full Jacobian is faster than block elimination (measured at 3 compound
+#: links).
 SMALL = 16
 
 
@@ -26,10 +27,10 @@ def make_stepper(
     solver: str = "auto",
     **settings: Any,
 ) -> Stepper:
-    """Choose integrator and solver for a model, refusing pairings that make no sense with their reason.
+    """Choose integrator and solver for a model; invalid combinations are rejected with the reason.
 
-    `settings` are options of the scheme (gamma, rho_infinity; None where left to it) and fields of `Stepper`
-    (iterations, tolerance, extra, halvings, track_work). `auto` takes the condensed solver where it applies, else dense
+    `settings` are options of the scheme (gamma, rho_infinity; None for its default) and fields of `Stepper`
+    (iterations, tolerance, extra, halvings, track_work). `auto` selects the condensed solver if it applies, else dense
     for few unknowns, else banded.
     """
     check_names(integrator, solver)
@@ -51,30 +52,30 @@ def make_stepper(
     iterations = settings.pop("iterations", None)
     if iterations is None:
         iterations = scheme.condensed_iterations if chosen == "condensed" else scheme.iterations
-        if settings.get("extra") == 0:  # nobody comes after them
+        if settings.get("extra") == 0:  # no later stage follows
             iterations = max(iterations, scheme.iterations)
-    if model.laws:  # more of the same iterations settle nothing: which joints are held must be found out (`follow`)
+    if model.laws:  # more iterations do not help: which joints stick must be determined first (`follow`)
         settings.setdefault("extra", 0)
     return Stepper(scheme, chosen, _exact(model, scheme), iterations, **settings)
 
 
 def make_scheme(name: str, options: Mapping[str, float | None]) -> Integrator:
-    """The scheme of that name with its options; those that are None are left to it.
+    """The scheme of this name with its options; None means its default.
 
     Raises:
-        SceneError: an option that the scheme has not, or out of its range.
+        SceneError: an option that the scheme does not have or that is out of range.
     """
     cls = INTEGRATORS[name]
     given = {key: value for key, value in options.items() if value is not None}
     for key, value in given.items():
         if key not in cls.options():
-            why = f"is given, but integrator {name!r} has no such weight; leave it out"
+            why = f"is given, but integrator {name!r} has no such weight. Leave it out"
             raise SceneError(f"run.{key}: {value} {why}")
     return cls(**{key: float(value) for key, value in given.items()})
 
 
 def check_names(integrator: str, solver: str) -> None:
-    """Refuse names that are none."""
+    """Reject unknown names."""
     if integrator not in INTEGRATORS:
         raise SceneError(f"run.integrator: {integrator!r} is unknown; {nearest(integrator, INTEGRATORS)}")
     if solver != "auto" and solver not in SOLVERS:

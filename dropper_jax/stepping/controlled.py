@@ -1,15 +1,15 @@
-"""Runs of schemes that hold their own error (`integrators.projected`): step by step, saved times between the steps.
+"""Runs of error-controlled schemes (`integrators.projected`): step by step, with saved times between the steps.
 
-The next step follows from the errors e (over what is allowed) of this one and of the one before, for order q:
+The next step follows from the errors e (relative to the tolerance) of this step and of the previous one, for order q:
 
-    h' = 0.9 e^(-0.7/q) e0^(0.4/q) h  after a step that is taken (e <= 1),    0.9 e^(-1/q) h  after one that is refused
+    h' = 0.9 e^(-0.7/q) e0^(0.4/q) h  after an accepted step (e <= 1),    0.9 e^(-1/q) h  after a rejected step
 
 (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.2), within bounds. States at saved times are those of
-the polynomial through places, velocities and accelerations at the ends of the last steps. Steps end where an effect is
-not smooth in time (`Model.corners`), what jumps there is taken up, and steps begin anew.
+the polynomial through positions, velocities and accelerations at the ends of the last steps. Steps end at times at
+which an effect is not smooth (`Model.corners`). The jump is applied there, and the stepping starts again.
 
-The error carries no derivative: derivatives of a run are those along the steps taken. In forward mode they go through
-the run itself; for reverse mode `controlled_steps` finds the steps, and `integrate_along` takes them again.
+The error is not differentiated: derivatives of a run are those with the steps held constant. Forward mode
+differentiates the run itself; for reverse mode `controlled_steps` finds the steps, and `integrate_along` repeats them.
 """
 
 from __future__ import annotations
@@ -29,25 +29,24 @@ from dropper_jax.stepping.stepper import Stepper
 
 SAFETY, NOW, BEFORE = 0.9, 0.7, 0.4
 SLOWER, FASTER, REFUSED = 0.2, 6.0, 0.1
-#: Bounds of the error of a step over what is allowed, as the next step sees it; the upper one is that of no number.
+#: Bounds of the relative error of a step in the choice of the next step; the upper one is used for NaN.
 LEAST, MOST = 1e-4, 1e10
-#: First step over `(L/a)^(1/2) tolerance^(1/q)`: so short that two knots are enough to interpolate it.
+#: First step over `(L/a)^(1/2) tolerance^(1/q)`: short enough for interpolation with two knots.
 FIRST = 0.1
 
 
 class Controlled(NamedTuple):
-    """What a run carries.
-
+    """State of an error-controlled run.
     Attributes:
         knots: ends of the last steps, the newest last.
         known: steps since the start or the last corner ().
         h: the next step [s].
-        error: that of the last step taken, over what is allowed.
-        taken, refused: steps so far.
+        error: that of the last accepted step, relative to the tolerance.
+        taken, refused: accepted and rejected steps so far.
         saved: saved times so far.
         origin: time [s] from which saved times count.
-        landed: whether the last step ended at a corner, with what jumps there still to come.
-        bad: 0, or 1 where a step as short as time resolves is still refused, 2 where it is not finite.
+        landed: whether the last step ended at a corner, with its jump still to be applied.
+        bad: 0, or 1 if the shortest resolvable step is rejected, 2 if it is not finite.
     """
 
     knots: tuple[Knot, ...]
@@ -67,7 +66,7 @@ class Controlled(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Steps of a run: lengths (most,) [s], which end at a corner (most,), and their number."""
+    """Steps of a run: lengths (most,) [s], whether they end at a corner (most,), and their number."""
 
     length: jax.Array
     corner: jax.Array
@@ -75,10 +74,10 @@ class Steps(NamedTuple):
 
 
 def start_controlled(stepper: Stepper, model: Model, s: State, tolerance: jax.Array) -> Controlled:
-    """The carry of a run that begins at s."""
+    """The carry of a run that starts at s."""
     scheme = stepper.integrator
     now = scheme.start(model, begin(stepper, model, s).state, stepper.track_work)
-    # times of knots that are none, so that nothing divides by zero
+    # dummy times of unused knots, which avoid a division by zero
     knots = tuple(now._replace(t=now.t - i) for i in reversed(range(scheme.knots)))
     none, one = jnp.zeros((), jnp.int32), jnp.ones((), model.dtype)
     first = _first_step(scheme, model, now, tolerance)
@@ -94,10 +93,11 @@ def advance_controlled(
     saves: int,
     count: jax.Array | None = None,
 ) -> tuple[Controlled, tuple[Trajectory, jax.Array]]:
-    """`saves` further saved times, dt [s] apart; beside the trajectory the steps (k,) [s] that these times lie in.
+    """Advance by `saves` saved times, dt [s] apart; returns the trajectory and the steps (k,) [s] that contain these
+    times.
 
-    Once a run has failed its states are none: `Trajectory.first_bad` is the number of the first saved time of them.
-    With a `count` it is for so many times, and `saves` is how many rows there are: the first are filled.
+    After a failure the states are invalid: `Trajectory.first_bad` is the number of the first invalid saved time. With a
+    `count` only this number of times is computed, and of `saves` rows the first are filled.
     """
     first = carry.saved
     last = first + (saves if count is None else count)
@@ -136,14 +136,15 @@ def advance_controlled(
 def _trajectory(
     model: Model, first: jax.Array, saved: jax.Array, bad: jax.Array, y: jax.Array, t: jax.Array
 ) -> Trajectory:
-    """Rows y (k, ...) at times t (k,) as a trajectory, brought to the lengths that interpolation leaves."""
+    """Rows y (k, ...) at times t (k,) as a trajectory, projected to the lengths of rigid links after the
+    interpolation."""
 
     def to_links(row: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         r, v = on_links(model, *row)
         return r, v, moving(model, r, v, row[2], False).tension
 
     *motion, work = _rows(model, y)
-    # row by row: a loop becomes one kernel, where all rows at once would take some hundred
+    # row by row: a loop becomes one kernel, all rows at once would need some hundred
     r, v, tension = jax.lax.map(to_links, (*motion, time_just_after(t, -1.0)))
     number = first + jnp.arange(len(t), dtype=jnp.int32)
     lost = number >= saved
@@ -160,7 +161,7 @@ def _rows(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
 
 
 def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.Array) -> Controlled:
-    """The carry after a step that was tried."""
+    """The carry after a trial step."""
     scheme: ProjectedRungeKutta = stepper.integrator
     carry = _turn_corner(stepper, model, carry, tolerance)
     now, q = carry.now, scheme.order
@@ -178,7 +179,7 @@ def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.A
     following = jnp.minimum(jax.lax.stop_gradient(h) * jnp.where(good, onward, again), _longest(model))
     knots = jax.tree.map(partial(jnp.where, good), (*carry.knots[1:], after), carry.knots)
     shortest = jax.lax.stop_gradient(time_just_after(jnp.abs(now.t), 64.0) - jnp.abs(now.t))
-    lost = ~good & ~(h > shortest)  # a step that is no number is lost too
+    lost = ~good & ~(h > shortest)  # a NaN step is rejected as well
     return carry._replace(
         knots=knots,
         known=carry.known + good,
@@ -192,7 +193,7 @@ def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.A
 
 
 def _turn_corner(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.Array) -> Controlled:
-    """The carry, after a step that ended at a corner with what jumps there."""
+    """The carry, after a step that ended at a corner with its jump applied."""
     if model.corners is None:
         return carry
     scheme: ProjectedRungeKutta = stepper.integrator
@@ -214,18 +215,18 @@ def _first_step(scheme: ProjectedRungeKutta, model: Model, now: Knot, tolerance:
 
 
 def _longest(model: Model) -> jax.Array:
-    """Longest step [s]: the time in which the whole line would fall its length."""
+    """Maximum step [s]: the time in which the line would fall its length."""
     return jax.lax.stop_gradient(jnp.sqrt(jnp.sum(model.line.length) / GRAVITY))
 
 
 def _next_corner(model: Model, t: jax.Array) -> jax.Array:
-    """The next time at which an effect is not smooth; infinite where there is none."""
+    """The next time at which an effect is not smooth; infinite without any."""
     corners = model.corners
     return jnp.min(jnp.where(corners > time_just_after(t, 2.0), corners, jnp.inf))
 
 
 def _to_corner(model: Model, t: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array | None]:
-    """The step, cut so that it ends at the next corner or well before it, and whether it does end there."""
+    """The step, shortened to end at the next corner or well before it, and whether it ends there."""
     if model.corners is None:
         return h, None
     gap = _next_corner(model, t) - t
@@ -251,7 +252,7 @@ def _between(model: Model, knots: tuple[Knot, ...], known: jax.Array, t: jax.Arr
 def _weights(times: jax.Array, x: jax.Array, known: jax.Array, derivatives: int) -> tuple[jax.Array, jax.Array]:
     """Weights at x of values and derivatives at `times` (m,) in a polynomial through them, and their rates.
 
-    Ordered by derivative, (derivatives m,). Where fewer than m - 1 steps are known, through the last two times.
+    Ordered by derivative, (derivatives m,). With fewer than m - 1 known steps, through the last two times.
     """
     two = jnp.concatenate([jnp.zeros(len(times) - 2), jnp.ones(2)]).astype(times.dtype)
     all_ = jnp.ones_like(two)
@@ -286,7 +287,7 @@ def _hermite(times: jax.Array, x: jax.Array, used: jax.Array, derivatives: int) 
 def controlled_steps(
     stepper: Stepper, model: Model, s: State, duration: jax.Array, tolerance: jax.Array, most: int = 10_000
 ) -> Steps:
-    """The steps of a run over at least `duration` [s] from s; what comes after `most` steps is left out."""
+    """The steps of a run over at least `duration` [s] from s; steps after the first `most` are left out."""
     tolerance = jnp.asarray(tolerance, model.dtype)
     carry = jax.lax.stop_gradient(start_controlled(stepper, model, s, tolerance))
     last = carry.now.t + duration
@@ -312,8 +313,8 @@ def integrate_along(
 ) -> tuple[State, Trajectory]:
     """The run along `steps` from s, its states at `saves` times dt [s] apart, and the state at its end.
 
-    A pure function with derivatives by model and s in both modes, those of the motion along these steps; in reverse
-    mode the end of every step is kept, and the step taken again on the way back.
+    A pure function with derivatives by model and s in both modes, with these steps held constant. Reverse mode stores
+    the end of every step and repeats the step in the backward pass.
     """
     scheme: ProjectedRungeKutta = stepper.integrator
     track = stepper.track_work
@@ -323,7 +324,7 @@ def integrate_along(
     def take(now: Knot, step: tuple[jax.Array, jax.Array]) -> tuple[Knot, Knot]:
         h, corner = step
         if model.corners is not None:
-            # where the corner itself moves with a parameter the step ends there all the same
+            # the step ends at the corner also if the time of the corner depends on a parameter
             h = jnp.where(corner, _next_corner(model, now.t) - now.t, h)
         after, _ = scheme.attempt(model, now, h, track)
         if model.corners is None:

@@ -1,11 +1,11 @@
-"""One step that never raises, with exact derivatives in both modes; how it is solved stands in `stepper`.
+"""One step that never raises, with exact derivatives in both modes; for its solution see `solve`.
 
 Derivatives follow from the implicit function theorem at the solution, never through the iterations: with rows
 `R(theta, u) = 0` and end state `S(theta, u)`, `theta` = (model, state, step size),
 
     du = -R_u^-1 R_theta dtheta,    dS = S_theta dtheta + S_u du,
 
-and its transpose for reverse mode. A step that was halved chains its substeps, recomputed when asked for.
+and its transpose for reverse mode. A halved step chains its substeps, which are recomputed when needed.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from dropper_jax.stepping.stepper import Stepper
 
 #: A step's end state, scaled residual and level of halving.
 Stepped = tuple[State, jax.Array, jax.Array]
-#: A tangent, or the sign that there is none.
+#: A tangent, or the mark of a zero tangent.
 Dot = jax.Array | SymbolicZero
-#: What is held as a step is differentiated: the model's leaves, the step size, the unknowns, the level of halving.
+#: Constants of the differentiation of a step: leaves of the model, step size, unknowns, level of halving.
 Frozen = tuple[list[jax.Array], jax.Array, Unknowns, jax.Array]
 
 
@@ -68,14 +68,16 @@ def _solved_jvp(
 
 
 class _At(NamedTuple):
-    """What a step is differentiated with respect to: some leaves of the model, the state, the step (or nothing)."""
+    """Inputs with respect to which a step is differentiated: some leaves of the model, the state, the step (or
+    none)."""
 
     model: list[jax.Array]
     s: State
     h: list[jax.Array]
 
 
-#: Inputs of a step beside its end, as the linear solve carries them; how inputs become a model, a state and a step.
+#: Inputs of a step together with its end, in the form of the linear solve; conversion of inputs to a model, a state and
+#: a step.
 Pair = tuple[_At, State]
 Inputs = Callable[[_At], tuple[Model, State, jax.Array]]
 
@@ -97,10 +99,10 @@ def _linear(
 ) -> State:
     """Apply the linear map `forward`, whose transpose is `backward`, so that JAX can transpose and batch it.
 
-    It is the solution x = (a, forward(a)) of `[[1, 0], [-forward, 1]] x = (a, 0)`, which JAX's linear solve carries
-    together with the transposed solve. The matrix itself is never applied; differentiating it again is refused.
-    JAX transposes a linear solve only where no array of its right side is a constant, such as the zero tangent of an
-    input that is held: a zero made of all of them stands in each.
+    It is the solution x = (a, forward(a)) of `[[1, 0], [-forward, 1]] x = (a, 0)`, which JAX's linear solve stores
+    together with the transposed solve. The matrix itself is never applied, and second derivatives are rejected. JAX
+    transposes a linear solve only if no array of its right side is a constant, such as the zero tangent of a constant
+    input. Therefore a zero that depends on all of them is added to each.
     """
     nothing = _nothing.bind(*jax.tree.leaves(given))
     given = jax.tree.map(lambda a: a + nothing.astype(a.dtype), given)
@@ -120,7 +122,7 @@ def _linear(
 
 
 def _first_derivatives_only(residuals: tuple[Any, ...]) -> jax.Array:
-    """A one that depends on the residuals and refuses to be differentiated."""
+    """A one that depends on the residuals and cannot be differentiated."""
     return 1.0 + _refusing.bind(0.0 * sum(jnp.sum(leaf) for leaf in jax.tree.leaves(residuals)))
 
 
@@ -128,8 +130,8 @@ def _refuse_second(primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ..
     raise NotImplementedError("second derivatives of a run are not available; take differences of first derivatives")
 
 
-# A primitive, because partial evaluation (reverse mode) forgets the rules of custom_jvp functions. It stands in a
-# matrix that is never applied, so that it is in no compiled program.
+# A primitive, because partial evaluation (reverse mode) forgets the rules of custom_jvp functions. It is part of a
+# matrix that is never applied, so it is not in any compiled program.
 _refusing = Primitive("first_derivatives_only")
 _refusing.def_impl(lambda x: x)
 _refusing.def_abstract_eval(lambda x: x)
@@ -155,19 +157,19 @@ def _inputs(tree: PyTreeDef, moving: tuple[int, ...], frozen: Frozen, at: _At) -
 
 
 def _pieces(level: jax.Array) -> jax.Array:
-    """Substeps of a halved step, 0 of a whole one."""
+    """Number of substeps of a halved step, 0 for a full step."""
     return jnp.where(level >= 0, 2 ** jnp.maximum(level, 0), 0)
 
 
 def _cut(frozen: Frozen, at: _At, pieces: jax.Array) -> tuple[Frozen, _At]:
-    """The same for one of several substeps."""
+    """The derivative of one of several substeps."""
     many = jnp.maximum(pieces, 1)
     return (frozen[0], frozen[1] / many, *frozen[2:]), at._replace(h=[h / many for h in at.h])
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
 def _forward(stepper: Stepper, tree: PyTreeDef, moving: tuple[int, ...], frozen: Frozen, at: _At, given: _At) -> State:
-    """Tangent of a step: of its one solve, or of its chain of substeps where it was halved."""
+    """Tangent of a step: of its single solve, or of its chain of substeps if it was halved."""
     _, _, u, level = frozen
     whole = _push(stepper, stepper.solver, partial(_inputs, tree, moving, frozen), at, given, u)
     if not stepper.halvings:
@@ -192,9 +194,9 @@ def _forward(stepper: Stepper, tree: PyTreeDef, moving: tuple[int, ...], frozen:
 def _backward(
     stepper: Stepper, tree: PyTreeDef, moving: tuple[int, ...], frozen: Frozen, at: _At, cotangent: State
 ) -> _At:
-    """Cotangent of a step; the states and unknowns of substeps are found again and kept on a shelf."""
+    """Cotangent of a step; the states and unknowns of substeps are recomputed and stored in an array."""
     _, _, u, level = frozen
-    one_way = stepper.solver == stepper.fallback  # a whole step is then a chain of one, with half as much to compile
+    one_way = stepper.solver == stepper.fallback  # a full step is then a chain of one: half the program to compile
     if not (one_way and stepper.halvings):
         whole = _backward_step(stepper, stepper.solver, partial(_inputs, tree, moving, frozen), at, cotangent, u)
         if not stepper.halvings:

@@ -15,7 +15,7 @@ from dropper_jax.model import Frozen, Model, Parted, State
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
-#: Largest relative change of a rigid link's length under a scheme that lets lengths drift (explicit Euler).
+#: Maximum relative change of a rigid link's length under a scheme with constraint drift (explicit Euler).
 DRIFT_LIMIT = 0.1
 
 
@@ -26,12 +26,12 @@ class Trajectory(NamedTuple):
         r, v: free nodes (k, nodes, 3) [m], [m/s]; v is the scheme's raw velocity.
         tension: (k, n) [N].
         work: (k, w) [J], see `work_names`.
-        residual: largest scaled residual since the last saved time (k,).
-        retried: steps taken again by other means since then (k,).
+        residual: maximum scaled residual since the last saved time (k,).
+        retried: steps repeated by the fallback solvers since then (k,).
         failed: steps since then that ended above tolerance (k,).
-        first_bad: number of the first failed step of the run, -1 while there is none (k,).
-        parted: links that have broken, each (k, m), where the scene has failures.
-        own: what effects change as the run goes on, by effect, each leaf (k, ...).
+        first_bad: number of the first failed step of the run, -1 before any failure (k,).
+        parted: broken links, each (k, m), if the scene has failures.
+        own: internal states of effects, by effect, each leaf (k, ...).
     """
 
     r: jax.Array
@@ -47,7 +47,7 @@ class Trajectory(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """What a run carries: the state, steps done, the first failed step (-1: none)."""
+    """State of a run: the dynamic state, steps done, the first failed step (-1: no failure)."""
 
     state: State
     done: jax.Array
@@ -65,7 +65,7 @@ def begin(stepper: Stepper, model: Model, s: State) -> Progress:
 def advance(
     stepper: Stepper, model: Model, progress: Progress, dt: jax.Array, saves: int, save_every: int = 1
 ) -> tuple[Progress, Trajectory]:
-    """`saves * save_every` further steps of dt [s], one for all or (saves, save_every), saved every `save_every`."""
+    """Advance by `saves * save_every` steps of dt [s], scalar or (saves, save_every), saved every `save_every`."""
     sizes = dt if jnp.ndim(dt) else None
 
     def save(carry: Progress, row: jax.Array | None) -> tuple[Progress, Trajectory]:
@@ -83,9 +83,10 @@ def advance_some(
     capacity: int,
     save_every: int = 1,
 ) -> tuple[Progress, Trajectory]:
-    """The same for `count` saves, at most `capacity`, which is how many rows the trajectory has: the first are filled.
+    """Advance by `count` saves, at most `capacity`, which is the number of rows of the trajectory: the first are
+    filled.
 
-    One program goes on in pieces of any length, which is how a run shows progress and stops when asked to.
+    One program runs chunks of any length, which allows progress reports and interruption.
     """
     s, number = progress.state, jnp.zeros((), jnp.int32)
     row = Trajectory(s.r, s.v, s.tension, s.work, jnp.zeros((), model.dtype), number, number, number, s.parted, s.own)
@@ -102,7 +103,7 @@ def advance_some(
 def _advance_and_save(
     stepper: Stepper, model: Model, carry: Progress, dt: jax.Array, save_every: int
 ) -> tuple[Progress, Trajectory]:
-    """`save_every` steps of dt [s], one for all or (save_every,), and what is saved of them."""
+    """Advance by `save_every` steps of dt [s], scalar or (save_every,), and save the result."""
 
     def one(carry: Progress, size: jax.Array | None) -> tuple[Progress, tuple[jax.Array, ...]]:
         s, report = step(stepper, model, carry.state, dt if size is None else size, carry.first_bad < 0)
@@ -123,7 +124,7 @@ def _advance_and_save(
 
 
 def step_failed(stepper: Stepper, model: Model, s: State, residual: jax.Array) -> jax.Array:
-    """Whether the step that led to `s` failed: unsolved, not finite, or with lengths that have drifted off."""
+    """Whether the step that led to `s` failed: not converged, not finite, or with constraint drift."""
     bad = ~(residual <= stepper.limit(model))
     if stepper.integrator.holds_length:
         return bad
@@ -150,8 +151,8 @@ def integrate(
         stepper: from `make_stepper`; static.
         dt: step [s], or one for each step (steps,), such as `followed_steps` finds.
         steps: a multiple of `save_every`.
-        checkpoint: for long reverse-mode runs: keep states at about sqrt(steps) places only and step again from
-            there on the way back (one more forward run, memory ~ sqrt(steps)). Forward mode needs none of it.
+        checkpoint: for long reverse-mode runs: store states at about sqrt(steps) times only and repeat the steps from
+            there in the backward pass (one more forward run, memory ~ sqrt(steps)). Not needed in forward mode.
 
     Returns:
         The last state, and the saved ones.

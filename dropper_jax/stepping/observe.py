@@ -1,4 +1,4 @@
-"""What is reported of states: energies, closure, and velocities that agree with the constraints."""
+"""Observed quantities of states: energies, closure, and velocities consistent with the constraints."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ class Observed(NamedTuple):
 
 
 def consistent_velocity(model: Model, s: State) -> jax.Array:
-    """Velocities (nodes, 3) [m/s] on the constraints: a midpoint scheme's own ring a little off them.
+    """Velocities (nodes, 3) [m/s] projected to the constraints, about which those of a midpoint scheme oscillate
+    slightly.
 
-    For output, restart and hand-over only: projecting inside the steps would cost energy.
+    For output, restart and hand-over only: a projection inside the steps would dissipate energy.
     """
     if model.line.axial.elastic:
         return s.v
@@ -43,7 +44,7 @@ def observe(
     parted: Parted | None = None,
     internal: Mapping[str, Frozen] | None = None,
 ) -> Observed:
-    """Report on one instant; energies are those of the scheme's raw velocities, which it conserves."""
+    """Observe one instant; energies are those of the raw velocities, which the scheme conserves."""
     model = as_parted(model, parted).with_internal_state(internal or {})
     s = replace(state(model, r), v=v, t=t)
     ends = model.ends(t)

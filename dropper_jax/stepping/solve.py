@@ -1,10 +1,10 @@
-"""Solving one step: check the residual, escalate, report; nothing here is ever differentiated.
+"""Solve one step: check the residual, escalate, report. This code is never differentiated.
 
-Escalation, each stage only where the one before left a residual above tolerance (or not a number):
+Escalation, each stage only if the residual of the previous one is above tolerance (or NaN):
 1. more iterations of the same solver;
-2. damped iterations of the exact solver over the whole step;
-3. the same over 2, 4, 8, ... substeps.
-Stages sit in `while_loop`s that make no trip when all is well, under `vmap` too.
+2. damped iterations of the exact solver over the full step;
+3. damped iterations over 2, 4, 8, ... substeps.
+Stages are in `while_loop`s without an iteration if the step converged, also under `vmap`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dropper_jax.stepping.stepper import FULL_STEP, TOO_FAR, Stepper
 
 
 def solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
-    """End state, unknowns, residual and level of a step; no derivative rule of its own."""
+    """End state, unknowns, residual and level of a step, without a derivative rule."""
     with library(stepper.batched):
         return _solve(stepper, model, s, h, alive)
 
@@ -57,14 +57,14 @@ def _solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Ar
             s1, residual, level = _halve(stepper, model, s, h, (s1, residual, level))
         return jnp.ones((), bool), (s1, u, residual, level)
 
-    # one loop around all of it, so that a good step pays for a single test
+    # one loop around all stages, so that a converged step costs a single test
     return jax.lax.while_loop(resist, escalate, (jnp.zeros((), bool), first))[1]
 
 
 def _solve_or_halve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
-    """The whole step, then 2, 4, 8, ... substeps of the same kind: the step's equations stand in the program once.
+    """The full step, then 2, 4, 8, ... equal substeps, with a single copy of the step equations in the program.
 
-    What a system of lines takes: a second copy of its equations would double the time to compile.
+    Used for systems of lines: a second copy of their equations would double the compile time.
     """
     if not stepper.halvings:
         return *substep(stepper, model, s, h), jnp.full((), FULL_STEP, jnp.int32)
@@ -79,7 +79,7 @@ def _solve_or_halve(stepper: Stepper, model: Model, s: State, h: jax.Array, aliv
         return (level < FULL_STEP) | retry
 
     def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        level = jnp.where(carry[3] == FULL_STEP, 1, carry[3] + 1)  # one substep would be the whole step again
+        level = jnp.where(carry[3] == FULL_STEP, 1, carry[3] + 1)  # one substep would repeat the full step
         pieces = 2 ** jnp.maximum(level, 0)
 
         def piece(i: jax.Array, inner: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -100,7 +100,7 @@ def _more_iterations(
 
     def go(carry: tuple[Any, ...]) -> jax.Array:
         _, residual, count = carry
-        return (residual > limit) & (count < extra // bunch)  # a NaN compares false: iterating cannot mend it
+        return (residual > limit) & (count < extra // bunch)  # a NaN compares false: more iterations cannot remove it
 
     def more(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         u, residual = newton(problem, solver, carry[0], bunch)
@@ -129,13 +129,13 @@ def _substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[St
 
 
 def limit_pace(model: Model, s: State, s1: State, residual: jax.Array) -> jax.Array:
-    """The residual of a step from s to s1; `TOO_FAR` where it passes over what should have been followed."""
+    """The residual of a step from s to s1; `TOO_FAR` if nodes moved farther than an effect can follow."""
     watching = model.having(LimitsTimeStep)
     if not watching:
         return residual
     ends = tuple(model.kinematics(now.r, now.v, now.t) for now in (s, s1))
     far = jnp.any(jnp.stack([effect.too_far(*ends) for effect in watching]))
-    return jnp.where(far, jnp.maximum(residual, TOO_FAR), residual)  # a NaN stays one
+    return jnp.where(far, jnp.maximum(residual, TOO_FAR), residual)  # a NaN remains NaN
 
 
 def _halve(stepper: Stepper, model: Model, s: State, h: jax.Array, first: tuple[Any, ...]) -> Any:

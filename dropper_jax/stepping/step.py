@@ -1,4 +1,4 @@
-"""One step that never raises; its derivatives stand in `derivative`, how it is solved in `solve`."""
+"""One step that never raises; see `derivative` for its derivatives and `solve` for its solution."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROUNDING = 1e-9
 def step(
     stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array | bool = True
 ) -> tuple[State, Report]:
-    """Advance `s` by `h`. Dead runs (`alive` False: an earlier step failed) are not retried."""
+    """Advance `s` by `h`. Failed runs (`alive` False: an earlier step failed) are not retried."""
     if s.parted is not None:
         return step_and_part(lambda current, now: step(stepper, current, now, h, alive), model, s)
     integrator = stepper.integrator
@@ -52,9 +52,9 @@ def _implicit(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax
 
 
 def step_and_part(advance: Callable[[Model, State], tuple[State, Any]], model: Model, s: State) -> tuple[State, Any]:
-    """One step by `advance` with what has parted, and what parts at its end.
+    """One step by `advance` with broken links, and the links that break at its end.
 
-    The energy of stretch and bending that a link holds as it parts is lost, and booked as `breaking`.
+    The energy of stretch and bending of a link is lost when it breaks, and counted as `breaking`.
     """
     before = as_parted(model, s.parted)
     s1, report = advance(before, dataclasses.replace(s, parted=None))
@@ -68,7 +68,7 @@ def step_and_part(advance: Callable[[Model, State], tuple[State, Any]], model: M
 
 
 def _link_energy(model: Model, s: State) -> jax.Array:
-    """Energy [J] that links hold until they part: of their stretch and, where lines resist it, of their bending."""
+    """Energy [J] of links before they break: of stretch and, for lines with bending stiffness, of bending."""
     k = model.kinematics(s.r, s.v, s.t)
     own = model.line.axial.energy(k.links, model.line.length)
     return sum((e.potential(k) for e in model.effects if e.parts), own)

@@ -1,4 +1,4 @@
-"""What is static about stepping, and the report of a step."""
+"""Static settings of the stepping, and the report of a step."""
 
 from __future__ import annotations
 
@@ -11,32 +11,35 @@ import jax.numpy as jnp
 from dropper_jax.model import Model
 from dropper_jax.residual import Integrator
 
-#: The one tolerance: largest scaled residual row of a converged step. Rounding leaves about 1e-14 (7 links) to
+#: Tolerance: maximum scaled residual row of a converged step. Rounding gives about 1e-14 (7 links) to
 #: 1e-12 (1000 links, nodes far from the origin) in float64; in float32 about 1e-5.
 TOLERANCE = {"float64": 1e-11, "float32": 1e-4}
 
 
-#: What stands for the residual of a step in which nodes moved farther than an effect can follow (`model.Paced`).
+#: Residual assigned to a step in which nodes moved farther than an effect can follow (`model.LimitsTimeStep`).
 TOO_FAR = 1e30
 FULL_STEP = -1  # level of a step that needed no retry
 
 
 @dataclass(frozen=True)
 class Stepper:
-    """Everything static about stepping.
+    """Static settings of the stepping.
 
     Attributes:
         integrator: the scheme.
         solver, fallback: names of the first and the last-resort linear solver.
         iterations: Newton iterations of every step.
-        tolerance: largest scaled residual of a converged step; None takes `TOLERANCE` of the model's precision.
-        extra: further iterations of the first solver before anything else is tried.
-        halvings: most times a step is halved; 0 disables retries altogether.
+        tolerance: maximum scaled residual of a converged step; None means `TOLERANCE` of the model's precision.
+        extra: further iterations of the first solver before the fallback.
+        halvings: maximum number of halvings of a step; 0 disables retries.
         track_work: count the work of each effect in `State.work`.
-        until_converged: iterate each step until it has converged, at most `iterations` times, and halve what has not;
+        until_converged: iterate each step until it has converged, at most `iterations` times, and halve it if it has
+        not;
             for systems of lines.
-        reverse: derivatives in both modes; False, in forward mode alone, leaves the transposed step out of all traces.
-        batched: the step stands in a batch, which is not made one kernel: the device's library solves its systems.
+        reverse: derivatives in both modes; False means forward mode only and leaves the transposed step out of all
+        traces.
+        batched: the step is in a batch, which is not compiled to one kernel: the library of the device solves its
+        systems.
     """
 
     integrator: Integrator
@@ -53,7 +56,7 @@ class Stepper:
 
     @property
     def plain(self) -> Stepper:
-        """The same without anything for steps that resist: a quarter of the code to compile."""
+        """The same settings without fallback solvers: a quarter of the code to compile."""
         return replace(self, extra=0, halvings=0) if self.iterations else self
 
     def limit(self, model: Model) -> float:
@@ -61,11 +64,11 @@ class Stepper:
 
 
 class Report(NamedTuple):
-    """How a step went.
+    """Result of a step.
 
     Attributes:
-        residual: largest scaled row at its end (NaN when not finite).
-        level: -1 when the step solved as a whole at first, k >= 0 when it took 2^k substeps of the fallback solver.
+        residual: maximum scaled row at its end (NaN if not finite).
+        level: -1 if the step converged at once, k >= 0 if it needed 2^k substeps of the fallback solver.
     """
 
     residual: jax.Array

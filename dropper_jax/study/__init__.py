@@ -1,1 +1,2 @@
-"""What a run is worth and what it costs: accuracy against time, hard cases, price of each effect. Built on the core."""
+"""Accuracy and cost of runs: accuracy against run time, hard cases, cost of each effect. Built on the functional
+core."""

@@ -21,15 +21,15 @@ from dropper_jax.study.reference import Reference, reference, trusted_span
 from dropper_jax.study.schemes import Scheme, default_schemes, runnable
 from dropper_jax.study.work_precision import measure, orders
 
-#: Steps [s] unless the user gives some: powers of two, which meet whole seconds and each other.
+#: Default steps [s]: powers of two, which divide whole seconds and each other.
 DTS = tuple(2.0**-k for k in range(5, 12))
-#: Longest span compared [s].
+#: Maximum duration of a comparison [s].
 LONGEST = 20.0
-#: Errors [rad] that advice is given for.
+#: Target errors [rad] of the advice.
 TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
-#: Largest relative error of each load that advice is given for.
+#: Maximum relative error of each load for the advice.
 WANTED = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.08}
-#: Longest time over which loads are compared [s].
+#: Maximum duration of the comparison of loads [s].
 LONGEST_RUN = 60.0
 
 
@@ -42,15 +42,16 @@ def accuracy(
     say: Progress | None = None,
     peers: bool = False,
 ) -> dict[str, Any]:
-    """Measure what accuracy costs on a scene.
+    """Measure accuracy against run time on a scene.
 
     Args:
-        schemes: what to compare; all that run the scene unless given.
+        schemes: schemes to compare; default: all that can run the scene.
         dts: steps [s].
-        span: time compared [s]; unless given, until a perturbation has grown 100 times, at most 20 s.
+        span: duration of the comparison [s]; default: until a perturbation has grown 100 times, at most 20 s.
         extras: also the numerical damping, the claims on Euler's schemes and the convergence by link. Without them
-            each scheme is run once, with its own solver in double precision, and steps that resist are not halved.
-        peers: also rows of other simulators, where they are installed and can describe the scene.
+            each scheme is run once, with its own solver in double precision, and steps that do not converge are not
+            halved.
+        peers: also rows of other simulators, if they are installed and support the scene.
 
     Returns:
         rows, orders, advice, reference, refused, skipped, for lines that stretch `loads` (see `load_convergence`), and
@@ -60,7 +61,7 @@ def accuracy(
     model, s = build(scene, "float64")
     chosen, refused = runnable(default_schemes(model, not extras) if schemes is None else schemes, model)
     if not chosen:
-        raise SceneError(f"--integrators: none runs this scene: {refused[0]['reason']}")
+        raise SceneError(f"--integrators: none of them can run this scene: {refused[0]['reason']}")
     say(0.0, "how long errors mean something")
     grid = max(dts)
     longest = max(min(scene.run.duration, LONGEST), 2 * grid)
@@ -103,14 +104,14 @@ def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], s
 
 
 def advice(rows: list[dict[str, Any]], targets: tuple[float, ...] = TARGETS) -> list[dict[str, Any]]:
-    """For each RMS angle error [rad] the cheapest measured run that meets it, with its margin (target over error)."""
+    """The fastest measured run for each RMS angle error [rad], with its margin (target over error)."""
     return [_cheapest_run(rows, target) for target in targets]
 
 
 def _cheapest_run(rows: list[dict[str, Any]], target: float) -> dict[str, Any]:
     good = [r for r in rows if r["status"] == "ok" and not r.get("peer") and r["rms_angle_error_rad"] <= target]
     if not good:
-        return {"target_rad": target, "found": False, "text": f"for {target:g} rad: no measured run is good enough"}
+        return {"target_rad": target, "found": False, "text": f"for {target:g} rad: no measured run is accurate enough"}
     best = min(good, key=lambda r: r["wall_s_per_simulated_s"])
     margin = target / max(best["rms_angle_error_rad"], 1e-300)
     ms = 1e3 * best["wall_s_per_simulated_s"]
@@ -135,13 +136,14 @@ def _cheapest_run(rows: list[dict[str, Any]], target: float) -> dict[str, Any]:
 
 
 def load_convergence(scene: Scene, dts: tuple[float, ...], skip: float = 0.0, say: Progress = silent) -> dict[str, Any]:
-    """Errors of the loads of each line at steps `dts` [s], against half of the shortest, by the scene's own scheme.
+    """Errors of the loads of each line at steps `dts` [s], relative to half the shortest step, by the scheme of the
+    scene.
 
     Returns:
-        `rows`: {dt, status, us_per_step, errors: by load the largest relative error over the lines, or None};
-        `reference_dt`, `loads` of the reference by line; `advice`: {load, within, dt, text}, dt the largest step from
-        where all smaller ones are within, or None. Where the motion is chaotic, errors end at the chance between two
-        runs and fall no further.
+        `rows`: {dt, status, us_per_step, errors: by load the maximum relative error over the lines, or None};
+        `reference_dt`, `loads` of the reference by line; `advice`: {load, within, dt, text}, dt the largest step for
+        which it and all smaller ones are within the limit, or None. If the motion is chaotic, errors do not decrease
+        below the random difference of two runs.
     """
     scene = scene.with_values({"run.duration": min(scene.run.duration, LONGEST_RUN)})
     steps = sorted(dts, reverse=True)
@@ -165,18 +167,20 @@ def load_convergence(scene: Scene, dts: tuple[float, ...], skip: float = 0.0, sa
 
 
 def _worst(loads: list[dict[str, Any]], right: list[dict[str, Any]], name: str) -> float:
-    """Largest relative error over the lines; of a deviation relative to the mean where that is larger."""
+    """Maximum relative error over the lines; that of a standard deviation is relative to the mean if this is larger."""
     scale = [max(abs(row[name][0]), 1e-3 * abs(row["mean"][0]), 1e-300) for row in right]
     return max(abs(a[name][0] - b[name][0]) / s for a, b, s in zip(loads, right, scale, strict=True))
 
 
 def _advice(rows: list[dict[str, Any]], name: str, within: float) -> dict[str, Any]:
     best = None
-    for row in reversed(rows):  # from the shortest step up: one lucky step above a bad one does not count
+    for row in reversed(
+        rows
+    ):  # from the shortest step upwards: an accurate step above an inaccurate one does not count
         error = row["errors"][name]
         if error is None or error > within or row["status"] != "ok":
             break
         best = row["dt"]
     what = f"{name.replace('_', ' ')} within {within:.0%}"
-    text = f"{what}: at no step tried" if best is None else f"{what}: steps of {best:.4g} s or less"
+    text = f"{what}: not reached with the tested steps" if best is None else f"{what}: steps of {best:.4g} s or less"
     return {"load": name, "within": within, "dt": best, "text": text}

@@ -1,4 +1,4 @@
-"""Time convergence as the thesis draws it (Fig. 5.4, C.1, C.2): each step compared with its half, per link."""
+"""Time convergence as in the thesis (Fig. 5.4, C.1, C.2): each step compared with its half, per link."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def convergence(
 
     Returns:
         one {label, dts, polar (steps, n), azimuth (steps, n) or None in a plane, status (steps,)} per scheme that
-        runs the model; NaN where either run failed.
+        runs the model; NaN if either run failed.
     """
     found = []
     for scheme in schemes:
@@ -59,6 +59,6 @@ def _differences(label: str, dts: list[float], motions: list[Any], states: list[
 
 
 def _rms_turn(difference: np.ndarray) -> np.ndarray:
-    """RMS over time (2, n) of angle differences, whole turns aside."""
+    """RMS over time (2, n) of angle differences, modulo full turns."""
     turn = np.angle(np.exp(1j * difference))
     return np.sqrt(np.mean(turn**2, axis=1))

@@ -1,4 +1,4 @@
-"""What each effect of a scene costs per step, and the proof that absent effects cost nothing."""
+"""Cost of each effect of a scene per step, and the proof that absent effects have no cost."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import Progress, advance, begin
 from dropper_jax.stepping.stepper import Stepper
 
-#: Steps of one timed run, and how often the runs of all variants are interleaved.
+#: Steps of one timed run, and number of repetitions of the interleaved runs of all variants.
 STEPS, ROUNDS = 2000, 7
 FULL, BARE = "whole scene", "bare scene"
 
 
 @component
 class Unused(Effect):
-    """An effect that no scene names; it stands for whatever may be added to the package later."""
+    """An effect that no scene uses; it represents any effect added to the package later."""
 
     name = "unused_effect_of_the_proof"
     strength: jax.Array = parameter("strength", unit="N", low=0.0)
@@ -43,9 +43,10 @@ class Unused(Effect):
 def cost(scene: Scene, steps: int = STEPS, rounds: int = ROUNDS) -> dict[str, Any]:
     """Flops and bytes of the compiled step, and measured time per step, with all effects, without each, and bare.
 
-    Times are medians of interleaved runs in one process; `ratio` is over the whole scene. Runs without an effect move
-    otherwise and may need other numbers of Newton's corrections: `correction_ratio` compares the time per correction.
-    The compiler's counts take a loop's body once (corrections included), so they compare variants and are not totals.
+    Times are medians of interleaved runs in one process; `ratio` is relative to the complete scene. Runs without an
+    effect have another motion and may need another number of Newton corrections, so `correction_ratio` compares the
+    time per correction. The compiler counts the body of a loop once (corrections included), so the counts compare
+    variants and are not totals.
 
     Returns:
         scene, integrator, solver, rows of {name, effects, flops, bytes, us_per_step, ratio, corrections_per_step,
@@ -80,7 +81,7 @@ def cost(scene: Scene, steps: int = STEPS, rounds: int = ROUNDS) -> dict[str, An
 
 
 def _solver(run: RunSpec, model: Model) -> str:
-    """The scene's solver; a smaller model may be served by another, which `auto` finds."""
+    """The solver of the scene; a smaller model may need another one, selected by `auto`."""
     try:
         stepper_of(model, run)
     except SceneError:
@@ -91,7 +92,7 @@ def _solver(run: RunSpec, model: Model) -> str:
 def _variants(model: Model) -> list[tuple[str, Model]]:
     names = [
         e.name for e in model.effects if e not in model.constraints
-    ]  # bodies without their ties would be four masses
+    ]  # bodies without their constraints would be four masses
     found = [(FULL, model)]
     found += [(f"without {name}", without_effects(model, [name])) for name in names]
     return [*found, (BARE, without_effects(model, names))]
@@ -108,12 +109,12 @@ class _Variant:
 
     def __init__(self, name: str, model: Model, stepper: Stepper, s: State, dt: float, steps: int) -> None:
         self.name, self.model, self.stepper = name, model, stepper
-        # laws and work differ between the variants, so the start is made anew from places and velocities
+        # laws and work differ between the variants, so the start is created again from positions and velocities
         self.start = _fresh(stepper, model, s)
         self.dt, self.steps = jnp.asarray(dt, model.dtype), steps
         run = jax.jit(partial(advance, stepper, saves=1, save_every=steps))
         self.compiled = run.lower(model, self.start, self.dt).compile()
-        self.counts = self.compiled.cost_analysis() or {}  # of one step: a loop's body counts once
+        self.counts = self.compiled.cost_analysis() or {}  # of one step: the body of a loop counts once
         self.program = self.compiled.as_text()
 
     def time(self) -> float:
@@ -123,9 +124,9 @@ class _Variant:
         return time.perf_counter() - started
 
     def corrections(self) -> float | None:
-        """Newton's corrections per step of the timed run, retries included; None of an explicit scheme.
+        """Newton corrections per step of the timed run, retries included; None for an explicit scheme.
 
-        Counted in a run of its own, by solvers that call the host: the timed program stays what users run.
+        Counted in a separate run, by solvers that call the host: the timed program is that of users.
         """
         names = {self.stepper.solver, self.stepper.fallback} & SOLVERS.keys()
         counted = {name: _CountingSolver(SOLVERS[name]) for name in names}
@@ -159,14 +160,14 @@ class _Variant:
 
 
 class _CountingSolver:
-    """A linear solver of which each correction is counted."""
+    """A linear solver that counts its corrections."""
 
     def __init__(self, solver: Solver) -> None:
         self.solver, self.count = solver, 0
 
     @staticmethod
     def key(name: str) -> str:
-        """The name under which it is known while it counts: programs of other steppers must not share its traces."""
+        """The name during counting: programs of other steppers must not share its traces."""
         return f"counted {name}"
 
     def __getattr__(self, name: str) -> Any:
@@ -186,11 +187,11 @@ def _fresh(stepper: Stepper, model: Model, s: State) -> Progress:
 
 
 def proof(scene: Scene) -> dict[str, Any]:
-    """Compare compiled programs as text, to the letter.
+    """Compare compiled programs as identical text.
 
-    `removed_is_never_had`: a scene from which all optional effects were taken is the same program as one that never
-    named them. `new_effect_changes_nothing`: putting one more effect class into the package's registry leaves the
-    scene's program as it was.
+    `removed_is_never_had`: a scene without its optional effects gives the same program as one that never had them.
+    `new_effect_changes_nothing`: one more effect class in the registry of the package does not change the program of
+    the scene.
     """
     base = program(scene)
     EFFECTS[Unused.name] = Unused
@@ -215,7 +216,7 @@ def proof(scene: Scene) -> dict[str, Any]:
 
 
 def program(scene: Scene) -> str:
-    """The program of one step of a scene, as handed to the compiler, as text."""
+    """The text of the program of one step of a scene before compilation."""
     model, s = build(scene)
     run = scene.run
     return _text(stepper_of(model, run), model, s, run.dt)

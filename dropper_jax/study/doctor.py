@@ -1,4 +1,4 @@
-"""Health of an installation: versions, devices, cache, and answers that are known."""
+"""Check of an installation: versions, devices, cache, and known results."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ EXTRAS = {
     "fatigue": ("rainflow",),
     "posterior": ("blackjax",),
 }
-#: Largest error of the pendulum's tension, relative: that of its step.
+#: Maximum relative error of the tension of the pendulum, due to its step.
 ALLOWED = 1e-4
-#: Compiles a program with a cache and tells whether it was taken from there, and what it gives.
+#: Script that compiles a program with a cache and reports whether it came from the cache, and its result.
 PROBE = """
 import json, sys
 import jax
@@ -52,7 +52,7 @@ print(json.dumps({"place": None if place is None else str(place), "taken": taken
 
 
 def examine() -> dict[str, Any]:
-    """All that `dropper doctor` tells; `checks` are those that can fail, each with `ok` and words."""
+    """The report of `dropper doctor`; `checks` can fail and have `ok` and a text."""
     return {
         "versions": versions(),
         "system": {"platform": platform.platform(), "cores": os.cpu_count(), "memory_bytes": available_memory()},
@@ -66,7 +66,7 @@ def examine() -> dict[str, Any]:
 
 
 def versions() -> dict[str, dict[str, str | None]]:
-    """Versions of what is needed and of the extras; None where a package is not installed."""
+    """Versions of required packages and of extras; None if a package is not installed."""
     own = {"python": platform.python_version(), "dropper-jax": _version("dropper-jax")}
     return {"needed": {**own, **_versions(NEEDED)}, **{extra: _versions(names) for extra, names in EXTRAS.items()}}
 
@@ -83,7 +83,7 @@ def _version(name: str) -> str | None:
 
 
 def cache() -> dict[str, Any]:
-    """Where compiled programs are kept, and how many there are."""
+    """Folder of the compiled programs, and their number."""
     folder = cache_folder()
     if folder is None:
         return {"folder": None, "programs": 0, "bytes": 0}
@@ -92,7 +92,8 @@ def cache() -> dict[str, Any]:
 
 
 def check_tension() -> dict[str, Any]:
-    """A conical pendulum pulls with its weight over the sine of its angle below the horizontal, `m g/sin(theta)`."""
+    """The tension of a conical pendulum is its weight over the sine of its angle below the horizontal, `m
+    g/sin(theta)`."""
     solution = simulate("conical-pendulum", duration=1.0)
     expected = GRAVITY / math.sin(math.pi / 8)
     error = float(np.max(np.abs(solution.tension / expected - 1.0)))
@@ -101,7 +102,7 @@ def check_tension() -> dict[str, Any]:
 
 
 def known_product() -> dict[str, Any]:
-    """|I row|^2 of rows (i, 0, 0) is i^2: some versions of JAX give others (jax-ml/jax issue 39103)."""
+    """|I row|^2 of rows (i, 0, 0) is i^2: some versions of JAX give other values (jax-ml/jax issue 39103)."""
     i = jnp.arange(16_385, dtype=float)
     rows = jnp.stack([i, 0 * i, 0 * i], axis=1)
     squares = jax.jit(jax.vmap(lambda row: jnp.sum((jnp.eye(3) @ row) ** 2)))(rows)
@@ -110,17 +111,17 @@ def known_product() -> dict[str, Any]:
 
 
 def cached_programs() -> dict[str, Any]:
-    """Whether a program that one process kept is accepted by the next, with the same answer."""
-    name = "programs kept from one start to the next"
+    """Whether a program cached by one process is reused by the next, with the same result."""
+    name = "programs cached for the next start"
     with tempfile.TemporaryDirectory() as folder:
         probes = [_probe(folder) for _ in range(2)]
     if None in probes:
-        return _check(name, False, "a process that keeps programs does not end well")
+        return _check(name, False, "a process with a program cache fails")
     first, second = probes
     if first["place"] is None:
-        return _check(name, False, "this version of JAX is built otherwise than is known, or its folder is refused")
+        return _check(name, False, "this version of JAX is not supported by the cache, or its folder is not accessible")
     if not second["taken"]:
-        return _check(name, False, "kept, but not taken again: every start compiles")
+        return _check(name, False, "cached, but not reused: every start compiles")
     same = first["found"] == second["found"] and abs(second["found"] - 100.0) < 1e-9
     return _check(name, same, "taken again" if same else f"{second['found']!r} instead of 100")
 

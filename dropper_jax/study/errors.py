@@ -1,4 +1,4 @@
-"""How far two motions are apart."""
+"""Differences between two motions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def angles_between(d: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 
 def rms(x: np.ndarray) -> float:
-    """Root of the mean square; infinite where any entry is not finite."""
+    """Root of the mean square; infinite if any entry is not finite."""
     with np.errstate(over="ignore"):
         return float(np.sqrt(np.mean(np.square(x)))) if np.all(np.isfinite(x)) else float("inf")
 

@@ -15,7 +15,7 @@ from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.schemes import Scheme
 from dropper_jax.study.work_precision import energy_loss
 
-#: Scheme, what the thesis says of it (sections 2.3, 4.3.1 and its conclusion), and the sign that means.
+#: Scheme, claim of the thesis (sections 2.3, 4.3.1 and its conclusion), and the corresponding sign.
 CLAIMS = (
     (Scheme("theta", 0.0), "explicit Euler gains energy", 1),
     (Scheme("theta", 1.0), "implicit Euler loses energy", -1),
@@ -23,12 +23,12 @@ CLAIMS = (
 )
 DTS = (0.01, 0.005, 0.0025)
 DURATION = 5.0
-#: A change this much smaller than the mean of the other two counts as neither gain nor loss.
+#: A change smaller than this fraction of the mean of the other two is neither gain nor loss.
 NEITHER = 0.1
 
 
 def single_pendulum() -> Scene:
-    """A pendulum of 1 m and 1 kg let go at 45 degrees, in a plane."""
+    """A pendulum of 1 m and 1 kg released at 45 degrees, in a plane."""
     side = float(np.sqrt(0.5))
     return load_scene(
         {
@@ -46,7 +46,8 @@ def single_pendulum() -> Scene:
 
 
 def euler_claims(dts: tuple[float, ...] = DTS, duration: float = DURATION) -> list[dict[str, Any]]:
-    """Energy gained over `duration` [s] by the three schemes at each step, over the energy scale, and whether it fits.
+    """Energy gained over `duration` [s] by the three schemes at each step, over the energy scale, and whether the claim
+    holds.
 
     Returns:
         rows of {scene, label, claim, dt, status, energy_gained, holds}; energies over the potential energy released.

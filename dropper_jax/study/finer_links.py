@@ -12,19 +12,19 @@ from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 
-#: Quantities of a link or a node that its halves share; all others they have alike.
+#: Quantities of a link or a node that are divided between its halves; all others are equal.
 SHARED = ("N", "kg", "kg/s", "kg/m")
 #: Keys of a line per link.
 PER_LINK = {"length": 2, "mass": 2, "diameter": 1, "breaking_load": 1}
-#: Effects whose numbers belong to joints, which more links would make more of.
+#: Effects with parameters per joint, whose number grows with the links.
 JOINTED = ("joint_friction",)
 
 
 def twice_the_links(scene: Scene) -> Scene:
-    """A scene whose links are halves of those of `scene`; axial stiffness and internal damping stay what they are.
+    """The scene with each link divided into halves; axial stiffness and internal damping do not change.
 
     Raises:
-        SceneError: what it cannot do that for: compound links, a single rigid link, friction of joints.
+        SceneError: unsupported scenes: compound links, a single rigid link, joint friction.
     """
     if any(line.centre_of_mass is not None for line in scene.lines):
         raise SceneError("line.centre_of_mass: compound links have no halves; allowed: lines of simple links")
@@ -32,7 +32,7 @@ def twice_the_links(scene: Scene) -> Scene:
         raise SceneError("line.links: a single rigid link is the body itself; allowed: lines of several links")
     for name in JOINTED:
         if name in scene.effects:
-            raise SceneError(f"effects.{name}: belongs to the joints there are; allowed: a scene without it")
+            raise SceneError(f"effects.{name}: depends on the number of joints. Use a scene without it")
     table = scene.to_dict()
     table["line"] = [_line(line) for line in table["line"]]
     table["effects"] = {name: _effect(name, values) for name, values in table["effects"].items()}
@@ -78,7 +78,7 @@ def _start(start: dict[str, Any]) -> dict[str, Any]:
 
 
 def _halve_value(value: Plain, parts: int) -> Plain:
-    """What each half of a link has of a number, or of a list of one per link."""
+    """Value of each half of a link, from a number or a list of one per link."""
     if isinstance(value, bool | str) or value is None:
         return value
     if isinstance(value, list):

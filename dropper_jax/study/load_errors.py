@@ -1,4 +1,4 @@
-"""Error bars of loads: what a run's tensions owe to its step, to its links, and to chance."""
+"""Error bars of loads: errors of the tensions of a run due to its step, its links, and chance."""
 
 from __future__ import annotations
 
@@ -19,22 +19,23 @@ from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.sea.make import main_period
 from dropper_jax.study.finer_links import twice_the_links
 
-#: What is told of each line: mean and standard deviation in time of the link with the largest tension [N], mean of the
-#: largest in windows of a wave [N], largest and least [N], number of snaps.
+#: Loads of each line: mean and standard deviation in time of the link with the maximum tension [N], mean of the maxima
+#: in
+#: windows of a wave [N], maximum and minimum [N], number of snaps.
 QUANTITIES = ("mean", "deviation", "window_maximum", "maximum", "minimum", "snaps")
-#: Steps of the runs over that of the scene.
+#: Steps of the runs relative to that of the scene.
 FINER = (1, 2, 4)
-#: Allowed orders of the step's error: what is measured beyond them is chance.
+#: Allowed orders of the step error; measured values outside are random.
 ORDERS = (0.5, 2.0)
-#: Error of the links over the change that twice as many make, if it falls with their square.
+#: Ratio of the error of the links to the change with twice the links, for second order.
 LINKS = 4.0 / 3.0
-#: Windows of maxima where there is no wave [s], and batches of the error by chance.
+#: Windows of maxima without waves [s], and number of batches for the random error.
 WINDOW, BATCHES = 10.0, 8
-#: Relative change of all masses, and how many times as large a relative change of the motion tells that it is chaotic.
+#: Relative change of all masses, and the amplification of this change in the motion above which it is chaotic.
 PERTURBED, AMPLIFIED = 1e-8, 1e4
-#: Range of a motion over the length of the longest line below which it is taken for this.
+#: Minimum range of a motion, as a fraction of the longest line.
 AT_REST = 1e-3
-#: Error of a line's largest tension from which it is called not resolved.
+#: Relative error of the maximum tension of a line above which it is not resolved.
 UNRESOLVED = 0.05
 
 
@@ -47,31 +48,32 @@ def load_errors(
 ) -> dict[str, Any]:
     """Loads of a run with an estimate of their error.
 
-    The scene is run with its step h, h/2 and h/4 (with a step tolerance: that, a quarter, a sixteenth, which halve the
-    steps; of schemes that hold their own error as much less as halves theirs), with twice the links at the same EA and
-    BA, and, where there are, with twice the internal damping and twice
-    the stiffness of the bed, some 12 times the cost of a single run. With q(h) a load,
+    The scene is run with its step h, h/2 and h/4. A step tolerance is divided by 4 and 16, which halves the steps; the
+    tolerance of error-controlled schemes is reduced accordingly. It is also run with twice the links at the same EA and
+    BA and, if present, with twice the internal damping and twice the stiffness of the seabed. The cost is some 12 times
+    that of a single run. With q(h) a load,
 
         step:  |q(h) - q(h/4)| + |q(h/2) - q(h/4)|/(2^p - 1),    2^p = |q(h) - q(h/2)|/|q(h/2) - q(h/4)|,
 
-    p between 0.5 and 2; links: 4/3 of the change by twice the links; both: their sum. `chance` is the standard error
-    by batch means (8 batches; of maxima from the spread of the windows' maxima): what another storm of the same length
-    would change, no error of this one. Where the motion is chaotic (masses changed by 1e-8 of themselves move it by
-    1e-4 of its range), differences of single runs are chance too: `chaotic` says so, `horizon_s` from when, and the
-    step's error is then the largest difference between the three runs.
+    p is between 0.5 and 2. The error of the links is 4/3 of the change with twice the links, and the total is the sum
+    of both. `chance` is the standard error by batch means (8 batches; for maxima from the spread of the window maxima).
+    It estimates the change in another storm of the same length and is not an error of this one. A motion is chaotic if
+    a relative change of masses by 1e-8 changes it by 1e-4 of its range. Differences of single runs are then random as
+    well: `chaotic` is true, `horizon_s` is the time at which this starts, and the error of the step is the maximum
+    difference between the three runs.
 
     Args:
         run: simulates a scene.
         skip: time left out at the start [s].
-        first: the run of the scene itself, if it is there already.
+        first: the run of the scene itself, if available.
 
     Returns:
         `loads`: rows by line {line, at_m, and by quantity {value, step, links, chance, error, twice_damping,
-        twice_bed}}; `chaotic`, `horizon_s`; `not_resolved`: lines whose largest tension is off by 5 % or more;
-        `left_out`: what was not run, and why.
+        twice_bed}}; `chaotic`, `horizon_s`; `not_resolved`: lines whose maximum tension has an error of 5 % or more;
+        `left_out`: variants that were not run, and the reason.
 
     Raises:
-        SceneError: a run of them that fails, or too short a record.
+        SceneError: a failed run, or a record that is too short.
     """
     variants, left_out = _variants(scene)
     made: dict[str, list[dict[str, Any]]] = {}
@@ -132,7 +134,7 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
 
 
 def _horizon(first: Samples, other: Samples) -> float:
-    """Time [s] up to which two runs differ by less than chaos makes of their perturbation."""
+    """Time [s] up to which the difference of two runs is below the limit of chaos."""
     k = min(len(first.t), len(other.t))
     apart = np.abs(first.positions[:k] - other.positions[:k]).max(axis=(1, 2))
     moved = max(float(np.ptp(first.positions, axis=0).max()), AT_REST * max(line.total for line in first.scene.lines))
@@ -143,7 +145,7 @@ def _horizon(first: Samples, other: Samples) -> float:
 def line_loads(found: Record, like: list[dict[str, Any]] | None = None) -> list[dict[str, Any]]:
     """Per line its loads {line, at_m, name: (value, standard error by chance)}, see `QUANTITIES`.
 
-    They are those of the link with the largest tension, or at the arc length that `like` (of another run) says.
+    They are those of the link with the maximum tension, or at the arc length in `like` (loads of another run).
     """
     snaps, within = line_snaps(found, Settings()), found.square - found.tension**2
     rows = []
@@ -173,7 +175,8 @@ def _at(values: np.ndarray, s: np.ndarray, at: float) -> np.ndarray:
 def _statistics(
     found: Record, tension: np.ndarray, least: np.ndarray, largest: np.ndarray, within: np.ndarray
 ) -> dict[str, tuple[float, float]]:
-    """Loads at one place of a line (q,) [N], each with its standard error by chance; `within` samples' variance."""
+    """Loads at one position of a line (q,) [N], each with its random standard error; `within` is the variance in a
+    sample."""
     square = tension**2 + within
     tops, bottoms = (_windows(found, values) for values in (largest, -least))
     batches = [part for part in np.array_split(np.arange(len(tension)), BATCHES) if part.size]
@@ -185,14 +188,14 @@ def _statistics(
         "mean": (float(tension.mean()), spread(means) / np.sqrt(len(means))),
         "deviation": (deviation, spread(deviations) / np.sqrt(len(deviations))),
         "window_maximum": (float(tops.mean()), spread(tops) / np.sqrt(len(tops))),
-        # largest of many: as wide as one window's maximum (a Gumbel distribution keeps its scale)
+        # maximum of many: the same spread as one window maximum (a Gumbel distribution keeps its scale)
         "maximum": (float(tops.max()), spread(tops)),
         "minimum": (float(-bottoms.max()), spread(bottoms)),
     }
 
 
 def _windows(found: Record, values: np.ndarray) -> np.ndarray:
-    """Largest values in windows of a peak period, or of 10 s; the whole record if it is shorter."""
+    """Maxima in windows of a peak period, or of 10 s; the full record if it is shorter."""
     period = _period(found.scene)
     count = max(int(found.duration / period), 1)
     edges = np.linspace(found.t_tension[0], found.t_tension[-1] + found.interval, count + 1)
@@ -201,7 +204,7 @@ def _windows(found: Record, values: np.ndarray) -> np.ndarray:
 
 
 def _period(scene: Scene) -> float:
-    """Period of the waves that carry most [s], else `WINDOW`."""
+    """Period of the waves with the most energy [s], else `WINDOW`."""
     waves = None if scene.sea is None else scene.sea.waves
     if waves is None:
         return WINDOW

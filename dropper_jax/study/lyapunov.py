@@ -20,7 +20,7 @@ from dropper_jax.stepping.stepper import Stepper
 
 
 class Lyapunov(NamedTuple):
-    """How fast neighbouring motions part.
+    """Divergence of neighbouring motions.
 
     Attributes:
         exponent: largest Lyapunov exponent over the second half of the run, scalar [1/s].
@@ -53,7 +53,7 @@ def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, st
 
     Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9-20.
     """
-    # first by the program without means for steps that resist, a fifth of the code
+    # first by the program without fallback solvers, a fifth of the code
     found = _measure_growth(model, s, stepper.plain, dt, steps, seed)
     if isinstance(found.converged, jax.core.Tracer) or not found.converged:
         found = _measure_growth(model, s, stepper, dt, steps, seed)
@@ -97,7 +97,7 @@ def perturbation_size(model: Model, dr: jax.Array, dv: jax.Array) -> jax.Array:
 
 
 def _only_motion(ds: State, size: jax.Array) -> State:
-    """The scaled perturbation; bookkeeping and time are no part of it."""
+    """The scaled perturbation, without bookkeeping and time."""
 
     def scale_leaf(x: Any) -> Any:
         return x if getattr(x, "dtype", None) == float0 else x / size

@@ -17,16 +17,17 @@ from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
 
 class Marched(NamedTuple):
-    """States at the grid's times (k saved times, the start not included), and what happened on the way.
+    """States at the grid's times (k saved times, the start not included), and the status of the steps.
 
     Attributes:
         r, v: free nodes (k, nodes, 3) [m], [m/s].
-        tension: of the step that ends at the saved time, and of the one that begins at the time before (k, 2, n) [N].
+        tension: of the step that ends at the saved time, and of the one that starts at the previous time (k, 2, n) [N].
         work: (k, w) [J].
-        residual: largest scaled residual so far (k,).
-        bad: number of the first failed step, -1 while there is none (k,).
-        retried: steps taken by other means so far (k,).
-        path: sum over nodes and steps of |r1 - r0|^2 / h (k,) [m^2/s]: what a damping of 1 kg/s would take [J].
+        residual: maximum scaled residual so far (k,).
+        bad: number of the first failed step, -1 before any failure (k,).
+        retried: steps solved by the fallback so far (k,).
+        path: sum over nodes and steps of |r1 - r0|^2 / h (k,) [m^2/s]: energy that a damping of 1 kg/s would dissipate
+        [J].
     """
 
     r: jax.Array
@@ -45,7 +46,7 @@ def march(
 ) -> Marched:
     """`saves` times `every` steps of `dt` from s, in the first of `capacity` rows.
 
-    dt, `every` and `saves` are traced, so neither another step size nor another span compiles anew.
+    dt, `every` and `saves` are traced, so other step sizes and durations do not compile again.
     """
     dt = jnp.asarray(dt, model.dtype)
 
@@ -77,7 +78,7 @@ def march(
 
 
 class MarchResult(NamedTuple):
-    """What `march_held` returns: states at the grid's times, steps taken, and steps refused."""
+    """Result of `march_held`: states at the grid's times, accepted and rejected steps."""
 
     run: Marched
     taken: jax.Array
@@ -88,7 +89,7 @@ class MarchResult(NamedTuple):
 def march_held(
     stepper: Stepper, model: Model, s: State, grid: jax.Array, tolerance: jax.Array, saves: int
 ) -> MarchResult:
-    """The same of schemes that hold their own error to `tolerance`, on a grid [s]; `path` by the trapezoidal rule."""
+    """`march` for error-controlled schemes with a `tolerance`, on a grid [s]; `path` by the trapezoidal rule."""
     grid, tolerance = jnp.asarray(grid, model.dtype), jnp.asarray(tolerance, model.dtype)
     carry = start_controlled(stepper, model, s, tolerance)
     carry, (found, _) = advance_controlled(stepper, model, carry, grid, tolerance, saves)
@@ -99,12 +100,12 @@ def march_held(
     return MarchResult(run, carry.taken, carry.refused)
 
 
-#: Rows of a run's program: as many as are saved where those are few, else at least so many and in powers of two.
+#: Rows of the program of a run: the number of saves if that is small, else at least this number and a power of two.
 FEW, ROWS = 32, 640
 
 
 def grid_program(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
-    """`march` with the step `grid / every` [s], with rows to spare."""
+    """`march` with the step `grid / every` [s], with spare rows."""
     capacity = saves if saves <= FEW else max(ROWS, 1 << (saves - 1).bit_length())
     return march(stepper, model, s, grid / every, every, saves, capacity)
 
@@ -112,7 +113,7 @@ def grid_program(stepper: Stepper, model: Model, s: State, grid: float, every: i
 def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
     """`march` with the step `grid / every` [s], as numpy arrays (saves, ...).
 
-    First by the program without means for steps that resist, a quarter of the code; by the whole one where one does.
+    First by the program without fallback solvers, a quarter of the code; by the full one if a step does not converge.
     """
     run = grid_program(stepper.plain, model, s, grid, every, saves)
     if int(run.bad[saves - 1]) >= 0 and stepper != stepper.plain:
@@ -121,7 +122,7 @@ def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, 
 
 
 def status_of(run: Marched, stepper: Stepper) -> str:
-    """`ok` or the named failure of a run, as `simulate` names it."""
+    """`ok` or the named failure of a run, with the status names of `simulate`."""
     bad = np.asarray(run.bad)
     if bad[-1] < 0 and np.all(np.isfinite(run.r[-1])):
         return "ok"

@@ -1,4 +1,4 @@
-"""What a scheme itself takes out of an undamped motion, as a linear damping coefficient."""
+"""Numerical damping of a scheme in an undamped motion, as a linear damping coefficient."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from dropper_jax.study.schemes import Scheme
 from dropper_jax.study.work_precision import energy_loss
 
 SCENE = "dropper-release-a-undamped"
-#: The time over which the energy table of the schemes is made [s].
+#: Duration of the runs for the energy table of the schemes [s].
 DURATION = 6.5
-#: What the thesis fitted [kg/s], and the scheme and step [s] it fitted with.
+#: Damping fitted in the thesis [kg/s], with its scheme and step [s].
 THESIS_B_L = 0.002
 THESIS_DT = 0.0065
 THESIS = Scheme("thesis_angles", 0.51)
@@ -40,12 +40,13 @@ def numerical_damping(
 ) -> dict[str, Any]:
     """Equivalent damping `b = E_lost / sum over nodes of the integral of |v|^2` [kg/s] of each scheme and step.
 
-    A linear damping b on every node would have lost the same energy along the same path. Negative: the scheme gains
-    energy. Failed runs have none. Steps are not halved: the scheme is measured as it is.
+    A linear damping b on every node would dissipate the same energy along the same path. Negative values mean that the
+    scheme gains energy. Failed runs have no value. Steps are not halved, so the value is that of the scheme itself.
 
     Returns:
         scene, duration_s, rows of {label, dt, status, failed_at_s, energy_lost_j, equivalent_linear_damping,
-        share_of_thesis}; `thesis`: the row of the thesis' own scheme and step, with what its b_l of 0.002 kg/s means.
+        share_of_thesis}; `thesis`: the row of the thesis' own scheme and step, with its fraction of the fitted b_l of
+        0.002 kg/s.
     """
     model, s = build(load_scene(scene))
     rows = [_row(model, s, scheme, dt, duration) for scheme in schemes for dt in dts]

@@ -16,7 +16,7 @@ MARKERS = "osD^v<>PX*hp"
 
 
 def marks(index: int) -> dict[str, Any]:
-    """Colour, marker and dash of the series of that number, none alike."""
+    """Colour, marker and dash of a series by number, all different."""
     colours = style.CYCLE
     dash = ("-", "--", ":")[index // len(colours) % 3]
     return {"color": colours[index % len(colours)], "marker": MARKERS[index % len(MARKERS)], "ls": dash, "ms": 4}
@@ -141,7 +141,7 @@ def _damping_series(axes: Axes, rows: list[dict[str, Any]], label: str, index: i
     bad = [r for r in rows if r["status"] != "ok"]
     look = marks(index)
     axes.plot([r["dt"] for r in good], [r["equivalent_linear_damping"] for r in good], label=label, lw=1.0, **look)
-    height = 0.35 * 1.12 ** (index - count / 2)  # a row of crosses per scheme, so that none hides another
+    height = 0.35 * 1.12 ** (index - count / 2)  # a row of crosses per scheme, so that they do not overlap
     axes.plot([r["dt"] for r in bad], [height] * len(bad), ls="", marker="x", ms=5, color=look["color"])
 
 

@@ -19,16 +19,16 @@ from dropper_jax.study.errors import link_vectors, rms_angle
 from dropper_jax.study.lyapunov import first_perturbation, perturbation_size
 from dropper_jax.study.march import grid_run
 
-#: A perturbation may grow this much before errors stop saying something about the scheme: rounding (1e-16 per step)
-#: then stays below 1e-12 rad, and an error of 0.01 rad is still far from saturating.
+#: Growth of a perturbation up to which errors characterise the scheme: rounding (1e-16 per step) then stays below 1e-12
+#: rad, and an error of 0.01 rad is still far from saturation.
 AMPLIFICATION = 100.0
-#: Size of the perturbation that is followed [-]: far above rounding, and still small 100 times larger.
+#: Size of the perturbation [-]: far above rounding, and still small after growth by a factor of 100.
 NEARBY = 1e-8
-#: Aim of the reference: 100 times below the least error that advice is given for (1e-5 rad), and 100 more.
+#: Target error of the reference: 1e-4 of the minimum target error of the advice (1e-5 rad).
 TARGET = 1e-9
-#: Most steps of one reference run.
+#: Maximum number of steps of one reference run.
 MOST_STEPS = 150_000
-#: A refinement that would take longer than this [s] is left out: an hour of waves costs too much to go on for ever.
+#: A refinement that would take longer than this [s] is left out, since long runs in waves are expensive.
 LONGEST_WALL = 40.0
 
 
@@ -76,8 +76,8 @@ def trusted_span(
 ) -> tuple[float, float]:
     """Time [s] before chaos amplifies rounding, and the mean growth rate of perturbations [1/s].
 
-    From two runs that start `NEARBY` apart, looked at on the grid: by the program that measures errors afterwards,
-    where the exact tangent map (`lyapunov`) would be one more to compile. `stepper`: the default scheme unless given.
+    From two runs that start `NEARBY` apart, compared on the grid. They use the program that measures errors afterwards;
+    the exact tangent map (`lyapunov`) would be another program to compile. `stepper`: default: the default scheme.
     """
     stepper, every = stepper or make_stepper(model), max(1, round(grid / dt))
     saves = max(2, int(duration / grid))
@@ -97,14 +97,14 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float, 
     """Refine two schemes together until they agree to `target` [rad], or neither can be refined further.
 
     The first is the fourth-order composition, the second RATTLE extrapolated to step zero (Romberg, three steps; its
-    error has even powers only, so sixth order remains). Elastic lines take rk4 and rk2; what a scheme refuses falls to
-    `energy_momentum`, and `independent` says so.
+    error has even powers only, so sixth order remains). Elastic lines use rk4 and rk2. If a scheme cannot run the
+    model, `energy_momentum` replaces it, and `independent` is false.
     """
     t = grid * np.arange(1, saves + 1)
     first, second = _pair(model)
     best = None
     every = max(4, int(np.ceil(grid * 256)))
-    wall = 0.0  # of the last level, whose programs were compiled before
+    wall = 0.0  # of the last level, whose programs were already compiled
     while best is None or (every * saves <= MOST_STEPS and best[0] > target and 2 * wall <= LONGEST_WALL):
         started = time.perf_counter()
         fine = grid_run(first, model, s, grid, every, saves)
@@ -112,13 +112,13 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float, 
         wall = 0.0 if best is None else time.perf_counter() - started
         error = rms_angle(link_vectors(model, fine.r, t), link_vectors(model, check, t))
         if best is not None and np.isfinite(error) and error > 0.7 * best[0]:
-            break  # rounding or a kink in the forces: refining does not help any more
+            break  # rounding or a kink in the forces: further refinement does not help
         if best is None or error < best[0] or not np.isfinite(best[0]):
             best = (error, fine, every)
         every *= 2
     error, fine, every = best
     if not np.isfinite(error):
-        raise SceneError("accuracy: no reference was found: the fine runs fail; try a shorter run")
+        raise SceneError("accuracy: no reference was found: the fine runs fail. Try a shorter run")
     return Reference(
         t=t,
         r=fine.r,
@@ -143,7 +143,7 @@ def _pair(model: Model) -> tuple[Stepper, Stepper]:
 def _first_that_runs(model: Model, names: tuple[str, ...]) -> Stepper:
     for name in (*names, "energy_momentum"):
         try:
-            return make_stepper(model, name)  # work counted as elsewhere: the same compiled programs
+            return make_stepper(model, name)  # work is counted, so that the compiled programs are the same as elsewhere
         except SceneError:
             continue
     raise SceneError("accuracy: no integrator runs this scene")
@@ -169,6 +169,6 @@ def instant_tension(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -
 
 def _tension(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
     k = model.instant(r, v, t)
-    if model.line.axial.elastic:  # no need of accelerations
+    if model.line.axial.elastic:  # accelerations are not needed
         return model.line.axial.tension(k.links, k.link_velocities, model.line.length)
     return instant(k, model.end_acceleration(t) if model.moving else None)[1]

@@ -15,9 +15,9 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution, simulate
 
-#: Part of a run, its end, over which the response is taken.
+#: Fraction of a run, at its end, for the evaluation of the response.
 TAKEN = 1.0 / 3.0
-#: Increase of the waves' height whose effect is shown.
+#: Increase of the wave height for the additional curve.
 MORE = 1.1
 
 
@@ -27,13 +27,13 @@ def responses(
     """Response of a scene's first link in regular waves of these periods [s], over whole periods at the end of runs.
 
     Args:
-        more: also with waves higher by a tenth.
+        more: also with waves that are 10 % higher.
 
     Returns:
         {period_s, status, mean_rad, amplitude_rad, phase_rad, wet, amplitude_10_percent_more} per period: mean and
-        first harmonic of the angle from the vertical in the plane of the waves, its phase before the elevation at the
-        held point (0 in phase, -pi/2 a quarter behind), mean wet share of the far end, and what 1.1 times the height
-        makes of it.
+        first harmonic of the angle from the vertical in the plane of the waves, its phase relative to the elevation at
+        the fixed point (0 in phase, -pi/2 a quarter period behind), mean wet fraction of the far end, and the amplitude
+        at 1.1 times the height.
 
     Raises:
         SceneError: no regular waves of a period, or runs shorter than three periods.

@@ -1,4 +1,4 @@
-"""Pictures of what a scene does at rest and next to it: its pose, its modes, its answer to waves, its mussels."""
+"""Pictures of a scene at and near equilibrium: configuration, modes, response to waves, mussels."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from dropper_jax.statics import Equilibrium
 from dropper_jax.statics.modes import Modes
 from dropper_jax.study.pictures import marks, title
 
-#: Modes that are drawn, the slowest, and the largest move in a picture as a part of the pose's size.
+#: Number of drawn modes, the slowest ones, and the maximum displacement as a fraction of the configuration's size.
 DRAWN, REACH = 9, 0.12
-#: A pose that is this low for its length has its modes below one another.
+#: Ratio of height to length below which the modes are drawn below one another.
 LOW = 0.25
 
 
 def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
-    """The pose at rest, links coloured by tension [N]."""
+    """The equilibrium, with links coloured by tension [N]."""
     once = np.zeros(1)
     solution = SimpleNamespace(
         scene=scene,
@@ -48,7 +48,7 @@ def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
 
 @style.plot_style()
 def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, path: str | Path) -> Path:
-    """The slowest modes: the pose at rest and both ends of the swing, seen from where most of it shows."""
+    """The slowest modes: the equilibrium and both extremes of the motion, in the view with the largest motion."""
     count = min(len(modes.period), DRAWN)
     r, ends_of_lines = np.asarray(found.state.r), model.ends(found.state.t)
     rest = np.asarray(found.positions)
@@ -71,19 +71,20 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_title(f"{i + 1}: {modes.period[i]:.3g} s", loc="left", fontsize=9)
         axes.set(xlabel=f"{'xyz'[across]} [m]", ylabel=f"{'xyz'[up]} [m]")
-    title(figure, f"{scene.name}: slowest modes (dashed: at rest; moves are enlarged)")
+    title(figure, f"{scene.name}: slowest modes (dashed: equilibrium; displacements are enlarged)")
     return style.save(figure, path)
 
 
 def _plane(rest: np.ndarray, moved: np.ndarray) -> tuple[int, int]:
-    """Two axes in which most of the move and of the pose shows: from the side, the front, or above."""
+    """The two axes with the largest motion and extent: view from the side, the front, or above."""
     share, extent = np.sum(moved**2, axis=0), np.ptp(rest, axis=0)
     return max(((0, 2), (1, 2), (0, 1)), key=lambda pair: sum(share[list(pair)]) * np.hypot(*extent[list(pair)]))
 
 
 @style.plot_style()
 def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
-    """Amplitude, mean and phase of the first link over the period of the waves; dashed, in waves higher by a tenth."""
+    """Amplitude, mean and phase of the first link over the period of the waves; dashed, in waves that are 10 %
+    higher."""
     figure = style.new_figure(7.5, 6.2)
     panels = figure.subplots(3, 1, sharex=True)
     period = [row["period_s"] for row in rows]
@@ -99,7 +100,7 @@ def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Pa
     more = [row.get("amplitude_10_percent_more") for row in rows]
     if all(value is not None for value in more):
         higher = [row["amplitude_rad"] * (1.0 + value) for row, value in zip(rows, more, strict=True)]
-        panels[0].plot(period, higher, label="waves higher by a tenth", **marks(1))
+        panels[0].plot(period, higher, label="waves 10 % higher", **marks(1))
         panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     panels[-1].set_xlabel("period of the waves [s]")
     figure.align_ylabels()
@@ -137,7 +138,7 @@ def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path
 
 @style.plot_style()
 def tide(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
-    """Current, level, excursion and pull on the held points through a cycle."""
+    """Current, level, excursion and force on the fixed points through a cycle."""
     figure = style.new_figure(7.5, 6.2)
     water, moved, tension = figure.subplots(3, 1, sharex=True)
     hours = [row["t_s"] / 3600.0 for row in rows]

@@ -1,4 +1,4 @@
-"""Which schemes a study compares, and how they are named."""
+"""Schemes of a study, and their names."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from dropper_jax.model import Model
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 
-#: Schemes with a weight gamma, and the weights compared unless the user names one.
+#: Schemes with a weight gamma, and the default weights of a comparison.
 WEIGHTS = {"theta": (0.51, 1.0), "theta_midpoint": (0.51,), "thesis_angles": (0.51,)}
 #: Further solvers and precisions of the main schemes.
 SOLVERS = {"energy_momentum": ("banded", "dense")}
 SINGLE = ("energy_momentum", "rattle")
-#: What is compared in waves.
+#: Schemes compared in waves.
 IN_WAVES = ("energy_momentum", "rattle", "theta_midpoint", "rk4", "energy_momentum_4", "generalized_alpha")
 
 
@@ -41,7 +41,7 @@ class Scheme:
         return " ".join(parts)
 
     def stepper(self, model: Model, **settings: object) -> Stepper:
-        """Raises `SceneError` where the scheme refuses the model."""
+        """Raises `SceneError` if the scheme cannot run the model."""
         return make_stepper(model, self.integrator, self.solver, gamma=self.gamma, **settings)
 
 
@@ -59,9 +59,9 @@ def parse(text: str) -> Scheme:
 
 
 def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
-    """Every integrator; the main ones with every solver and in single precision too, unless `quick`.
+    """Every integrator; the main ones also with every solver and in single precision, unless `quick`.
 
-    In waves one of each kind: a step costs 50 times as much there, and the rest follows from calm scenes.
+    In waves one of each kind: a step costs 50 times as much there, and the others are known from calm scenes.
     """
     found = []
     if model.sea is not None and model.sea.waves is not None:
@@ -78,7 +78,7 @@ def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
 
 
 def runnable(schemes: list[Scheme], model: Model) -> tuple[list[Scheme], list[dict[str, str]]]:
-    """The schemes that run the model, and the others with their reasons."""
+    """The schemes that can run the model, and the others with their reasons."""
     good, refused = [], []
     for scheme in schemes:
         try:

@@ -1,4 +1,4 @@
-"""What kind of sea a scene has: its waves by the theories that hold for them, their breaking, its current."""
+"""Properties of the sea of a scene: waves by the valid theories, breaking, current."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from dropper_jax.sea.waves import Waves
 
 
 def sea_facts(scene: Scene) -> dict[str, Any]:
-    """Facts about the water of a scene: {depth_m, waves, current}; the last two None where there are none.
+    """Facts about the water of a scene: {depth_m, waves, current}; the last two may be None.
 
     Raises:
         ValueError: the scene has no sea.
     """
     spec = scene.sea
     if spec is None:
-        raise ValueError(f"scene {scene.name!r} has no [sea]; allowed: a scene with water")
+        raise ValueError(f"scene {scene.name!r} has no [sea]. Use a scene with water")
     return {"depth_m": spec.depth, "waves": _waves(spec), "current": _current(spec)}
 
 

@@ -1,7 +1,7 @@
 """Figures of the paper and the thesis that show a simulation, drawn from runs of this simulator alone.
 
-Which there are, and from which scenes, is the table `data/source_figures.toml`. The paper's compare two other programs;
-here is one curve, from the paper's start (the scenes `-table-6`).
+The table `data/source_figures.toml` lists the figures and their scenes. Figures of the paper compare two other
+programs; here they have one curve, from the paper's start (the scenes `-table-6`).
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from dropper_jax.run.simulate import Solution
 from dropper_jax.study import pictures
 from dropper_jax.study.convergence import convergence
 
-#: A buoy that moves by less than this [m] along an axis has no panel for it.
+#: Minimum motion [m] of a buoy along an axis with a panel.
 STILL = 1e-6
 #: Kinds of figures that need no run, and interval of their samples of time [s].
 WITHOUT_RUN, SAMPLES = ("profile", "elevation", "steps"), 0.05
 #: Interval of compared states [s] and steps [s] of a study of convergence.
 GRID, STEPS = 0.08, (0.08, 0.04, 0.02, 0.01, 0.005, 0.0025)
-#: Highest frequency of a spectrum [Hz]; the motions of the sources are slower.
+#: Maximum frequency of a spectrum [Hz]; the motions of the sources are slower.
 MOST_HZ = 6.0
 AXES = ("x", "y", "z")
 PAIR = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
@@ -56,8 +56,8 @@ class SourceFigure:
     """A figure of one of the sources, a row of the table, which describes the fields.
 
     Attributes:
-        name: as it is asked for, such as `paper-6`.
-        caption: what it shows.
+        name: name on request, such as `paper-6`.
+        caption: its description.
     """
 
     name: str
@@ -78,14 +78,14 @@ class SourceFigure:
 
 
 class Case(NamedTuple):
-    """One run of a figure: what tells it apart, and its key among all runs."""
+    """One run of a figure: its distinguishing values, and its key among all runs."""
 
     label: str
     key: tuple[str, tuple[float, ...], float | None]
 
 
 class Run(NamedTuple):
-    """A case that ran."""
+    """A completed case."""
 
     label: str
     solution: Solution
@@ -107,15 +107,15 @@ def figure_of(name: str) -> SourceFigure:
     """The figure of a name.
 
     Raises:
-        SceneError: there is none.
+        SceneError: unknown figure.
     """
     if name not in figures():
-        raise SceneError(f"figure: {name!r} is not one of them; {nearest(name, list(figures()))}")
+        raise SceneError(f"figure: {name!r} is unknown; {nearest(name, list(figures()))}")
     return figures()[name]
 
 
 def cases_of(figure: SourceFigure) -> list[Case]:
-    """The runs that a figure is drawn from; none for one without."""
+    """The runs of a figure; empty for one without runs."""
     if figure.kind in WITHOUT_RUN:
         return []
     cases = [(scene, pair) for scene in figure.scenes for pair in figure.pairs or ((),)]
@@ -139,11 +139,11 @@ def scene_of(name: str, pair: Sequence[float] = (), duration: float | None = Non
 def draw_figure(
     figure: SourceFigure, runs: Sequence[Run], path: str | Path, measured: Measured | None = None
 ) -> list[Path]:
-    """The figure as a picture; a pose at the surface as two, `FILE` from two sides and `FILE-3d` in space.
+    """Draw a figure; a configuration at the surface has two pictures, `FILE` from two sides and `FILE-3d` in space.
 
     Args:
-        runs: of its cases; none for a figure without.
-        measured: angles to lay over those of a scene with as many links, over the same span.
+        runs: of its cases; empty for a figure without runs.
+        measured: measured angles to overlay, for a scene with the same number of links and the same duration.
     """
     path = Path(path)
     if measured is not None and runs and measured[1].shape[1] != runs[0].solution.tension.shape[1]:
@@ -201,7 +201,7 @@ def elevation_at_origin(scene: Scene, times: np.ndarray) -> np.ndarray:
 
 
 def _angles(solution: Solution, measured: Measured | None) -> list[Panel]:
-    """A panel per link: simulated, and measured where that is given."""
+    """A panel per link: simulated, and measured if given."""
     panels = []
     for link in range(solution.tension.shape[1]):
         curves = [Curve("simulated" if measured else "", solution.t, solution.polar[:, link])]
@@ -272,7 +272,7 @@ def _angles_and_rates(figure: SourceFigure, run: Run) -> tuple[np.ndarray, np.nd
 
 
 def _each(figure: SourceFigure, run: Run) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
-    """Words for a link, name of an angle, its values and rates (k,) [rad], [rad/s], link by link."""
+    """Name of a link, name of an angle, its values and rates (k,) [rad], [rad/s], link by link."""
     angles, rates = _angles_and_rates(figure, run)
     for link in _numbers(figure, run.solution):
         for angle in figure.angles:
@@ -340,7 +340,7 @@ def _of_cases(
     return found
 
 
-#: Panels of curves, and how many stand next to each other, by kind.
+#: Panels of curves, and the number of columns, by kind.
 PANELS = {"phase": _phase, "history": _history, "plan": _plan, "curve": _curve, "spectrum": _spectrum}
 
 
@@ -381,7 +381,7 @@ def _steps(figure: SourceFigure, path: Path) -> Path:
 
 @cache
 def _compared_steps(scene: str, duration: float) -> list[dict[str, Any]]:
-    """Of one study, which two figures show."""
+    """The differences of one study, used in two figures."""
     return convergence(*build(scene_of(scene)), GRID, round(duration / GRID), list(STEPS))
 
 
@@ -396,7 +396,7 @@ def _profile(figure: SourceFigure, path: Path) -> Path:
     sea = build_model(scene_of(figure.scenes[0]), "float64").sea
     z = np.linspace(-float(sea.depth), 0.0, 121)
     positions = np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=-1)
-    # of a current that rises from slack water, what it rises to
+    # final speed of a current that rises from slack water
     flow = np.asarray(sea.stream(jnp.asarray(positions), jnp.asarray(1e6)))
     picture = style.new_figure(5.0, 5.2)
     axes = picture.subplots()

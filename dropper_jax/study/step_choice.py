@@ -16,27 +16,27 @@ from dropper_jax.study.errors import link_vectors, rms_angle
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.reference import trusted_span
 
-#: Most times at which the pilot's runs are compared; nearly always the same for steps h and h/2, so that they share
+#: Maximum number of times at which pilot runs are compared; nearly always equal for steps h and h/2, so that they share
 #: one compiled program.
 SAVES = 16
-#: Times at which two neighbouring runs are compared, to see where chaos begins.
+#: Number of times at which two neighbouring runs are compared to find the start of chaos.
 SPANS = 256
-#: A pilot's two runs are this many halvings apart: they differ by 3/4 (first order) or 15/16 (second) of the error.
+#: Halvings between the two pilot runs: they differ by 3/4 (first order) or 15/16 (second) of the error.
 STRIDE = 2
-#: Share of the tolerance that the estimate may use up: it is good to a factor, not exact.
+#: Fraction of the tolerance that the estimate may reach: it is accurate to a factor only.
 SAFETY = 0.8
-#: Most halvings of the scene's own step, and most steps of one pilot run.
+#: Maximum number of halvings of the scene's step, and of steps of one pilot run.
 HALVINGS, MOST_STEPS = 12, 100_000
 
 
 @dataclass(frozen=True)
 class StepChoice:
-    """A step and what it is worth.
+    """A step and its estimated error.
 
     Attributes:
         dt: the step [s].
         estimate: RMS angle between the links of the run and of the exact motion [rad], up to `until`.
-        until: time up to which the estimate holds [s]: later, chaos has amplified any error 100 times.
+        until: time up to which the estimate is valid [s]: later, chaos has amplified any error 100 times.
     """
 
     dt: float
@@ -50,8 +50,8 @@ class StepChoice:
 def choose_step(scene: Scene, tolerance: float) -> StepChoice:
     """The largest of the scene's step times 2^k (k whole) whose estimated error meets `tolerance` [rad].
 
-    Each candidate h is compared with a run of h/4; the error of h is their difference over `1 - 4^-p`, p the order
-    seen. Candidates are powers of two of the scene's own step, so that releases and tables stay on whole steps.
+    Each candidate h is compared with a run of h/4; the error of h is their difference over `1 - 4^-p`, p the observed
+    order. Candidates are the scene's step times powers of two, so that releases and tables stay on whole steps.
 
     Raises:
         SceneError: a tolerance that no step down to 2^-12 of the scene's meets.
@@ -65,8 +65,8 @@ def choose_step(scene: Scene, tolerance: float) -> StepChoice:
         k -= 1
         if not pilot.affordable(k):
             raise SceneError(
-                f"tolerance: {tolerance:g} rad is not reached with {pilot.dt(k + 1):.3g} s, which leaves "
-                f"{error:.2g} rad; allowed: more than that, or another integrator"
+                f"tolerance: {tolerance:g} rad is not reached with {pilot.dt(k + 1):.3g} s, whose error is "
+                f"{error:.2g} rad. Use a larger tolerance or another integrator"
             )
         error = pilot.error(k)
     while k >= 0 and pilot.sensible(k + 1) and (larger := pilot.error(k + 1)) <= SAFETY * tolerance:
@@ -75,13 +75,13 @@ def choose_step(scene: Scene, tolerance: float) -> StepChoice:
 
 
 def estimate_error(scene: Scene) -> StepChoice:
-    """The same estimate for the scene's own step."""
+    """The same estimate for the step of the scene."""
     pilot = _Pilot(scene)
     return StepChoice(pilot.dt(0), pilot.error(0), pilot.until)
 
 
 class _Pilot:
-    """Runs of one scene with steps `h 2^k` up to the time where errors stop meaning something; each is made once."""
+    """Runs of one scene with steps `h 2^k` up to the time at which errors lose their meaning; each is run once."""
 
     def __init__(self, scene: Scene) -> None:
         run = scene.run
@@ -102,7 +102,7 @@ class _Pilot:
         return self.dt(k) <= self.until / 8
 
     def error(self, k: int) -> float:
-        """Estimated error of the step `h 2^k` [rad], infinite where its run fails."""
+        """Estimated error of the step `h 2^k` [rad], infinite if its run fails."""
         coarse, fine = self._run(k, k), self._run(k - STRIDE, k)
         if coarse is None or fine is None:
             return math.inf
@@ -131,7 +131,7 @@ class _Pilot:
 
 
 def _until(stepper: Stepper, model: Model, s: State, duration: float, dt: float) -> float:
-    """Time [s] up to which errors say something about the step, on whole steps."""
+    """Time [s] up to which errors characterise the step, on whole steps."""
     grid = dt * max(1, int(duration / dt / SPANS))
     span, _ = trusted_span(model, s, duration, dt, grid, stepper)
     return max(span, 2 * dt)

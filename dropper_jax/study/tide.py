@@ -1,4 +1,4 @@
-"""Poses at rest through a tidal cycle: how far the line is carried, and what it pulls on its held points."""
+"""Equilibria through a tidal cycle: displacement of the line, and its force on the fixed points."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ def cycle_times(scene: Scene, count: int) -> np.ndarray:
         return np.linspace(0.0, max(periods), count)
     if spans:
         return np.linspace(min(s[0] for s in spans), max(s[-1] for s in spans), count)
-    raise SceneError("--tide: neither sea.current nor sea.level changes with time; allowed: a scene where one does")
+    raise SceneError("--tide: neither sea.current nor sea.level changes with time. Use a scene in which one does")
 
 
 def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
-    """Poses at rest at times of a cycle, each on its own: the line is taken to follow the tide at once.
+    """Independent equilibria at times of a cycle: the line is assumed to follow the tide without delay.
 
     Returns:
         {rows, slack, slack_status}: per time {t_s, level_m, speed_m_per_s, status, moved_m, line_moved_m, held_load_n,
-        anchor_utilisation (of points with an `[[anchor]]`: load over what is held)};
+        anchor_utilisation (of points with an `[[anchor]]`: load over capacity)};
         `slack` are the positions (nodes, 3) [m] without a current at the mean level, `moved_m` and `line_moved_m` the
-        horizontal ways from there of the farthest node of all and of each line.
+        maximum horizontal displacements from there of all nodes and of the nodes of each line.
     """
     model = build_model(scene)
     loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
@@ -66,7 +66,7 @@ def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
 
 
 def _speed(sea: Any, t: float) -> float:
-    """Speed of the current at the surface [m/s], negative where it has turned."""
+    """Speed of the current at the surface [m/s], negative after the current has turned."""
     if sea.current is None:
         return 0.0
     factor = float(sea.current.scale(jnp.asarray(t)))

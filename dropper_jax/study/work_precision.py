@@ -23,15 +23,15 @@ from dropper_jax.study.march import Marched, grid_program, grid_run, march_held,
 from dropper_jax.study.reference import Reference
 from dropper_jax.study.schemes import Scheme
 
-#: An error counts as measured where it is this many times the reference's own.
+#: Minimum ratio of a measured error to that of the reference.
 RESOLVED = 100.0
-#: A run that would take longer than this [s] is left out; finer steps then too.
+#: A run that would take longer than this [s] is left out, as are finer steps.
 BUDGET = 4.0
-#: Timed runs, fewer where they have taken so long together [s].
+#: Number of timed runs, and the total time [s] after which no more are run.
 REPEATS, LONG_ENOUGH = 3, 0.2
-#: Errors of a step that schemes which hold their own are run with, in place of steps.
+#: Error tolerances of error-controlled schemes, instead of steps.
 TOLERANCES = tuple(10.0 ** (-0.5 * k) for k in range(4, 24))
-#: A failed run has no errors and no speed: its numbers would mean nothing.
+#: A failed run has no errors and no speed, since these values would be meaningless.
 NOTHING = {
     "rms_angle_error_rad": None,
     "rms_position_error_m": None,
@@ -53,15 +53,15 @@ def measure(
     pick: Callable[[list[float]], float] = statistics.median,
     retry: bool = True,
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Rows of all schemes and steps, and what was left out for its run time.
+    """Rows of all schemes and steps, and runs left out because of their run time.
 
-    Schemes that hold their own error are run at `TOLERANCES`; their `dt` is the mean step.
+    Error-controlled schemes are run at `TOLERANCES`; their `dt` is the mean step.
 
     Args:
         model, s: in float64.
         dts: steps [s]; each is moved to the nearest that divides the reference's grid.
         repeats, pick: timed runs of each, and which of their wall times counts (the median).
-        retry: halve steps that resist, as `simulate` does; else a run with such a step is `not_converged`.
+        retry: halve steps that do not converge, as `simulate` does; else a run with such a step is `not_converged`.
     """
     rows, skipped = [], []
     for i, scheme in enumerate(schemes):
@@ -137,7 +137,7 @@ def _held_row(
     repeats: int,
     pick: Callable[[list[float]], float],
 ) -> dict[str, Any]:
-    """The row of a scheme that holds its own error."""
+    """The row of an error-controlled scheme."""
     again = partial(march_held, stepper, model, s, target.grid, tolerance, len(target.t))
     found = jax.tree.map(np.asarray, again())
     status = status_of(found.run, stepper)
@@ -162,7 +162,7 @@ def _single(x: ArrayLike) -> ArrayLike:
 
 
 def _walls(run: Callable[[], Any], repeats: int) -> list[float]:
-    """Wall times of runs [s], compiled before; few where they are long."""
+    """Wall times of compiled runs [s]; only a few if they are long."""
     times = []
     for _ in range(repeats):
         started = time.perf_counter()
@@ -174,7 +174,7 @@ def _walls(run: Callable[[], Any], repeats: int) -> list[float]:
 
 
 def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: Reference) -> dict[str, Any]:
-    """Errors of a run on the reference's grid, its energy drift and what damping that drift is worth."""
+    """Errors of a run on the reference's grid, its energy drift and the damping equivalent to this drift."""
     links = link_vectors(model, run.r, target.t)
     angle = rms_angle(links, target.links)
     loss = energy_loss(model, s, run, target.t)
@@ -190,7 +190,7 @@ def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: R
 
 
 def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarray:
-    """Energy that left unaccounted since the start (k,) [J]: energies of the raw velocities, less all counted work."""
+    """Energy balance error since the start (k,) [J]: energies of the raw velocities minus all counted work."""
 
     wide = lambda x: np.asarray(x, model.dtype)  # noqa: E731
     energies = np.asarray(_energies(model, wide(run.r), wide(run.v), wide(t)))

@@ -1,4 +1,4 @@
-"""Which frames a page shows: enough of them for the waves, and where a run is too long for that, a part of it."""
+"""Frames of a page: enough to resolve the waves; only a part of a run that is too long for that."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from dropper_jax.plots.run import Run
 from dropper_jax.plots.series import cycle
 from dropper_jax.sea import Sea
 
-#: Frames of the lines and of the surface in a wave: between them the page draws straight lines in time.
+#: Frames per wave period of the lines and of the surface, between which the page interpolates linearly.
 IN_A_WAVE, OF_SURFACE = 8, 10
-#: Most frames of the surface [-], and least in a run.
+#: Maximum and minimum number of frames of the surface.
 SURFACE_FRAMES, LEAST_FRAMES = 3750, 60
-#: Time over which the waves' mean period is counted [s], and the samples for that.
+#: Time over which the mean period of the waves is counted [s], and the number of samples.
 COUNTED, SAMPLES = 600.0, 2400
 
 
 class Shown(NamedTuple):
-    """Samples of the run that are shown, times of the surface [s], and what is to be said about them."""
+    """Shown samples of the run, times of the surface [s], and notes about them."""
 
     frames: np.ndarray
     surface: np.ndarray
@@ -29,9 +29,9 @@ class Shown(NamedTuple):
 
 
 def choose_samples(run: Run, sea: Sea | None, most: int) -> Shown:
-    """At most `most` samples, evenly; in waves no further apart than an eighth of their mean period.
+    """At most `most` evenly spaced samples; in waves at least eight per mean period.
 
-    A run that is too long for that is shown in part, around its largest tension.
+    Only a part of a longer run is shown, around its maximum tension.
     """
     t = run.t
     period = 0.0 if sea is None else wave_period(sea, run)
@@ -41,16 +41,18 @@ def choose_samples(run: Run, sea: Sea | None, most: int) -> Shown:
         peak = t[int(np.argmax(np.nan_to_num(run.max_tension).max(axis=1)))]
         begin = min(max(peak - span / 2, t[0]), t[-1] - span)
         first, last = int(np.searchsorted(t, begin)), int(np.searchsorted(t, begin + span, side="right")) - 1
-        notes.append(f"shown: {t[first]:.4g} to {t[last]:.4g} s of {t[-1]:.4g} s, around the largest tension")
+        notes.append(f"shown: {t[first]:.4g} to {t[last]:.4g} s of {t[-1]:.4g} s, around the maximum tension")
     frames = first + even(last - first + 1, most)
     gap = float(np.diff(t[frames]).max(initial=0.0))
     if period > 0.0 and gap > 2.0 * period / IN_A_WAVE:
-        notes.append(f"saved every {gap:.3g} s in waves of {period:.3g} s: the lines' motion in between is not known")
+        notes.append(
+            f"saved every {gap:.3g} s in waves of {period:.3g} s: the motion of the lines in between is not known"
+        )
     return Shown(frames, _surface_times(t[first], t[last], period), tuple(notes))
 
 
 def _surface_times(begin: float, end: float, period: float) -> np.ndarray:
-    """Times of the surface [s], a tenth of a wave apart."""
+    """Times of the surface [s], ten per wave period."""
     if period == 0.0 or end <= begin:
         return np.linspace(begin, end, 2 if end > begin else 1)
     count = int(np.ceil((end - begin) * OF_SURFACE / period)) + 1
@@ -67,11 +69,11 @@ def wave_period(sea: Sea, run: Run) -> float:
 
 
 def elevation(sea: Sea, positions: np.ndarray, times: np.ndarray) -> jax.Array:
-    """Elevation (q, m) [m] over places (m, 3) [m] at times (q,) [s]."""
+    """Elevation (q, m) [m] over positions (m, 3) [m] at times (q,) [s]."""
     find = jax.jit(lambda r, t: jax.lax.map(lambda one: sea.elevation(r, one), t))
     return find(jnp.asarray(positions), jnp.asarray(times))
 
 
 def even(count: int, most: int) -> np.ndarray:
-    """At most `most` of `count` samples, evenly, the first and the last included."""
+    """At most `most` of `count` samples, evenly spaced, including the first and the last."""
     return np.unique(np.rint(np.linspace(0, count - 1, min(count, most))).astype(int))

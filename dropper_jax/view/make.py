@@ -24,19 +24,19 @@ from dropper_jax.sea import Sea
 from dropper_jax.view.frames import choose_samples
 from dropper_jax.view.frames import elevation as _elevation
 
-#: Frames of a page; a longer run is thinned evenly, so that the file stays a few MB and scrubbing smooth.
+#: Maximum number of frames of a page; a longer run is thinned, which keeps the file at a few MB and scrubbing smooth.
 FRAMES = 3000
 #: Points per side of the water surface.
 SURFACE_POINTS = 19
-#: Half width of the surface in sizes of the line's motion.
+#: Half width of the surface in sizes of the motion of the line.
 SURFACE_REACH = 0.9
-#: The same of the bed, and its points per side.
+#: Half width of the seabed in the same unit, and its points per side.
 BED_REACH, BED_POINTS = 0.75, 13
 COLOURS = 33
 
 
 def write_view(solution: Solution, path: str | Path, other: Solution | None = None) -> Path:
-    """Write the page of a solution, or of two side by side, whole or not at all."""
+    """Write the page of a solution, or of two side by side, atomically."""
     return atomic_write(path, view_page(solution) if other is None else pair_page(solution, other))
 
 
@@ -51,12 +51,12 @@ def pair_page(first: Solution, second: Solution) -> str:
 
 
 def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> str:
-    """The page as text: lines of nodes and links coloured by tension, their held ends, and water where there is some.
+    """The page as text: lines of nodes and links coloured by tension, their fixed ends, and water if the scene has any.
 
-    Times [s], positions [m] and tensions [N] are float32: what the eye sees, not what a calculation needs.
+    Times [s], positions [m] and tensions [N] are float32, which is sufficient for display, but not for calculations.
 
     Args:
-        limits: tensions [N] at the ends of the colours; None: the run's own.
+        limits: tensions [N] at the ends of the colours; None: the range of the run.
     """
     run = readable(solution)
     # `<` would let a scene's name end the script element
@@ -65,13 +65,13 @@ def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> 
 
 
 def _fill_page(name: str, **parts: str) -> str:
-    """A page with its marks `/*NAME*/` replaced, each once: what is put in may hold such marks itself."""
+    """A page with its marks `/*NAME*/` replaced once: the inserted text may contain such marks."""
     pieces = re.split(r"/\*([A-Z]+)\*/", _part(name))
     return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces))
 
 
 def _script() -> str:
-    """The page's program: its files one after another, those that others use at once before them."""
+    """The program of the page: its files in the order of their dependencies."""
     head, body = _part("view.js").split("// --- samples between frames", 1)
     return "\n".join(
         [head, _part("pick.js"), _part("solid.js"), _part("pair.js"), "// --- samples between frames" + body]
@@ -117,7 +117,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> d
 
 
 def _held_nodes(solution: Solution, run: Run) -> list[int]:
-    """Nodes that are held: of one line the first, and the last where its point is not free; of a system its points."""
+    """Fixed nodes: of one line the first, and the last if its point is not free; of a system its fixed points."""
     if run.scene is not None:
         return list(run.held)
     line = solution.scene.lines[0]
@@ -126,7 +126,7 @@ def _held_nodes(solution: Solution, run: Run) -> list[int]:
 
 
 def _bed_grid(run: Run) -> dict[str, Any] | None:
-    """Places of a grid and the height [m] of the bed over it; None for a single line or without a bed."""
+    """Positions of a grid and the height [m] of the seabed there; None for a single line or without a seabed."""
     if run.scene is None:
         return None
     low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
@@ -141,13 +141,13 @@ def _bed_grid(run: Run) -> dict[str, Any] | None:
 
 
 def _round_step(least: float) -> float:
-    """The least of 1, 2, 5 times a power of ten that is not below `least`."""
+    """The smallest number of the series 1, 2, 5 times a power of ten that is not below `least`."""
     power = 10.0 ** np.floor(np.log10(least))
     return float(next(n * power for n in (1, 2, 5, 10) if n * power >= least * (1 - 1e-9)))
 
 
 def _diameter(solution: Solution) -> list[float] | None:
-    """Diameter of each link [m]; None where a line has none."""
+    """Diameter of each link [m]; None if a line has no diameter."""
     found = [line.diameter for line in solution.scene.lines]
     return None if any(d is None for d in found) else np.concatenate(found).tolist()
 
@@ -163,7 +163,7 @@ def _pack(values: np.ndarray) -> str:
 
 
 def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
-    """Depth, a square grid of places and the elevation over it at times [s], in whole steps of `step` [m]."""
+    """Depth, a square grid of positions and the elevation there at times [s], in whole steps of `step` [m]."""
     low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
     reach = SURFACE_REACH * max(float((high - low).max()), 1.0)
     x, y = (np.linspace(m - reach, m + reach, SURFACE_POINTS) for m in 0.5 * (low + high)[:2])
@@ -183,7 +183,7 @@ def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
 
 
 def body_data(bodies: Bodies | None, kept: np.ndarray) -> dict[str, Any] | None:
-    """Plain values of the bodies at the frames that are kept; None without any.
+    """Plain values of the bodies at the selected frames; None without any.
 
     `poses` has for each frame and body its reference point [m] and its axes, row by row: 12 numbers, float32.
     """

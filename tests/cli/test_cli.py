@@ -355,7 +355,7 @@ def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, capsys
     assert main(["run", str(scene), "--errors", "--skip", "0.02", "--quiet"]) == 0
     shown = capsys.readouterr().out
     assert "+-" in shown
-    assert "errors: of the step and of the links together" in shown
+    assert "errors of step and links together" in shown
     assert main(["run", str(scene), "--errors", "--quiet", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["load_errors"]
     assert set(found) == {"loads", "chaotic", "horizon_s", "not_resolved", "left_out"}
@@ -368,8 +368,8 @@ def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, capsys
         (["--errors", "--skip", "0.1"], "--skip: 0.1 is out of range"),
         (["--errors", "--skip", "-1"], "--skip: -1 is out of range"),
         (["--errors", "--skip", "nan"], "--skip: nan is out of range"),
-        (["--errors", "--skip", "0.09"], "allowed: a run with at least 3"),
-        (["--skip", "0.02"], "allowed: beside --errors"),
+        (["--errors", "--skip", "0.09"], "needed: at least 3"),
+        (["--skip", "0.02"], "can only be left out together with --errors"),
     ],
 )
 def test_a_skip_that_leaves_nothing_or_belongs_to_nothing_is_refused(options, said, tmp_path, capsys):

@@ -110,7 +110,7 @@ def test_figures_of_the_sources_are_named_and_their_scenes_are_there():
     damped = scene_of(*cases_of(figure_of("thesis-8.21"))[1].key).effects
     assert float(np.max(damped["linear_damping"]["b_l"])) == 0.002
     assert [case.label for case in cases_of(figure_of("thesis-8.14"))][2] == "b_l = 0.01, b_q = 0.03"
-    with pytest.raises(SceneError, match=r"figure: 'paper-5' is not one of them.*paper-1?5"):
+    with pytest.raises(SceneError, match=r"figure: 'paper-5' is unknown.*paper-1?5"):
         figure_of("paper-5")
 
 

@@ -81,7 +81,7 @@ def test_what_nothing_could_be_kept_of_leaves_no_folder_behind(tmp_path):
     (tmp_path / "tmp").mkdir()
     run = f"dropper run conical-pendulum --duration 1 --no-step-check --quiet --out {tmp_path}/run.npz"
     done = shell(f"ulimit -f 4; {run}", TMPDIR=str(tmp_path / "tmp"))
-    assert "cannot be written: File too large; nothing could be kept" in done.stderr
+    assert "cannot be written: File too large; the run could not be saved" in done.stderr
     assert [path.name for path in tmp_path.rglob("*")] == ["tmp"]
 
 
@@ -221,7 +221,7 @@ def test_a_killed_run_is_kept_up_to_its_last_whole_piece(tmp_path, monkeypatch):
     with pytest.raises(SystemError):
         dj.simulate("conical-pendulum", dt=0.01, duration=2.0, scratch=folder)
     told = recover(out)
-    assert told == [f"{out}: from a run that was killed; the piece after t = 0.2 s is lost"]
+    assert told == [f"{out}: from a run that was killed; the part after t = 0.2 s is lost"]
     found, whole = load_run(out), dj.simulate("conical-pendulum", dt=0.01, duration=2.0)
     assert found.status == "interrupted"
     np.testing.assert_array_equal(found.positions, whole.positions[:21])

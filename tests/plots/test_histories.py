@@ -102,7 +102,7 @@ def test_a_run_in_which_nothing_moves_has_no_pictures_of_motion(longline, tmp_pa
     names = {path.stem for path in draw(solution, tmp_path / "plots")}
     assert names.isdisjoint({"motion", "phase", "spectrum", "response"})
     assert {"snapshot", "tension", "angles", "surface"} <= names
-    assert "nothing moves" in capsys.readouterr().err
+    assert "no motion" in capsys.readouterr().err
 
 
 def test_of_two_curves_that_coincide_the_later_is_dashed():

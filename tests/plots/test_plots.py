@@ -262,7 +262,7 @@ def test_a_colour_bar_shows_where_it_ends_below_the_largest_tension():
     """Of 1000 tensions 1, 2, ..., 1000 the colours end at the 1st and 99th percentile."""
     tension = np.arange(1.0, 1001.0)
     for values, extend, label in (
-        (tension, "both", "tension [N], largest 1000"),
+        (tension, "both", "tension [N], maximum 1000"),
         (np.ones(2), "neither", "tension [N]"),
     ):
         figure = matplotlib.figure.Figure()

@@ -73,7 +73,7 @@ def test_a_run_that_went_bad_is_reported_up_to_there_and_says_so(longline):
     (run,) = found["runs"]
     assert found["status"] == "non_finite"
     assert run["to_s"] == pytest.approx(3.9)
-    assert any("bad from t = 4" in note for note in run["notes"])
+    assert any("invalid from t = 4" in note for note in run["notes"])
     assert np.isfinite(run["tension"][0]["max_n"]).all()
     solution.positions[1:] = np.nan
     with pytest.raises(SceneError, match="good samples"):
@@ -143,10 +143,10 @@ def test_report_of_a_failed_run_exits_with_3_and_says_why(longline, tmp_path, ca
         (["missing.npz"], "missing.npz: cannot be read"),
         (["text.npz"], "text.npz: not a saved run"),
         (["run.npz", "run.npz"], "given twice"),
-        (["run.npz", "other.npz"], "its lines are not those of"),
+        (["run.npz", "other.npz"], "its lines differ from those of"),
         (["run.npz", "--curve-k", "0"], "--curve-k: 0 is out of range"),
         (["run.npz", "--skip", "-1"], "--skip: -1 is out of range"),
-        (["run.npz", "--skip", "100"], "allowed: a run with at least 3"),
+        (["run.npz", "--skip", "100"], "needed: at least 3"),
         (["run.npz", "--snap", "1", "--slack", "2"], "--snap: 1 is not above --slack"),
         (["run.npz", "--confidence", "1"], "--confidence: 1 is out of range"),
         (["run.npz", "--every", "0"], "--every: 0"),

@@ -85,7 +85,7 @@ def test_ten_lines_and_lines_unlike_each_other_have_no_parts():
     assert parts(*ten) == {"skipped": "ten lines or fewer"}
     unlike = [loaded(name, 1.0, 1.0, None, 0, None) for name in "abcdefghijk"]
     found = parts(*map(list, zip(*unlike, strict=True)))
-    assert found == {"skipped": "no lines whose names differ in their numbers alone"}
+    assert found == {"skipped": "no lines whose names differ only in their numbers"}
     assert parts_text(found) == []
 
 

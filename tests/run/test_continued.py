@@ -110,12 +110,12 @@ def test_what_cannot_go_on_is_told_in_one_line(half, tmp_path, capsys):
     ask = lambda *argv, **last: told(half, tmp_path, capsys, *argv, **last)  # noqa: E731
     assert "lacks 'last_carry_state_v'" in ask(last_carry_state_v=None)
     assert "float64[2, 3]; allowed: float64[1, 3]" in ask(last_carry_state_r=np.zeros((2, 3)))
-    assert "infinite or undefined values in 'last_row_r'" in ask(last_row_r=np.full((1, 3), np.nan))
+    assert "non-finite values in 'last_row_r'" in ask(last_row_r=np.full((1, 3), np.nan))
     assert "is of another scene" in ask("double-pendulum-chaotic")
     assert "differs from 'conical-pendulum-damped' in line.0" in ask("--set", "line.0.mass=0.7")
     assert "run.integrator" in ask("--integrator", "rk4")
     assert "shorter than the step" in ask("--duration", "0.001")
-    assert "holds no last state" in ask(**dict.fromkeys(half.last))
+    assert "has no final state" in ask(**dict.fromkeys(half.last))
     assert main(["run", "--continue", str(tmp_path / "none.nc")]) == 2
     assert main(["run", "--quiet"]) == 2
 
@@ -123,10 +123,10 @@ def test_what_cannot_go_on_is_told_in_one_line(half, tmp_path, capsys):
 def test_a_run_that_failed_does_not_go_on(half):
     bad = {"step": 7, "time_s": 0.07, "residual": 1.0, "reason": "of a test"}
     failed = dataclasses.replace(half, status="not_converged", first_bad=bad)
-    with pytest.raises(SceneError, match=r"the run to go on from failed, not_converged: step 7"):
+    with pytest.raises(SceneError, match=r"the run to continue failed, not_converged: step 7"):
         failed.continued()
 
 
 def test_a_continued_run_is_not_run_again_from_its_start(half):
-    with pytest.raises(SceneError, match=r"rerun: this run went on from another run at 0\.5 s"):
+    with pytest.raises(SceneError, match=r"rerun: this run continued another run at 0\.5 s"):
         half.continued(0.05).rerun()

@@ -113,7 +113,7 @@ def test_a_caller_may_go_on_in_its_own_arrays(coupled):
 def test_a_step_that_fails_says_so_and_leaves_the_state(coupled):
     coupled.init()
     before, still = steps(coupled, 1), np.zeros((2, 3))
-    with pytest.raises(SimulationError, match=r"^(not_converged|non_finite): the step to t = 0\.05 s, 3 steps"):
+    with pytest.raises(SimulationError, match=r"^(not_converged|non_finite): the step to t = 0\.05 s, 3 inner steps"):
         coupled.step([[0, 0, 0], [1e200, 0, 0]], still, 0.025, still)
     assert coupled.status in ("not_converged", "non_finite")
     assert coupled.failure.startswith(coupled.status)
@@ -137,17 +137,17 @@ def test_input_that_makes_no_sense_is_refused(coupled):
     for message, given in wrong.items():
         with pytest.raises(SceneError, match=message):
             coupled.step(*given)
-    with pytest.raises(SceneError, match="has not begun"):
+    with pytest.raises(SceneError, match="not initialised"):
         dj.Coupled(LOOP, points=ENDS).step(places, still, 0.1)
     for points, message in (
         (None, "points: missing; needed"),
         (["lefd"], "did you mean 'left'"),
-        (["left", "left"], "is there twice"),
+        (["left", "left"], "is a duplicate"),
         ([], "points: is empty"),
     ):
         with pytest.raises(SceneError, match=message):
             dj.Coupled(LOOP, points=points)
-    with pytest.raises(SceneError, match="move already by an effect"):
+    with pytest.raises(SceneError, match="already moved by an effect"):
         dj.Coupled(moved(), points=ENDS).init()
     with pytest.raises(SceneError, match="chooses its own steps"):
         dj.Coupled(dj.load_scene(LOOP).with_values({"run.step_tolerance": 0.1}), points=ENDS).init()

@@ -57,4 +57,4 @@ print(json.dumps([run.settings["dtype"], str(run.positions.dtype), *run.warnings
 """
     dtype, array, *warnings = as_a_user(code)
     assert dtype == array == "float32"
-    assert any("run.dtype: float64 was asked for, but JAX computes in float32" in text for text in warnings)
+    assert any("run.dtype: float64 was requested, but JAX computes in float32" in text for text in warnings)

@@ -37,7 +37,7 @@ def moored(**motion):
 
 @pytest.mark.parametrize(
     ("z", "said"),
-    [(-2.5, []), (-7.5, ["under water"]), (-29.0, ["under water", "on the bed"])],
+    [(-2.5, []), (-7.5, ["under water"]), (-29.0, ["under water", "on the seabed"])],
 )
 def test_buoys_under_water_or_on_the_bed_are_remarked(z, said):
     positions = np.zeros((5, 3))

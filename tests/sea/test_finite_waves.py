@@ -206,12 +206,12 @@ def test_low_waves_are_linear_ones():
 @pytest.mark.parametrize(
     ("waves", "start"),
     [
-        ({"height": 9.0, "period": 7.0}, "sea.waves.height: 9 m is beyond breaking or next to it; allowed: below 6.4"),
-        ({"height": 1.0, "amplitude": 0.5, "period": 7.0}, "sea.waves.height: given beside `amplitude`"),
-        ({"height": 1.0, "length": 50.0, "period": 7.0}, "sea.waves.length: given beside `period`"),
+        ({"height": 9.0, "period": 7.0}, "sea.waves.height: 9 m is at or above breaking; allowed: below 6.4"),
+        ({"height": 1.0, "amplitude": 0.5, "period": 7.0}, "sea.waves.height: cannot be combined with `amplitude`"),
+        ({"height": 1.0, "length": 50.0, "period": 7.0}, "sea.waves.length: cannot be combined with `period`"),
         ({"height": 1.0}, "sea.waves.period: missing"),
         ({"height": -1.0, "period": 7.0}, "sea.waves.height: -1.0 is out of range"),
-        ({"amplitude": 0.0, "period": 7.0}, "sea.waves.amplitude: 0.0 is no wave"),
+        ({"amplitude": 0.0, "period": 7.0}, "sea.waves.amplitude: 0.0 is not a wave"),
         ({"height": 1.0, "period": 7.0, "theory": "strem"}, "sea.waves.theory: 'strem' is unknown; did you mean"),
         (
             {"height": 1.0, "period": 7.0, "theory": "auto", "order": 9},
@@ -221,10 +221,13 @@ def test_low_waves_are_linear_ones():
             {"height": 1.0, "period": 7.0, "theory": "linear", "current_criterion": "stokes"},
             "sea.waves.current_criterion: 'stokes' is not used by theory 'linear'",
         ),
-        ({"height": 1.0, "period": 7.0, "interpolation": "grid"}, "sea.interpolation: 'grid' does not serve waves of"),
+        (
+            {"height": 1.0, "period": 7.0, "interpolation": "grid"},
+            "sea.interpolation: 'grid' cannot be combined with waves of",
+        ),
         (
             {"height": 1.0, "period": 7.0, "wave_current": "action", "current": {"speed": 0.1}},
-            "sea.wave_current: 'action' does not serve waves of theory 'stream'",
+            "sea.wave_current: 'action' cannot be combined with waves of theory 'stream'",
         ),
     ],
 )

@@ -94,7 +94,7 @@ BAD = [
     (changed(sea__waves={"kind": "spectrum", "hs": 1.0}), "sea.waves.tp: missing"),
     (changed(sea__waves={"kind": "components", "amplitude": [1.0, 1.0], "period": [3.0]}), "sea.waves.period: [3.0]"),
     (changed(sea__current={"kind": "table", "heights": [0.0]}), "sea.current: `heights` and `velocities` belong"),
-    (changed(sea__interpolation="grid", sea__stretching="none"), "sea.interpolation: 'grid' cannot serve this sea"),
+    (changed(sea__interpolation="grid", sea__stretching="none"), "sea.interpolation: 'grid' does not support this sea"),
     (
         changed(sea__current={"speed": -4.0}, sea__wave_current="doppler", sea__waves__period=3.0),
         "sea.wave_current: the current stops 1 of 1 wave components, the first of period 3 s",

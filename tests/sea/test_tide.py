@@ -71,7 +71,7 @@ def test_a_veering_current_turns_with_depth():
 
 
 BAD = [
-    ({"level": {"offset": -30.0}}, "sea.level: falls to -30 m, below the bed; allowed: above -20 m"),
+    ({"level": {"offset": -30.0}}, "sea.level: falls to -30 m, below the seabed; allowed: above -20 m"),
     ({"level": {"amplitude": [1.0]}}, "sea.level.period: missing; constituents need"),
     ({"level": {"amplitude": [1.0], "period": [1.0, 2.0]}}, "sea.level.period: has 2 entries; allowed: 1"),
     ({"level": {"amplitude": [1.0], "period": [-1.0]}}, "sea.level.period: -1 is out of range"),
@@ -79,7 +79,7 @@ BAD = [
     ({"level": {"heigth": [0.0]}}, "sea.level.heigth: unknown key; did you mean 'height'?"),
     (
         {"current": {"speed": 1.0, "time": [0, 1], "factor": [0, 1], "amplitude": [1.0], "period": [9.0]}},
-        "sea.current.amplitude: given beside `time`",
+        "sea.current.amplitude: cannot be combined with `time`",
     ),
     (
         {"current": {"kind": "table", "heights": [-9, 0], "velocities": [[0, 0, 0]] * 2, "veer": 0.1}},

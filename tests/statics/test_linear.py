@@ -44,7 +44,7 @@ def test_a_mass_between_two_springs_answers_as_one_oscillator():
     assert abs(seen.moves[1, 0, 0]) == pytest.approx(x, rel=1e-3)  # internal damping turns it a little
     np.testing.assert_allclose(np.abs(seen.tension[1]), [k * x, k * (moved - x)], rtol=2e-2)
     assert found.held == ("a", "b")
-    with pytest.raises(dj.SceneError, match="motion: 'c' is no held point"):
+    with pytest.raises(dj.SceneError, match="motion: 'c' is not a fixed point"):
         found.response(w, {"c": [1.0, 0.0, 0.0]})
     with pytest.raises(dj.SceneError, match=r"line.axial.law: 'rigid'"):
         dj.linearised("string")

@@ -84,7 +84,7 @@ def test_sample_systems_are_as_stiff_as_moorpy_says(name):
 
 def test_what_is_no_point_or_not_held_is_named(wire):
     model, pose = wire
-    with pytest.raises(dj.SceneError, match="points: 'midle' is no point of the scene; did you mean 'middle'"):
+    with pytest.raises(dj.SceneError, match="points: 'midle' is not a point of the scene; did you mean 'middle'"):
         mooring_stiffness(model, pose.state, ["midle"])
     with pytest.raises(dj.SceneError, match="points: 'b' is given twice"):
         mooring_stiffness(model, pose.state, ["b", "b"])

@@ -113,5 +113,5 @@ def test_what_has_no_way_back_is_refused():
     with pytest.raises(SceneError, match="a single line; allowed: systems of lines"):
         check_recordable(make_stepper(model), model)
     model = build_model(load_scene("looped-longline").with_values({"parameters.loops": 1}))
-    with pytest.raises(SceneError, match="'rk4' has no way back; allowed: energy_momentum"):
+    with pytest.raises(SceneError, match="'rk4' has no backward pass; allowed: energy_momentum"):
         check_recordable(make_stepper(model, "rk4"), model)

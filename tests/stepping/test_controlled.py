@@ -182,13 +182,13 @@ def test_motion_without_bounds_is_no_success():
         ("dropper-current", {}, "the scene has added mass; use energy_momentum"),
         ("measured-single-pendulum", {}, "use energy_momentum"),
         ("dropper-release-a", {"run.solver": "dense"}, "run.solver: 'dense' is given, but integrator 'dop853'"),
-        ("dropper-release-a", {"run.step_tolerance": 0.1}, "holds its own error; use run.error_tolerance"),
-        ("dropper-release-a", {"run.error_tolerance": 1e-15}, "is below what float64 resolves"),
+        ("dropper-release-a", {"run.step_tolerance": 0.1}, "controls its own error; use run.error_tolerance"),
+        ("dropper-release-a", {"run.error_tolerance": 1e-15}, "is below the resolution of float64"),
         ("dropper-release-a", {"run.error_tolerance": 0.0}, "run.error_tolerance: 0.0 is out of range"),
         (
             "dropper-release-a",
             {"run.integrator": "rattle", "run.error_tolerance": 1e-6},
-            "integrator 'rattle' takes equal steps; allowed: with tsit5 or dop853",
+            "integrator 'rattle' takes equal steps. Use it with tsit5 or dop853",
         ),
     ],
 )
@@ -203,7 +203,9 @@ def test_a_line_that_stretches_is_refused_with_what_to_take(falling):
 
 
 def test_a_step_is_not_chosen_for_schemes_that_hold_their_own_error():
-    with pytest.raises(dj.SceneError, match="run.integrator: 'tsit5' holds its own error, and this takes equal steps"):
+    with pytest.raises(
+        dj.SceneError, match="run.integrator: 'tsit5' controls its own error, but equal steps are needed"
+    ):
         dj.simulate("dropper-release-a", integrator="tsit5", tolerance=1e-3)
 
 
@@ -213,11 +215,11 @@ def test_damping_that_holds_the_steps_is_named_with_what_to_take(scheme):
     stiff = dj.simulate(scene, integrator=scheme, duration=0.5)
     assert stiff.status == "ok"
     (told,) = (text for text in stiff.warnings if "linear_damping" in text)
-    assert "damping, not the error, holds its steps; take energy_momentum" in told
+    assert "damping, not the error, limits the steps. Use energy_momentum" in told
     # steps end up where h b/m is what the scheme bears
     assert 0.5 < stiff.settings["steps"] / (0.5 * 1000.0 / {"tsit5": 3.0, "dop853": 6.0}[scheme]) < 2.0
     calm = dj.simulate(PENDULUM, integrator=scheme)
-    assert not any("holds its steps" in text for text in calm.warnings)
+    assert not any("limits the steps" in text for text in calm.warnings)
 
 
 # --- derivatives --------------------------------------------------------------------------------------------------

@@ -113,7 +113,7 @@ def test_explicit_schemes_report_infinity_as_non_finite(chain):
     assert solution.status == "non_finite"
     assert solution.failed_steps >= 1
     # 2/omega with omega = 2 sqrt(EA/(L m)): sqrt(0.15 * 0.01/1e6) = 3.9e-5 s
-    assert solution.failure.endswith("rk4 is explicit, and these lines call for steps of about 4e-05 s or less")
+    assert solution.failure.endswith("rk4 is explicit; its stability limit with these lines is about 4e-05 s")
 
 
 def test_links_that_drift_under_explicit_euler_stop_the_run():

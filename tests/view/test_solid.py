@@ -57,7 +57,7 @@ def test_waves_are_met_by_enough_frames_and_a_long_run_is_shown_in_part(longline
     assert np.diff(run.t[part.frames]).max() <= 1.4 * 6.0 / IN_A_WAVE  # whole samples of 0.1 s
     assert np.diff(part.surface).max() <= 6.0 / IN_A_WAVE
     assert run.t[part.frames[0]] <= run.t[np.argmax(run.max_tension.max(axis=1))] <= run.t[part.frames[-1]]
-    assert "of 60 s, around the largest tension" in part.notes[0]
+    assert "of 60 s, around the maximum tension" in part.notes[0]
 
 
 def test_frames_saved_too_far_apart_for_the_waves_are_told(longline):

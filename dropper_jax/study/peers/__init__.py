@@ -1,4 +1,4 @@
-"""Other simulators on our scenes, measured against the same reference (extra `peers`)."""
+"""Other simulators on the scenes of this package, measured against the same reference (extra `peers`)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["peer_rows"]
 def peer_rows(
     scene: Scene, model: Model, s: State, target: Reference
 ) -> tuple[list[dict[str, Any]], list[dict[str, str]]]:
-    """Rows of MuJoCo and diffrax in the form of `work_precision.measure`, and who was left out with the reason."""
+    """Rows of MuJoCo and diffrax in the form of `work_precision.measure`, and omitted simulators with the reason."""
     rows, left = [], []
     for peer in (mujoco_chain, diffrax_line):
         reason = peer.refuse(model, s)

@@ -4,14 +4,15 @@
 bordered by the two rows that close the loop (index reduced). What one writes first:
 
     [M  -C'] [a'']   [-h - g]          M_ij = mu_ij L_i L_j cos(a_i - a_j),  mu_ij = mass beyond links i and j
-    [C   0 ] [ l ] = [ turn ]          C: how the held end moves with the angles; rows only where an end is held
+    [C   0 ] [ l ] = [ turn ]          C: derivative of the fixed end by the angles; rows only if an end is fixed
 
-`tridiagonal`: our own equations, state (r, v). The tensions follow from "no link's length accelerates", one scalar
+`tridiagonal`: the equations of this package, state (r,
+v). The tensions follow from "no link's length accelerates", one scalar
 tridiagonal system per evaluation, so that no algebraic equation is left (index reduction; link lengths drift by the
-integration error, which is small over the spans compared). Forces are those of our own effects.
+integration error, which is small over the spans compared). Forces are those of the effects of this package.
 
-`cyclic`: the same with our own cyclic reduction in place of LAPACK, so that where runs are one kernel
-(`base.one_kernel`) diffrax' are too.
+`cyclic`: the same with the cyclic reduction of this package instead of LAPACK, so that runs of diffrax are also
+compiled to one kernel.
 """
 
 from __future__ import annotations

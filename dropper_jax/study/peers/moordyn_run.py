@@ -18,14 +18,14 @@ from dropper_jax.moordyn.writing.writer import write_moordyn
 #: MoorDyn's time integrators that are compared, by label; the last is what a file gets that names neither scheme nor
 #: step: the step then follows from the natural frequencies of the lines.
 SCHEMES = {"moordyn rk2": "rk2", "moordyn default": None}
-#: Places beyond this distance [m] are no motion of these scenes any more.
+#: Positions beyond this distance [m] are not possible in these scenes.
 FAR = 1e4
 
 Drive = Callable[[float], np.ndarray]
 
 
 class Path3(NamedTuple):
-    """Places (k, 3) [m] of a point at times t (k,) [s], the start with them, and whether the run went to its end."""
+    """Positions (k, 3) [m] of a point at times t (k,) [s], including the start, and whether the run completed."""
 
     t: np.ndarray
     positions: np.ndarray
@@ -33,7 +33,7 @@ class Path3(NamedTuple):
 
 
 def is_installed() -> bool:
-    """Whether the package `moordyn` is there (extra `peers`)."""
+    """Whether the package `moordyn` is installed (extra `peers`)."""
     try:
         import moordyn  # noqa: F401
     except ImportError:
@@ -42,8 +42,7 @@ def is_installed() -> bool:
 
 
 def run_point(scene: Scene, point: str, dt: float, duration: float, scheme: str | None, drive: Drive | None) -> Path3:
-    """Where a point goes.
-
+    """Motion of a point.
     Args:
         scene: a system of lines of equal links each.
         point: its name.
@@ -97,7 +96,7 @@ def _march(moordyn: Any, system: Any, scene: Scene, point: str, dt: float, steps
 
 
 def _position_getter(moordyn: Any, system: Any, scene: Scene, point: str) -> Callable[[], Any]:
-    """What gives the place of a point: its own, or the end of a line on the base of its buoy."""
+    """Source of the position of a point: the point itself, or the end of a line on the base of its buoy."""
     buoys = {buoy.point for buoy in scene.buoys}
     if point not in buoys:
         order = [p.name for p in scene.points if p.name not in buoys]
@@ -111,7 +110,7 @@ def _position_getter(moordyn: Any, system: Any, scene: Scene, point: str) -> Cal
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Nothing of what a library prints on the standard streams."""
+    """Suppress the output of a library on the standard streams."""
     with open(os.devnull, "w") as nothing:
         kept = [os.dup(i) for i in (1, 2)]
         sys.stdout.flush()

@@ -12,12 +12,12 @@ from dropper_jax.model import Model
 from dropper_jax.study.errors import link_vectors, rms_angle, rms_position
 from dropper_jax.study.reference import Reference
 
-#: The least time of these counts: other load on the machine only ever adds.
+#: Number of timings; the minimum is used, since other load on the machine only increases times.
 REPEATS = 7
 
 
 def time_runs(run: Callable[[], Any], repeats: int = REPEATS) -> tuple[Any, float]:
-    """Last result and least wall time [s] of `run`, which has been called once before."""
+    """Last result and minimum wall time [s] of `run`, which was called once before."""
     times, result = [], None
     for _ in range(repeats):
         started = time.perf_counter()

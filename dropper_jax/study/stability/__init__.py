@@ -1,4 +1,5 @@
-"""A catalogue of hard cases, each with a claim in numbers, measured, beside the thesis' schemes on the same case."""
+"""A catalogue of hard cases, each with a measured numerical claim, compared with the thesis' schemes on the same
+case."""
 
 from dropper_jax.study.stability.case import Case, Outcome
 from dropper_jax.study.stability.catalogue import all_cases, evaluate

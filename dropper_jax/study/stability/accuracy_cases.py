@@ -24,7 +24,7 @@ BATCH = 64
 
 
 def _too_large(short: bool) -> Outcome:
-    """At 10 times the advised step, asked for the same tolerance: 0 where the status says that it is not met."""
+    """At 10 times the advised step, with the same tolerance: 0 if the status reports that it is not met."""
     scene = load_scene("dropper-release-a-undamped").with_values({"run.duration": 2.0})
     dt = 10 * choose_step(scene, TOLERANCE).dt
     found = simulate(scene, dt=dt, tolerance=TOLERANCE)
@@ -57,7 +57,7 @@ def _bad_member(short: bool) -> Outcome:
 
 
 CASES = [
-    Case("ten-times-the-step", "10 times the advised step: a status that says so (1: called ok)", 0.0, "-",
+    Case("ten-times-the-step", "10 times the advised step: the status reports it (1: reported as ok)", 0.0, "-",
          _too_large, expected="not_converged"),
     Case("float32", "undamped dropper in float32, 50 s at dt 0.01 s: drift of the energy balance", 1e-3, "of the scale",
          _single),

@@ -1,4 +1,4 @@
-"""Rigid bodies that tumble, fall into the water and roll over: the energy balance tells whether that was survived."""
+"""Rigid bodies that tumble, fall into the water and roll over: the energy balance shows whether the run is correct."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ def tumbling() -> Scene:
 
 
 def dropped_spar() -> Scene:
-    """A ballasted spar let go lying 3 m above the water: it falls in, goes under, comes up and rights itself."""
+    """A ballasted spar released horizontally 3 m above the water: it falls in, submerges, surfaces and rights
+    itself."""
     cylinder = {"from": [0.0, 0.0, 0.0], "to": [0.0, 0.0, 6.0], "diameter": 0.8, "slices": 4, "cdn": 0.0, "can": 0.0}
     body = {
         "name": "spar",

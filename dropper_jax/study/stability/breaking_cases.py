@@ -1,4 +1,4 @@
-"""Links that part, against closed forms and SciPy."""
+"""Links that break, compared with closed forms and SciPy."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LOAD = 1.5
 
 
 def _overloaded_rope(short: bool) -> Watched:
-    """A weight let go unstretched: `T = m g (1 - cos w t)` until the load, then it flies on."""
+    """A weight released unstretched: `T = m g (1 - cos w t)` until the load, then it flies on."""
     load = {"line": "rope", "link": 1, "load": LOAD * MASS * G}
     scene = weight_on_rope("overloaded", MASS, STIFFNESS, LENGTH, LENGTH, failure=[load])
     parts = np.arccos(1.0 - LOAD) / OMEGA
@@ -72,7 +72,7 @@ def between_two() -> Scene:
 
 
 def _on_the_other(t: np.ndarray) -> np.ndarray:
-    """Places (k, 2) of the weight: at rest, then a pendulum on a spring that does not push."""
+    """Positions (k, 2) of the weight: at rest, then a pendulum on a spring without compression."""
     length = _taut_length()
 
     def swing(_: float, y: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a hard case is."""
+"""Definition of a hard case."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from dropper_jax.load.scene import Scene
 
 @dataclass(frozen=True)
 class Watched:
-    """A scene whose claim is about where one point goes, so that other simulators can be measured by it too.
+    """A scene with a claim on the motion of one point, so that other simulators can be measured as well.
 
     Attributes:
         scene, dt, duration: what is run, at which step [s] and how long [s].
         point: name of the point.
-        measure: what the claim limits, from times (k,) [s] and places (k, 3) [m].
-        drive: displacement (3,) [m] over time of the held points that `end_motion` moves.
+        measure: the quantity limited by the claim, from times (k,) [s] and positions (k, 3) [m].
+        drive: displacement (3,) [m] over time of the prescribed points that `end_motion` moves.
     """
 
     scene: Scene

@@ -1,4 +1,4 @@
-"""Impact on the bed, slopes, and friction that sticks and slips, against closed forms."""
+"""Impact on the seabed, slopes, and stick-slip friction, compared with closed forms."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MASS = 50.0
 #: Impact [m/s] and the height it takes [m].
 SPEED = 8.9
 FALL = SPEED**2 / (2 * G)
-#: Time for which the bed of the impact touches a weight [s], and its stiffness under one [N/m].
+#: Contact time of a weight with the seabed of the impact [s], and the seabed stiffness under a weight [N/m].
 TOUCH = 0.04
 HARD = MASS * (np.pi / TOUCH) ** 2
 AREA = 0.5 * THREAD * THICK
@@ -25,12 +25,12 @@ AREA = 0.5 * THREAD * THICK
 SLOPE = 0.5
 DOWN = np.array([1.0, 0.0, -SLOPE]) / np.hypot(1.0, SLOPE)
 STEEP = float(np.arctan(SLOPE))
-#: Stiffness of the beds that are slid on, under a weight [N/m], and their damping [N s/m].
+#: Stiffness of the sliding seabeds under a weight [N/m], and their damping [N s/m].
 FIRM, DULL = 1e6, 1e4
 
 
 def dropped_weight() -> Scene:
-    """A weight that falls onto a bed without damping."""
+    """A weight that falls onto a seabed without damping."""
     bed = {"seabed": {"depth": BED, "stiffness": HARD / AREA, "damping": 0.0}}
     return weight_on_thread("bed-impact", {"mass": MASS}, [0.0, 0.0, FALL - BED], bed)
 
@@ -48,7 +48,7 @@ def _rebound(t: np.ndarray, positions: np.ndarray) -> float:
 
 
 def _gain(t: np.ndarray, positions: np.ndarray) -> float:
-    """How far a weight comes above where it was let go [m]."""
+    """Height of a weight above its release position [m]."""
     return float(np.max(positions[:, 2]) - positions[0, 2])
 
 
@@ -58,7 +58,7 @@ def _impact(dt: float, duration: float, measure: Any) -> Any:
 
 @cache
 def sloping(friction: float | None) -> Scene:
-    """A weight on a slope, let go."""
+    """A weight released on a slope."""
     position = (2.0 * DOWN + np.array([0.0, 0.0, -BED])).tolist()
     bed: dict[str, Any] = {
         "seabed": {
@@ -82,20 +82,20 @@ def _slid(friction: float | None, dt: float, duration: float) -> Any:
 
 
 def _late_motion(t: np.ndarray, positions: np.ndarray) -> float:
-    """After the first second, in which the weight sinks into the bed."""
+    """Motion after the first second, in which the weight sinks into the seabed."""
     late = positions[t >= 1.0]
     return float(np.max(np.linalg.norm(late - late[0], axis=1)))
 
 
-#: The sledge: its spring [N/m], the speed at which that is pulled [m/s], and what holds the sledge and slows it.
+#: The sledge: stiffness of its spring [N/m], speed of the spring end [m/s], static and kinetic friction.
 SPRING, PULLED, STATIC, KINETIC = 5000.0, 0.05, 0.5, 0.3
 STRETCH = STATIC * MASS * G / SPRING
-#: Half of what it slips by were it pulled infinitely slowly [m].
+#: Half of the slip distance in the limit of slow motion [m].
 HALF = (STATIC - KINETIC) * MASS * G / SPRING
 
 
 def sledge() -> Scene:
-    """A weight on the bed, pulled along by a spring whose other end moves evenly."""
+    """A weight on the seabed, pulled by a spring whose other end moves at constant speed."""
     length = 5.0
     bed = {
         "seabed": {"depth": BED, "stiffness": FIRM / (0.5 * length * 0.01), "damping": DULL / (0.5 * length * 0.01)},
@@ -139,8 +139,8 @@ CASES = [
           "the greatest depth", 0.01, "relative", _impact(0.002, 2.0, _deepest)),
     watch("bed-impact-rebound", "the same: error of the height it comes back to", 0.01, "relative",
           _impact(0.002, 2.0, _rebound)),
-    watch("bed-impact-coarse", "the same, bouncing for 50 s at steps longer than it touches the bed: how far it comes "
-          "above where it was let go", 1e-9, "m", _impact(0.05, 50.0, _gain)),
+    watch("bed-impact-coarse", "the same, bouncing for 50 s at steps longer than it touches the seabed: maximum "
+          "height above its release height", 1e-9, "m", _impact(0.05, 50.0, _gain)),
     watch("slope-smooth", "a weight slides down a slope of 1 in 2 without friction, 3 s at dt 0.01 s: error of the "
           "distance", 0.01, "relative", _slid(None, 0.01, 3.0)),
     watch("slope-rough", "the same with friction 0.2", 0.01, "relative", _slid(0.2, 0.01, 3.0)),

@@ -59,7 +59,7 @@ def _drag_speed(short: bool) -> Outcome:
 
 
 def sticky(polar: list[float]) -> Scene:
-    """Links of 1 m and 1 kg with dry joints, let go at these angles [rad]: they swing a little and stick."""
+    """Links of 1 m and 1 kg with dry joints, released at these angles [rad]: they swing slightly and stick."""
     friction = {"weight": {}, "joint_friction": {"dry": 1.0, "axis": [0.0, 1.0, 0.0]}}
     return scenes.chain("dry-friction", polar, effects=friction)
 

@@ -1,4 +1,4 @@
-"""Hard motions without damping: the energy balance and the links' lengths tell whether they were survived."""
+"""Hard motions without damping: the energy balance and the lengths of links show whether the runs are correct."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def large_release() -> Scene:
 
 
 def turning() -> Scene:
-    """A pendulum let go exactly at the horizontal, a second one below it exactly at the vertical."""
+    """A pendulum released exactly at the horizontal, a second one below it exactly at the vertical."""
     return scenes.chain("through-vertical-and-horizontal", [float(np.pi / 2), 0.0])
 
 
@@ -81,15 +81,15 @@ CASES = [
          _ten_minutes_energy),
     Case("ten-minutes-closure", "undamped dropper, 10 minutes at dt 0.02 s, error of the links' lengths", 1e-10, "m",
          _ten_minutes_closure),
-    _energy("ends-at-the-same-point", "a loop with both ends at one point, let go",
+    _energy("ends-at-the-same-point", "a loop with both ends at one point, released",
             lambda: scenes.lifted_loop("same-point", 0.0), 0.01, 20, 2),
     _energy("taut-plucked", "a loop with ends 0.999 of its length apart, plucked",
             lambda: scenes.lifted_loop("taut", 0.999 * 0.7, 2.0), 0.002, 5, 0.5),
     _energy("mass-ratio", "neighbouring masses 1 g and 10 kg",
             mass_ratio, 0.001, 5, 0.5),
     _energy("short-link", "one link of 1 mm among links of 1 m", short_link, 0.01, 20, 2),
-    _energy("thousand-links", "1000 links, 100 m, let go from the side", scenes.thousand_links, 0.01, 3, 0.4),
-    _energy("large-release", "let go from a pull of 200 times the weight", large_release, 0.005, 10, 1),
+    _energy("thousand-links", "1000 links, 100 m, released from the side", scenes.thousand_links, 0.01, 3, 0.4),
+    _energy("large-release", "released from a force of 200 times the weight", large_release, 0.005, 10, 1),
     _energy("driven-at-resonance", "an end driven at the loop's own period, work of the end counted",
             scenes.driven, 0.01, 60, 4),
     _energy("whirling-loop", "a loop whirling at 30 rad/s", scenes.whirling, 0.002, 10, 1),

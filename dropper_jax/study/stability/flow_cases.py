@@ -1,4 +1,4 @@
-"""Coefficients that know the flow, tides that turn, and rows behind each other, against closed forms and SciPy."""
+"""Flow-dependent coefficients, turning tides, and rows behind each other, compared with closed forms and SciPy."""
 
 from __future__ import annotations
 

@@ -27,7 +27,8 @@ STEPS = 40
 
 @partial(jax.jit, static_argnums=(0, 4))
 def _objective(stepper: Stepper, share: jax.Array, model: Model, s: State, steps: int, dt: jax.Array) -> jax.Array:
-    """A fixed mix of the last places over the link length [-], with masses, speeds and strengths changed by a share."""
+    """A fixed combination of the last positions over the link length [-], with a relative change of masses, speeds and
+    strengths."""
     line = model.lines[0]
     tilt = 1 + share * jnp.linspace(0.5, 1.5, line.links)
     effects = tuple(_scale_effect(effect, 1 + share) for effect in model.effects)
@@ -65,8 +66,8 @@ def _slope(stepper: Stepper, model: Model, s: State, steps: int, dt: jax.Array) 
 
 
 def _at_rest(short: bool) -> Outcome:
-    """A loop at rest in its equilibrium with quadratic damping: derivative of the places by masses that all grow alike
-    must vanish."""
+    """A loop at rest in its equilibrium with quadratic damping: derivative of the positions by a common factor of all
+    masses must vanish."""
     drag = {"linear_damping": {"b_l": 0.01}, "quadratic_damping": {"b_q": 0.01}}
     model, s = build(scenes.loop("at-rest", 0.3, effects=drag))
     stepper = make_stepper(model)

@@ -1,4 +1,5 @@
-"""Lines that touch and twist: what falls on a rope stays above it and gains nothing, twist swings for ever."""
+"""Lines in contact and torsion: a rope that falls onto another stays above it without energy gain; twist oscillates
+undamped."""
 
 from __future__ import annotations
 
@@ -52,7 +53,8 @@ def _fallen(short: bool) -> Solution:
 def _crossing_outcome(short: bool) -> Outcome:
     """1 where the ropes are above each other in two rows of the run and have changed sides in between.
 
-    The weight bounces off sideways, round the end of the lower rope: that it is below that rope later is no passage.
+    The weight bounces off sideways, round the end of the lower rope: if it is below this rope later, it has not passed
+    through it.
     """
     ran = _fallen(short)
     low, *high = (ran.positions[:, line.nodes] for line in ran.lines)
@@ -86,7 +88,7 @@ LONG, STIFF, HEAVY, MOMENT = 2.0, 1.0, 0.01, 0.3
 
 
 def twisted_rod() -> Scene:
-    """A rod that hangs, a moment put on its lower end at once."""
+    """A hanging rod with a moment applied suddenly at its lower end."""
     twist = {"GJ": STIFF, "polar_inertia": HEAVY, "torque": MOMENT, "begins": "untwisted"}
     rod = {"length": LONG / 40, "mass": 0.2 / 40, "diameter": 0.02, "axial": {"law": "elastic", "EA": 2000.0}}
     return load_scene(

@@ -1,4 +1,4 @@
-"""Ends that move off and stop at once, against closed forms and SciPy."""
+"""Ends that start and stop moving suddenly, compared with closed forms and SciPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rod whose clamp moves off at once, a drum that slides on the bed, an arm that turns over its pin."""
+"""A rod whose clamp starts moving suddenly, a drum that slides on the seabed, an arm that rotates about its pin."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ def _rod(short: bool) -> Outcome:
     return Outcome(float(np.max(np.abs(found - exact)) * omega / (SPEED * share)), ran.status)
 
 
-#: A drum on the bed: mass [kg], friction, speed [m/s], depth [m], stiffness of the bed [Pa/m].
+#: A drum on the seabed: mass [kg], friction, speed [m/s], depth [m], stiffness of the seabed [Pa/m].
 MASS, FRICTION, SLIDES, DEPTH, BED, RHO = 3000.0, 0.4, 2.0, 20.0, 1e6, SEA_WATER
 WEIGHT = G * (MASS - RHO * 0.5 * np.pi)
 
 
 def sliding_drum() -> Scene:
-    """A drum of 1 m by 2 m that lies on the bed and slides along its axis; water neither drags nor is added."""
+    """A drum of 1 m by 2 m that slides on the seabed along its axis, without drag and added mass."""
     none = {"cdn": 0.0, "can": 0.0, "ends": "none"}
     body = {
         "name": "drum",
@@ -100,7 +100,7 @@ def _drum(short: bool) -> Outcome:
 
 
 def pinned_arm() -> Scene:
-    """An arm that a pin holds at one end, let go almost upright: it turns over and over."""
+    """An arm with a pin at one end, released almost upright: it rotates continuously."""
     body = {
         "name": "arm",
         "position": [0.0, 0.0, 0.0],

@@ -127,7 +127,8 @@ SWING = 0.2
 
 
 def stiffness_ratio() -> Scene:
-    """Two weights, the lower one on a link 1e4 times as stiff as that of the upper one, let go below their rest."""
+    """Two weights, the lower one on a link 1e4 times as stiff as that of the upper one, released below their
+    equilibrium."""
     top = EACH + (ABOVE + BELOW) * G / SOFT + SWING
     low = top + EACH + BELOW * G / STIFF
     kind = {"mass": 1e-6, "diameter": 0.01}
@@ -177,8 +178,8 @@ CASES = [
           "stretch", 0.02, "relative", _falls(0.01, 12.0, _peak(0.2, 0.2))),
     watch("slack-taut-return", "the same: what is missing of the height it comes back to", 0.02, "of the fall",
           _falls(0.01, 12.0, _return(0.2))),
-    watch("slack-taut-coarse", "the same for 60 s at steps of half the time in tension: how far it comes above where "
-          "it was let go", 1e-9, "m", _falls(0.05, 60.0, _gain)),
+    watch("slack-taut-coarse", "the same for 60 s at steps of half the time in tension: maximum height above "
+          "its release height", 1e-9, "m", _falls(0.05, 60.0, _gain)),
     Case("snap-peak", "a weight of 100 kg snaps a rope taut within 4 ms at 6 m/s, steps follow within 20 ms: error of "
          "the largest tension", 0.01, "relative", _snap_peak),
     Case("snap-return", "the same: what is missing of the height it comes back to", 0.02, "of the fall",

@@ -20,18 +20,18 @@ from dropper_jax.study.schemes import Scheme
 from dropper_jax.study.work_precision import energy_loss
 
 SAVES = 40
-#: What a case is compared with: the thesis' own unknowns, and its weighting on ours; as published, so never halved.
+#: Baselines: the thesis' unknowns, and its weighting with the unknowns of this package; as published, without halving.
 BASELINES = (
     Scheme("thesis_angles", 0.51),
     Scheme("thesis_angles", 0.5),
     Scheme("theta", 0.51),
     Scheme("theta", 0.5),
 )
-#: Longest time the baselines run [s]: those that fail do it early.
+#: Maximum duration of the baselines [s]: failures occur early.
 BASELINE_SPAN = 10.0
-#: Most unknowns of the baselines' dense systems.
+#: Maximum number of unknowns of the dense systems of the baselines.
 BASELINE_LINKS = 20
-#: A run that keeps going while its energy balance is off by this share of the scale is called wrong.
+#: Energy balance error over the energy scale above which a completed run is marked as wrong.
 WRONG = 0.1
 
 
@@ -47,12 +47,12 @@ class CaseRun:
 
     @property
     def energy_drift(self) -> float:
-        """Largest change of energy less all work [J]."""
+        """Maximum change of energy minus all work [J]."""
         return float(np.max(np.abs(energy_loss(self.model, self.start, self.run, self.t))))
 
     @property
     def energy_scale(self) -> float:
-        """Largest kinetic energy that was seen, or what the largest change of height is worth [J]."""
+        """Maximum kinetic energy, or the potential energy of the maximum change of height [J]."""
         mass = np.asarray(self.model.line.mass)[: self.model.free_nodes, None]
         speeds = np.concatenate([np.asarray(self.start.v)[None], self.run.v])
         heights = np.concatenate([np.asarray(self.start.r)[None], self.run.r])[:, :, 2:]
@@ -66,7 +66,7 @@ class CaseRun:
 
     @property
     def closure(self) -> float:
-        """Largest error of a link's length [m]."""
+        """Maximum error of a link's length [m]."""
         sizes = np.linalg.norm(link_vectors(self.model, self.run.r, self.t), axis=-1)
         return float(np.max(np.abs(sizes - np.asarray(self.model.line.length))))
 
@@ -90,7 +90,7 @@ def _wide(x: ArrayLike) -> ArrayLike:
 def baselines(scene: Scene, dt: float, duration: float) -> dict[str, Any]:
     """Status of the thesis' schemes on a case, by label: {status, failed_at_s, energy_drift_share}.
 
-    `status` is that of a solution; `wrong_energy` marks a run that never failed but lost or gained more than a tenth.
+    `status` is that of a solution; `wrong_energy` marks a run that did not fail but lost or gained more than 10 %.
     """
     return {scheme.label: _baseline(scene, dt, duration, scheme) for scheme in BASELINES}
 

@@ -1,5 +1,5 @@
-"""Hard scenes as plain tables, such as a user could write. Names and numbers of links are alike where they can be,
-so that many scenes share one compiled program."""
+"""Hard scenes as plain tables, as a user would write them. Names and numbers of links are equal if possible, so that
+many scenes share one compiled program."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LINKS = 7
 def loop(
     name: str, width: float, length: Any = 0.1, mass: Any = 0.03, effects: dict[str, Any] | None = None, **start: Any
 ) -> Scene:
-    """Seven links between two held points `width` [m] apart."""
+    """Seven links between two fixed points `width` [m] apart."""
     return load_scene(
         {
             "name": name,
@@ -67,7 +67,7 @@ def with_motion(scene: Scene, positions: np.ndarray, velocities: np.ndarray) -> 
 
 
 def lifted_loop(name: str, width: float, force: float = 0.5, **more: Any) -> Scene:
-    """A loop let go from a pose in which its third node is lifted and pulled aside by `force` [N]."""
+    """A loop released from the equilibrium in which its third node is lifted and pulled aside by `force` [N]."""
     return loop(name, width, release_nodes=[3], release_force=[[0.1 * force, 0.1 * force, force]], **more)
 
 
@@ -82,7 +82,7 @@ def kicked_string(nodes: int = LINKS) -> Scene:
 
 
 def whirling(rate: float = 30.0) -> Scene:
-    """A loop that turns as a whole about the line through its ends at `rate` [rad/s]."""
+    """A loop that rotates rigidly about the line through its ends at `rate` [rad/s]."""
     scene = loop("whirling-loop", 0.3)
     positions = equilibrium(scene).positions
     return with_motion(scene, positions, np.cross(np.array([rate, 0.0, 0.0]), positions))
@@ -91,7 +91,7 @@ def whirling(rate: float = 30.0) -> Scene:
 def driven() -> Scene:
     """A loop whose right end moves across its plane with the period of its own swing about the line through the ends.
 
-    Turning as a whole about that line is an exact motion of the loop: `w^2 = g sum(m z) / sum(m z^2)`.
+    Rigid rotation about this line is an exact motion of the loop: `w^2 = g sum(m z) / sum(m z^2)`.
     """
     scene = loop("driven-at-resonance", 0.3)
     depth = -equilibrium(scene).positions[1:-1, 2]
@@ -101,7 +101,7 @@ def driven() -> Scene:
 
 
 def thousand_links(links: int = 1000) -> Scene:
-    """A loop of 100 m, pulled aside in its middle and let go."""
+    """A loop of 100 m, pulled aside in its middle and released."""
     table = loop("thousand-links", 0.3).to_dict()
     table["point"][1]["position"] = [60.0, 0.0, 0.0]
     table["line"][0].update(links=links, length=100.0 / links, mass=100.0 / links)

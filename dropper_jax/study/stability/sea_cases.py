@@ -23,7 +23,7 @@ RHO = SEA_WATER
 
 
 def _wet(height: np.ndarray | float, diameter: float) -> Any:
-    """Wet share of what is `height` [m] below the surface and so large [m] upwards, as the laws of the water say it."""
+    """Wet fraction of a body at `height` [m] below the surface with a vertical extent [m], as in the water effects."""
     s = np.clip(0.5 + height / diameter, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)
 
@@ -92,7 +92,7 @@ CURRENT, ROPE, WIDE, DRAG, HEAVY = 5.0, 10.0, 0.05, 1.2, 50.0
 
 
 def streaming() -> Scene:
-    """A weight on one link in a current that moves the link with the water within a thousandth of a step."""
+    """A weight on one link in a current that accelerates the link to the water velocity within 0.1 % of a step."""
     neutral = RHO * 0.25 * np.pi * WIDE**2
     return load_scene(
         {
@@ -283,7 +283,7 @@ RIDDEN = 0.6
 
 
 def row_of_floats() -> Scene:
-    """Floats let go at the surface, their ropes just taut."""
+    """Floats released at the surface, with their ropes just taut."""
     positions = [[SPACING * i, 0.0, 0.0 if 0 < i <= FLOATS else -3.0] for i in range(FLOATS + 2)]
     points: list[dict[str, Any]] = [
         {"name": f"float-{i}", "kind": "free", "position": position, **DRIFTER} for i, position in enumerate(positions)
@@ -311,7 +311,7 @@ def row_of_floats() -> Scene:
 
 
 def _row_by_scipy(t: np.ndarray) -> np.ndarray:
-    """Places (k, floats, 2) of the floats: bodies of Morison's law on damped springs that do not push."""
+    """Positions (k, floats, 2) of the floats: bodies with Morison forces on damped springs without compression."""
     mass, volume, area, added = (DRIFTER[key] for key in ("mass", "volume", "drag_area", "added_mass"))
     ends = np.array([[0.0, -3.0], [SPACING * (FLOATS + 1), -3.0]])
     start = np.stack([SPACING * np.arange(1, FLOATS + 1), np.zeros(FLOATS)], axis=1)

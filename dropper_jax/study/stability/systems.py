@@ -1,4 +1,4 @@
-"""Small systems of lines as plain tables: weights on ropes and threads, on the bed and in the water."""
+"""Small systems of lines as plain tables: weights on ropes and threads, on the seabed and in the water."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 
 G = GRAVITY
-#: Depth of the bed under weights on threads [m].
+#: Depth of the seabed under weights on threads [m].
 BED = 10.0
-#: Of a thread: its length and diameter [m], whose product is twice the area with which its end lies on the bed.
+#: Of a thread: its length and diameter [m], whose product is twice the contact area of its end on the seabed.
 THREAD, THICK = 30.0, 0.02
 #: Diameter of a thread in the water [m], where others give it buoyancy.
 THIN = 1e-4
@@ -29,7 +29,8 @@ def weight_on_rope(
     effects: dict[str, Any] | None = None,
     **more: Any,
 ) -> Scene:
-    """A weight [kg] let go `below` [m] the point it hangs at, on a light rope of a stiffness [N/m] and a length [m]."""
+    """A weight [kg] released `below` [m] its suspension point, on a light rope with a stiffness [N/m] and a length
+    [m]."""
     kind = {"name": "rope", "mass": 1e-6, "diameter": 0.01, "EA": stiffness * length}
     return load_scene(
         {
@@ -51,7 +52,7 @@ def weight_on_rope(
 def weight_on_thread(
     name: str, body: dict[str, Any], position: list[float], effects: dict[str, Any], **more: Any
 ) -> Scene:
-    """A body at a free point that a slack thread without weight of its own ties to a place above."""
+    """A body at a free point, connected by a slack weightless thread to a position above."""
     return load_scene(
         {
             "name": name,

@@ -1,4 +1,4 @@
-"""Cases about where one point goes: the run here, and MoorDyn on the same scene."""
+"""Cases on the motion of one point: the run of this package, and MoorDyn on the same scene."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dropper_jax.study.stability.case import Case, Outcome, Watched
 
 
 def watch(name: str, claim: str, limit: float, unit: str, make: Callable[[bool], Watched]) -> Case:
-    """A case whose measure is one of a point's path; `make(short)` says of which."""
+    """A case with a measure of the path of a point; `make(short)` gives the scene and the point."""
 
     def measure(short: bool) -> Outcome:
         watched = make(short)
@@ -23,7 +23,7 @@ def watch(name: str, claim: str, limit: float, unit: str, make: Callable[[bool],
 
 
 def outcome(run: Solution, watched: Watched) -> Outcome:
-    """What a run is measured at; infinite where it did not come to its end."""
+    """The measured value of a run; infinite if the run did not complete."""
     if run.status != "ok":
         return Outcome(float("inf"), run.status, watched=watched)
     return Outcome(watched.measure(run.t, run.point_path(watched.point)), run.status, watched=watched)
@@ -35,7 +35,7 @@ def moordyn_there() -> bool:
 
 
 def peers(watched: Watched, limit: float) -> dict[str, Any]:
-    """MoorDyn on a case by scheme: {status, measured, holds}, with `failed_at_s` where it did not come to its end."""
+    """MoorDyn on a case by scheme: {status, measured, holds}, with `failed_at_s` if the run did not complete."""
     return {label: _peer(watched, limit, scheme) for label, scheme in moordyn_run.SCHEMES.items()}
 
 

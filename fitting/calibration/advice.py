@@ -1,16 +1,16 @@
-"""What spoils a fit, by name: score tests of numbers that were taken for known.
+"""Score tests of numbers that were assumed known: which of them cause a systematic error of the fit.
 
-A candidate c (lengths, the places of held points, the camera's roll, a marker, the clock, inertias) is looked at where
-the fit ended. With S the information of all numbers together and g the gradient, the windows' starts eliminated (the
-gaps of joined windows, priors and poses at rest are in both), and f the free numbers, freeing c would to first order
-change its numbers by d and gain in log likelihood
+A candidate c is tested at the end of the fit: lengths, positions of fixed points, the camera's roll, a marker, the
+clock, inertias. Let f be the free numbers and S the information of all numbers together. Let g be the gradient, with
+the starts of the windows eliminated; both include the gaps of joined windows, priors and poses at rest. Freeing c would
+change its numbers by d and raise the log likelihood, to first order, by
 
     d = -A^-1 u,    gain = u' A^-1 u / 2,    A = S_cc - S_cf S_ff^-1 S_fc,    u = g_c - S_cf S_ff^-1 g_f
 
-in units of the noise that the fit found, over its memory (Rao 1948). One more program is compiled, none is fitted.
-Candidates of unlike many numbers are compared by their gain less `log(N)/2` of each number (Schwarz 1978), and tested
-with Holm's correction for how many there are. Those that the traces cannot tell from what is free already (the clock
-from an inertia that is free, of one link) are not tested, and said to be so.
+in units of the noise that the fit estimated, including its memory (Rao 1948). One more program is compiled; nothing is
+fitted again. Candidates with different numbers of parameters are compared by their gain minus `log(N)/2` per parameter
+(Schwarz 1978). Holm's correction accounts for the number of candidates. A candidate that the traces cannot distinguish
+from the free parameters is not tested, and the report says so. Example: the clock and a free inertia, for one link.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from fitting.parameters.target import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, 
 WORTH = 6.0
 #: Probability, over all candidates, below which one is named.
 NAMED = 0.01
-#: Share of a candidate's information that must be left beside what is free.
+#: Fraction of a candidate's information that must remain once the free parameters are accounted for.
 LEFT = 1e-7
-#: Lost stretches of frames that programs have places for.
+#: Number of lost stretches of frames that programs reserve space for.
 TIMES = 2
 #: Parameters whose derivatives are taken with those of the starts at one go, and windows that programs have room for.
 BESIDE, SLACK = 4, 2
@@ -48,20 +48,20 @@ BESIDE, SLACK = 4, 2
 
 @dataclass(frozen=True)
 class Candidate:
-    """What may be wrong; without changes where the traces cannot tell it from what is free.
+    """A possible cause of systematic error; has no changes if the traces cannot distinguish it from free parameters.
 
     Attributes:
         name: in words.
         free: names that free it.
-        changes: by parameter, the change that the traces ask for.
-        errors: their standard errors.
+        changes: by parameter, the change that the traces suggest.
+        errors: standard errors of the changes.
         gain: in log likelihood.
-        p: probability of such a gain where nothing is wrong, over all candidates.
-        worth: gain less what its numbers would gain by chance (Schwarz 1978); the largest is named first.
-        alike: candidates that the traces cannot tell from it.
-        moves: by parameter, how far freeing it moves those that are free, and its own, to first order.
-        doubt: by each candidate that cannot be told from it, how far that one would move every parameter instead; those
-            of this candidate back to where they started.
+        p: probability of such a gain if nothing is wrong, over all candidates.
+        worth: gain minus the gain that its numbers bring by chance (Schwarz 1978); reports list candidates by it.
+        alike: candidates that the traces cannot distinguish from it.
+        moves: by parameter, the first-order change of the free parameters and of its own when it is freed.
+        doubt: by each candidate that is indistinguishable from it, how far that one would move every parameter instead;
+            parameters of this candidate return to their start values.
     """
 
     name: str

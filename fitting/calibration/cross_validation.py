@@ -1,16 +1,16 @@
 """How well a law predicts stretches that were not fitted: cross-validation in blocks of windows.
 
-A block of neighbouring windows is left out, and one window on either side of it; the parameters that the others ask for
-follow to first order from their normal equations at the law's own optimum,
+A block of neighbouring windows is left out, with one window on either side of it. The optimal parameters of the other
+windows follow to first order from their normal equations at the law's own optimum,
 
-    dp = argmin g . dp + dp' S dp/2  inside the bounds,     S, g: sums over the other windows,
+    dp = argmin g . dp + dp' S dp/2  inside the bounds,     S, g: sums over the other windows.
 
-the start of each window left out from the first third of its samples, and the rest of them is scored: with its
-residuals r after both moves, and with C the covariance of start and parameters given all that was used,
+The start of each window left out is fitted to the first third of its samples, and the rest is scored. With r the
+residuals after both moves, and C the covariance of start and parameters given all data used,
 
     log p = -1/2 (r' V^-1 r + log det V),     V = 1 + W C W',     W: derivatives of r by start and parameters,
 
-in units of the noise. Nothing is simulated anew. (Bernardo and Smith 1994, log scores; Burman, Chow and Nolan 1994,
+in units of the noise. Nothing is simulated again. (Bernardo and Smith 1994, log scores; Burman, Chow and Nolan 1994,
 blocks with gaps between them.)
 """
 
@@ -96,7 +96,7 @@ def other_runs(run: np.ndarray) -> list[Fold]:
 
 
 def fair(folds: list[Fold], released: np.ndarray) -> list[Fold]:
-    """The folds with windows that the model itself begins (K,) always fitted: they alone tell when a run was let go."""
+    """The folds with windows that start from the model (K,) always fitted: only they determine the release time."""
     return [(scored & ~released, used | released) for scored, used in folds]
 
 

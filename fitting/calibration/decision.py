@@ -28,8 +28,8 @@ from fitting.calibration.laws import LADDER, contains
 #: Probability below which a lack counts as shown (a hundredth over some ten laws), and above which an addition
 #: counts as needless.
 LACKS, NEEDLESS = 0.001, 0.01
-#: A law that does not contain the better one is refuted by a log score so many of its standard errors worse, and by at
-#: least so much; or by a likelihood that is so much worse at as many coefficients or more.
+#: A law that does not contain the better one is refuted if its log score is worse by this many of its standard errors
+#: and by at least this amount, or if its likelihood is that much worse with as many coefficients or more.
 STANDARD_ERRORS, WORSE = 2.5, 3.0
 #: Log likelihood with joined windows by which a law is worse than another one of no more coefficients, and refuted.
 JOINED = 4.0
@@ -107,7 +107,7 @@ def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
                 if p < LACKS:
                     reasons[i] = f"lacks what {rows[j].name} has (p = {p:.1g})"
                     break
-    # from the simplest on: a law is needless only beside one that stays
+    # from the simplest law on: a law is needless only if a simpler law that it contains remains
     for j in sorted(alive, key=lambda j: rows[j].coefficients):
         for i in alive:
             if not reasons[j] and not reasons[i] and contains(rows[j].name, rows[i].name):

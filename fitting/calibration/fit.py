@@ -68,40 +68,41 @@ def fit(
     Args:
         traces: CSV files or `Trace`s; several runs of the same line are fitted together.
         scene: packaged name, TOML file, plain values or a `Scene`; its values are the start values.
-        free: paths of parameters, or unique last names such as `b_l`; default: what the scene's `[fit]` leaves open,
-            else its damping.
-        method: `windows`, `shooting` (Gauss-Newton), or `gradient`: the minimum of `shooting` by a gradient descent.
-        start, bounds, priors: by name: start value; (low, high); (mean, standard deviation). A rig's own priors
-            (`[fit]` of the scene) hold what is given none here.
+        free: paths of parameters, or unique last names such as `b_l`; default: those listed in the scene's `[fit]`,
+            otherwise its damping.
+        method: `windows`, `shooting` (Gauss-Newton), or `gradient`: the minimum of `shooting` by gradient descent.
+        start, bounds, priors: by name: start value; (low, high); (mean, standard deviation). Priors from the scene's
+            `[fit]` apply to parameters without one here.
         until: samples from this time [s] on are not fitted.
         held_out: (low, high) [s] that are not fitted but scored; only their starts are fitted, afterwards.
-        rest: (low, high) [s] in which the line hangs at rest, before it is moved or after it has stopped: their poses
-            are fitted with the motion.
+        rest: (low, high) [s] in which the line hangs at rest, before it moves or after it has stopped; these poses are
+            fitted together with the motion.
         window: length [s]; default from the Lyapunov exponent.
-        dt: time step [s], at most the samples' interval; a shorter one that divides it is taken. Default: 1/75 of the
-            shortest link's period, or 1/200 for second order.
-        integrator: of the windows; default rattle_4 for point masses, else energy_momentum. tsit5 and dop853 are faster
-            on lines that they run; `dt` is then how often they are seen.
-        zero, sign, unit: how the traces count angles; default as the files say, else guessed from the scene.
+        dt: time step [s], at most the samples' interval; a shorter step that divides the interval is used. Default:
+            1/75 of the shortest link's period, or 1/200 for second order.
+        integrator: of the windows; default rattle_4 for point masses, otherwise energy_momentum. tsit5 and dop853 are
+            faster for lines that they support; `dt` is then their output interval.
+        zero, sign, unit: angle convention of the traces; default from the files, otherwise inferred from the scene.
         huber: threshold of a robust loss in standard deviations, such as 3; default least squares.
-        student: the loss of Student's t with 4 degrees of freedom, from where Huber's ends: for traces with outliers.
+        student: Student's t loss with 4 degrees of freedom, started from the end of Huber's; for traces with outliers.
         continuity: for `shooting`: `estimate`, `tight` or `exact`.
-        iterations: most Gauss-Newton iterations over separate windows.
-        static_start: every run begins as the scene's `[start]` says, let go at t = 0 of its clock; free names such as
-            `release.time` and `release.force` imply it.
-        advice: also look for what else may be wrong, by score tests (`advice`).
-        auto_free: free what gains most by them, one candidate at a time, as long as that gains.
+        iterations: maximum Gauss-Newton iterations over separate windows.
+        static_start: every run starts from the scene's `[start]` and is released at t = 0 of its clock; free names such
+            as `release.time` and `release.force` imply it.
+        advice: also test what else may be wrong, by score tests (`advice`).
+        auto_free: free the candidate with the largest gain, one at a time, while the fit improves.
         compare_models: also fit the ladder of damping laws.
-        profile: names of free parameters whose intervals are also told by their profile likelihood; True for all.
-        bootstrap: so many draws of a bootstrap over blocks of time.
-        posterior: so many draws of the parameters' posterior.
+        profile: names of free parameters whose profile-likelihood intervals are also computed; True for all.
+        bootstrap: number of draws of a bootstrap over blocks of time.
+        posterior: number of draws of the parameters' posterior.
+        sampler: `importance`, or `nuts`, which also samples window starts; `posterior` draws of each of four chains.
         sampler: `importance`, or `nuts`: window starts are sampled too, so many draws of each of four chains.
         progress: called with (fraction, text).
         **settings: of the gradient method: `optimizer` (`lbfgs`, `adam`, `sgd` or a transformation of optax),
             `learning_rate`, `steps`, `horizon`, `loss`; see `gradient.GradientDescent`.
 
     Raises:
-        SceneError: for anything the caller can mend, in one line.
+        SceneError: for any invalid input, in one line.
     """
     if method not in METHODS:
         raise SceneError(f"method: {method!r} is unknown; {nearest(method, METHODS)}")

@@ -1,14 +1,14 @@
-"""Freeing what spoils a fit, one candidate at a time, as long as the log likelihood gains by it.
+"""Freeing the parameters that cause a systematic error, one candidate at a time, while the log likelihood improves.
 
-First over separate windows, which any misfit leaves solvable: samples that stand out alone bring in Student's loss,
-frames that are missing a jump of the clock, and what the score tests (`advice`) name is tried. Where several candidates
-promise much, each is fitted, and the likelihoods (each with the noise that it leaves, less `log(N)/2` for every number)
-decide. Those that the likelihoods leave within `MARGIN` of the best cannot be told apart: they are named together, the
-one of fewest numbers is freed, and how far the others would move the estimates is carried into the errors. Then by the
-method that was asked for, whose joined windows see smaller faults, in the same way by the score tests alone.
+The first round is over separate windows, which remain solvable for any misfit. Isolated outliers switch on Student's
+loss, and missing frames free a jump of the clock. Candidates from the score tests (`advice`) are tried. If several are
+promising, each is fitted and their likelihoods decide, each with the noise that it leaves, minus `log(N)/2` per number.
+Candidates within `MARGIN` of the best cannot be distinguished. They are reported together and the one with fewest
+numbers is freed. The distance by which the others would move the estimates is added to the errors. The second round
+uses the requested method, whose joined windows detect smaller faults, with score tests alone.
 
-Where the misfit is smooth, far above the noise, and no candidate alone explains it, the whole model is wrong. Nothing
-is an outlier there, and groups of numbers are freed by `trials`.
+If the misfit is smooth, far above the noise, and not explained by any single candidate, the whole model is wrong. No
+sample is then an outlier, and groups of numbers are freed by `trials`.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from fitting.parameters.target import LOST, LostPlace
 
 #: Candidates freed one after another at most, and how many of them are fitted before one is chosen.
 MOST_FREED, TRIED = 6, 4
-#: Part of the best candidate's gain that another one must promise to be tried too.
+#: Fraction of the best candidate's gain that another one must promise to be tried as well.
 PROMISING = 0.3
-#: Log likelihoods this near cannot be told apart; what names of such candidates are joined by.
+#: Difference of log likelihoods below which candidates are indistinguishable; separator of their names in reports.
 MARGIN, OR = 3.0, " or "
-#: Log of the number of jumps that are looked for, which one gains by chance, and the least of one in frames: less is a
-#: misfit of another kind.
+#: Log of the number of jumps searched, which one gains by chance; minimum size of a jump in frames, below which the
+#: misfit is of another kind.
 CHANCE, LEAST_LOST = 9.0, 0.7
 
 
@@ -212,7 +212,7 @@ def _score(at: Freed) -> float:
 def _continue_with(
     at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set[str], progress: Progress
 ) -> Freed:
-    """Goes on by another method, whose fits see more."""
+    """Continue with another method, whose fits detect more."""
     begin = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
     at = replace(at, prepared=begin, solution=fit(begin, method, at.loss))
     while at.solution.status == "ok" and not is_model_wrong(at.prepared, at.solution):
@@ -237,9 +237,9 @@ def _continue_with(
 
 
 def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
-    """By how much candidates that were not told apart from those freed would move the parameters, each (k,).
+    """By how much candidates indistinguishable from those freed would move the parameters, each (k,).
 
-    One that was freed later in its own right is in doubt no more.
+    A candidate that was freed later in its own right is no longer in doubt.
     """
     freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
     moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
@@ -301,7 +301,7 @@ def _outliers(at: Freed, fit: Fit) -> None:
 
 
 def _without_far_off(at: Freed, fit: Fit) -> Solution:
-    """A fit without the windows that a jump spoils: their misfit would be taken for damping, and for noise."""
+    """A fit without the windows that contain a jump: their misfit would be taken for damping and for noise."""
     off = far_off(at.solution)
     if not off.any():
         return at.solution

@@ -1,9 +1,9 @@
-"""Laws that separate windows leave undecided, compared with their windows joined.
+"""Comparison with joined windows of laws that separate windows leave undecided.
 
-Separate windows forget what a motion loses from one to the next; joined ones (`shooting`) remember. The weight of the
-gaps and the step in time are those of the law with most parts. At this one weight all costs, gaps in them, are
-likelihoods of the same model, and laws can be told apart by them as by those of separate windows. A law begins at the
-best of those that it contains, so that it never costs more.
+Separate windows lose the information on how much energy a motion loses from one to the next; joined ones (`shooting`)
+keep it. The weight of the gaps and the time step are those of the law with the most parts. At this one weight all
+costs, gaps included, are likelihoods of the same model, so laws can be compared by them as with separate windows. A law
+starts from the best of those that it contains, so it never costs more.
 """
 
 from __future__ import annotations

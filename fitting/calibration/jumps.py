@@ -60,9 +60,9 @@ def alone(solution: Solution) -> int:
 
 
 def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
-    """The jump that explains most, by windows simulated on through the next ones; None where there is none.
+    """The jump that explains most, by windows simulated on through the next ones; None if there is no jump.
 
-    Windows that the solution left out begin where those before them end: their own samples have the jump among them.
+    Windows left out of the solution start at the end of the previous ones: their own samples contain the jump.
     """
     # as the traces claim their noise: what a jump leaves would be taken for noise
     windows = replace(prepared.windows, substeps=solution.windows.substeps)

@@ -1,10 +1,10 @@
-"""Kicks, touches and motion out of the plane that starts during a run: found, named with their time and left out.
+"""Kicks, contacts and out-of-plane motion that starts during a run: detected, reported with their time and left out.
 
-What moves the line at an instant leaves windows that no start explains, whereas those before it are as good as ever:
-one window of a kick in the plane, all that follow of one out of it. They are found by least trimmed squares (Rousseeuw
-1984): parameters are fitted to the windows that fit best, all starts to these, and so on until the same windows are
-left. Windows that are bad from the first one of a run on are a misfit of another kind. This is looked at before lost
-windows are split: shorter windows follow anything.
+A sudden disturbance leaves windows that no start value explains, while earlier windows fit as well as before. A kick in
+the plane affects one window; motion out of the plane affects all that follow. The windows are found by least trimmed
+squares (Rousseeuw 1984): parameters are fitted to the windows that fit best, then all starts to these parameters, until
+the selection no longer changes. Windows that are bad from the first one of a run on are a misfit of another kind.
+This check runs before lost windows are split, because shorter windows can follow any motion.
 """
 
 from __future__ import annotations

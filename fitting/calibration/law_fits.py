@@ -103,7 +103,7 @@ def without_unused_parts(scene: Scene, given: Scene, free: Sequence[str]) -> Sce
         if own.get(field) is None and not any(name.startswith(path) for name in free):
             fields.pop(field, None)
         if effect not in given.effects and not any(part.split(".")[2] in fields for part in PARTS.values()):
-            table["effects"].pop(effect, None)  # an axis alone is no friction
+            table["effects"].pop(effect, None)  # an axis alone does not define friction
     return Scene.from_dict(table)
 
 

@@ -1,9 +1,9 @@
-"""One uninterrupted run beside a trace: how far fitted parameters and one start carry.
+"""One uninterrupted run compared with a trace: how far fitted parameters and one start carry.
 
-A fit explains a trace window by window. What a reader expects to see is one run, from one start to the end of the
-trace; where the motion is chaotic it must leave the trace at last, however right the parameters are. A second run that
-begins one standard error away, in the start and in every parameter, tells from where on: until the two part, the run
-is a prediction; beyond, its angles say nothing (its statistics still do).
+A fit explains a trace window by window. Readers expect one run, from one start to the end of the trace. Where the
+motion is chaotic, such a run must leave the trace in the end even with correct parameters. A second run, started one
+standard error away in the start and in every parameter, shows when. Until the two runs diverge, the run is a
+prediction; afterwards its angles carry no information, but its statistics do.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class OneRun:
     """A run of the fitted model from the first window's start to the end of its trace.
 
     Attributes:
-        t, measured, simulated: the trace's samples (m,) [s], (m, n) [rad], NaN where there is none; as the camera sees.
-        trusted: time [s] at which a run that begins one standard error away has parted from it; infinite: it has not.
-        diverged_at: time [s] at which the measured angles have; infinite: they have not.
+        t, measured, simulated: the trace's samples (m,) [s], (m, n) [rad], NaN if missing; as seen by the camera.
+        trusted: time [s] at which a run that starts one standard error away has diverged from it; infinite: never.
+        diverged_at: time [s] at which the measured angles have diverged; infinite: never.
     """
 
     t: np.ndarray
@@ -59,7 +59,7 @@ class OneRun:
 
 
 def one_run(result: FitResult, run: int) -> OneRun | None:
-    """The run beside trace `run`; None where no window of it has a start of its own, or it would take too long."""
+    """The run for trace `run`; None if no window of it has a start of its own, or if it would take too long."""
     windows, solution = result.windows, result.solution
     mine = np.flatnonzero((windows.run == run) & ~windows.released)
     if not len(mine):

@@ -41,15 +41,15 @@ NEAR = 0.01
 
 @dataclass(frozen=True)
 class Planned:
-    """One measurement and what it would tell.
+    """One measurement and the accuracy that it would give.
 
     Attributes:
-        scene: its name, which says how it is released.
+        scene: its name, which implies how it is released.
         duration: [s].
         noise: of the angles [rad].
         std_error: by parameter.
-        score: mean log of the errors asked for; the least is the best.
-        gap_weight: that the errors are of.
+        score: mean log of the requested errors; the smallest is the best.
+        gap_weight: weight of the gaps for which the errors hold.
     """
 
     scene: str
@@ -84,20 +84,20 @@ def plan(
     rate: float = 60.0,
     progress: Progress = silent,
 ) -> list[Planned]:
-    """Rank measurements by the errors they would leave, the best first.
+    """Rank measurements by the parameter errors that they would give, the best first.
 
     Args:
-        scenes: released in different ways; the truth is each one's own values.
-        free: parameters that a fit would free, nuisances among them.
+        scenes: released in different ways; each one's own values are taken as the truth.
+        free: parameters that a fit would free, nuisance parameters included.
         durations: of the traces [s].
         noises: of the angles [rad], such as of two cameras.
         requested: those of `free` to rank by; default all.
-        gap_weight: as joined fits of the rig report it; default: what a fit is expected to choose where the model is
-            right. A film of a real rig ends ten to a hundred times higher.
+        gap_weight: as reported by joined fits of the rig; default: the value expected if the model is right. A film of
+            a real rig gives a value ten to a hundred times higher.
         rate: frames per second [Hz].
 
     Raises:
-        SceneError: for anything the caller can mend, in one line.
+        SceneError: for any invalid input, in one line.
     """
     weights = [1.0] if gap_weight is None else [gap_weight]
     for key, numbers in (("duration", durations), ("noise", noises), ("gap_weight", weights), ("rate", [rate])):
@@ -154,7 +154,7 @@ def at_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray, weig
     nowhere = np.zeros(len(values))
     step = level.solve(level.system(evaluation, values), values, 0.0, nowhere, nowhere)
     if step is None:
-        raise SceneError("free: the parameters cannot be told apart by these traces; allowed: fewer of them, or priors")
+        raise SceneError("free: the parameters are not identifiable from these traces. Use fewer of them, or priors")
     return step
 
 

@@ -179,7 +179,7 @@ class FitResult(SceneFit):
         return self.solution.problem.simulator.model_at(self.values)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values with the keys of the command line's JSON; what is not finite is None."""
+        """Plain values with the keys of the command line's JSON; values that are not finite become null."""
         u = self.uncertainty
         found = {
             "schema": SCHEMA,

@@ -1,10 +1,10 @@
-"""Groups of numbers that may be wrong together, tried by fits and judged on stretches that these fits do not see.
+"""Groups of numbers that may be wrong together, tested by fits and scored on stretches that these fits do not use.
 
-Where the misfit is smooth and far above the noise everywhere, score tests find nothing: their gains are in units of the
-misfit, and one number alone mends little of it. There all groups (geometry, inertia, markers, camera, clock, parts of
-the damping law) are freed at once, with priors that are as wide as such numbers are usually wrong, and fitted to three
-fifths of every run. The score is the error on the other two fifths, with only their starts fitted. Then one group after
-another is held again, and stays held unless the score gets worse by it.
+If the misfit is smooth and far above the noise everywhere, score tests find nothing: their gains are in units of the
+misfit, and a single number reduces it only slightly. All groups are therefore freed at once: geometry, inertia,
+markers, camera, clock and parts of the damping law. Their priors are as wide as the usual errors of such numbers, and
+three fifths of every run are fitted. The score is the error on the other two fifths, with only their starts fitted.
+Then one group after another is fixed again, and stays fixed unless this makes the score worse.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ WRONG, SMOOTH = 100.0, 0.8
 PARTS_OF_RUN, SCORED = 5, (2, 4)
 #: Most evaluations of a trial, which starts near its end.
 EVALUATIONS = 12
-#: Growth of the score, as a share, from which on a group is needed: less makes no difference to a user.
+#: Relative growth of the score above which a group is needed: a smaller one makes no difference to a user.
 NEEDED = 0.05
-#: Least share of a number's information that must be its own: with less it does what others do. The second is added to
-#: the diagonal of others that do the same.
+#: Minimum fraction of a number's information that must be its own; below it the number duplicates others. The second
+#: value is added to the diagonal of numbers that do the same.
 MODEL_ERROR, RIDGE = 2e-4, 1e-12
 #: Standard deviations of numbers without a prior. A share of the value for what is measured on a bench or computed
 #: from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a share for clocks.
@@ -111,7 +111,8 @@ def _existing(model: Model, path: str) -> tuple[Parameter, ...]:
 
 
 def _with_width(model: Model, p: Parameter) -> Parameter:
-    """A parameter with the prior that numbers of its kind have where nobody gives one; coefficients have none."""
+    """A parameter with the default prior of its kind if none is given; coefficients have none."""
+
     width = 0.0
     if isinstance(p.where, ModelPlace) and p.where.section == "lines":
         width = SHARE * abs(p.value)

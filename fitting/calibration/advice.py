@@ -34,15 +34,15 @@ from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.priors import rig_priors
 from fitting.parameters.target import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
 
-#: Gain in log likelihood below which nothing is advised.
+#: Gain in log likelihood below which a candidate is not suggested.
 WORTH = 6.0
-#: Probability, over all candidates, below which one is named.
+#: Probability, over all candidates, below which a candidate is reported.
 NAMED = 0.01
 #: Fraction of a candidate's information that must remain once the free parameters are accounted for.
 LEFT = 1e-7
 #: Number of lost stretches of frames that programs reserve space for.
 TIMES = 2
-#: Parameters whose derivatives are taken with those of the starts at one go, and windows that programs have room for.
+#: Parameters whose derivatives are taken together with those of the starts; windows that programs reserve space for.
 BESIDE, SLACK = 4, 2
 
 
@@ -77,12 +77,12 @@ class Candidate:
 
     @property
     def worth_naming(self) -> bool:
-        """Whether it is worth a name."""
+        """Whether the candidate is worth reporting."""
         return self.gain > WORTH and self.p < NAMED
 
     @property
     def identifiable(self) -> bool:
-        """Whether the traces tell it from what is free."""
+        """Whether the traces distinguish it from the free parameters."""
         return bool(self.changes)
 
     def to_json(self) -> dict[str, Any]:
@@ -103,7 +103,7 @@ class Candidate:
 
 
 def kinds(model: Model) -> Iterator[tuple[str, list[str]]]:
-    """Candidates of a model: what they are called and which paths free them."""
+    """Candidates of a model: their names and the paths that free them."""
     line = model.line
     yield "lengths of links", ["line.0.length"]
     if model.end_held:
@@ -126,20 +126,20 @@ def kinds(model: Model) -> Iterator[tuple[str, list[str]]]:
 
 
 def candidates(model: Model, release: Release | None) -> list[tuple[str, list[str], list[Parameter]]]:
-    """What they are called, which paths free them, and the numbers that these are."""
+    """Names of the candidates, the paths that free them, and the numbers at these paths."""
     found = []
     more = [] if release is None else [(f"start of run {i}", [f"{TIME}.{i}"]) for i in range(release.runs)]
     for name, paths in [*kinds(model), *more]:
         try:
             found.append((name, paths, list(resolve(model, paths, release=release))))
         except SceneError:
-            continue  # a scene that has no such number
+            continue  # the scene has no such number
     return found
 
 
 def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
-    """A simulator whose programs know the free parameters, those of all candidates and further ones, and places for
-    lost frames."""
+    """A simulator whose programs know the free parameters, those of all candidates and others, with space for lost
+    frames."""
     own = prepared.simulator
     model, names = own.model, {p.name for p in prepared.parameters}
     asked = [*(p for _, _, found in candidates(model, own.release) for p in found), *further]
@@ -147,7 +147,7 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(TIMES)]
     if own.knows([*prepared.parameters, *more]):
         return own
-    release = None if own.release is None else replace(own.release)  # its poses are of one list of parameters
+    release = None if own.release is None else replace(own.release)  # its poses belong to one list of parameters
     every = [p for p in prepared.parameters if not isinstance(p.where, LostPlace)]
     simulator = Simulator(model, [*every, *more, *lost], own.stepper, release, tangents=own.freedoms + BESIDE)
     simulator.capacity = SLACK * prepared.windows.steps, SLACK * prepared.windows.theta.shape[1]
@@ -155,7 +155,7 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
 
 
 def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None = None) -> list[Candidate]:
-    """Candidates by their worth, the largest first; `simulator` is one that knows their numbers."""
+    """Candidates in order of decreasing worth; `simulator` must know their numbers."""
     problem, model = solution.problem, prepared.simulator.model
     simulator = simulator or wide(prepared)
     free = {p.name for p in problem.parameters}
@@ -177,7 +177,7 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
             untold.append(Candidate(name, tuple(paths), {}, {}, 0.0, 1.0))
         else:
             tests.append((name, paths, found, *test))
-    order = sorted(tests, key=lambda t: t[-1])  # by p, for Holm
+    order = sorted(tests, key=lambda t: t[-1])  # by p, for Holm's correction
     price = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
     rows = []
     worst = 0.0
@@ -194,14 +194,14 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
             others = [other for other, rows_of in offsets.items() if other != name and len(rows_of) == len(mine)]
             row = replace(row, alike=tuple(o for o in others if score_change(S, g, data, beside, offsets[o]) is None))
         rows.append(row)
-    # those that are alike keep their order
+    # indistinguishable candidates keep their order
     return sorted(rows, key=lambda row: -round(row.worth, 1)) + untold
 
 
 def joint_information(
     prepared: Prepared, solution: Solution, simulator: Simulator, more: Sequence[Parameter]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Information and gradient of the free parameters and of more, and the part of the information by measurements."""
+    """Information and gradient of the free and further parameters, and the information from measurements alone."""
     problem = solution.problem
     every, known = rig_priors(prepared.scene, prepared.simulator.model, [*problem.parameters, *more])
     values = np.concatenate([solution.values, [p.value for p in more]])
@@ -218,7 +218,7 @@ def joint_information(
 def score_change(
     S: np.ndarray, g: np.ndarray, data: np.ndarray, free: np.ndarray, mine: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float] | None:
-    """Changes, their errors, moves of what is free, gain and probability; None where the traces tell nothing of it."""
+    """Changes, errors, moves of free parameters, gain and probability; None if the traces carry no information."""
     size = np.diag(data)[mine]
     if not (size > 0).all():
         return None

@@ -36,7 +36,7 @@ from fitting.estimate.refinement import refine
 from fitting.estimate.residual_noise import with_residual_noise
 from fitting.estimate.windows import Windows
 
-#: Largest correlation of neighbours believed [-]: beyond it a trace would hold next to no sample at all.
+#: Maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all.
 MOST_CORRELATED = 0.999
 #: Cosine of two coefficients' derivatives above which they count as one; drag is weighted within a step, joints not.
 SAME = 1 - 1e-4
@@ -51,10 +51,10 @@ FAR, HOPELESS = 10.0, 1000.0
 def compare(
     prepared: Prepared, laws: Sequence[str] = tuple(LADDER), iterations: int = 25, progress: Progress | None = None
 ) -> list[Law]:
-    """Fit laws to the same windows by `windows`, and say which of them the traces leave possible.
+    """Fit laws to the same windows by `windows`, and report which of them the traces leave possible.
 
-    What else is free in the fit (inertias, camera) is free in every law. Friction in joints is one number for all, or
-    one for each where the scene or the fit gives it so.
+    Other free parameters of the fit (inertias, camera) are free in every law. Friction in joints is one number for all,
+    or one for each if the scene or the fit specifies it so.
 
     Raises:
         SceneError: a law of unknown name.
@@ -101,7 +101,7 @@ def compare(
 def _first_fits(
     prepared: Prepared, families: dict[bool, Family], laws: Sequence[str], iterations: int, say: Progress
 ) -> tuple[Prepared, dict[bool, Family], dict[str, Solution]]:
-    """The noise that the fullest law leaves, families with steps as fine as it asks for, and their fullest laws."""
+    """The noise that the fullest law leaves, families with the step size that it requires, and their fullest laws."""
     families, fullest = dict(families), laws[-1]
     say(0.95, f"law {fullest}: noise")
     widest = "dry" in LADDER[fullest]
@@ -114,7 +114,7 @@ def _first_fits(
     families[widest] = replace(families[widest], substeps=first.windows.substeps)
     found = {fullest: first}
     for dry, family in families.items():
-        # a step's error would tell the schemes apart, and so laws
+        # otherwise the step error would distinguish the schemes, and so the laws
         law = next(law for law in reversed(laws) if ("dry" in LADDER[law]) == dry)
         if law != fullest:
             found[law] = refine(fit_law(prepared, family, law, [first], iterations))
@@ -155,7 +155,7 @@ def _rows(
     costs: dict[str, float],
     scores: Sequence[Scores],
 ) -> list[Law]:
-    """The laws' rows, their costs in units of independent samples, before anything is decided."""
+    """The laws' rows before any decision; costs are in units of independent samples."""
     windows = prepared.windows
     kinds = (last_third(windows.begin, windows.run), other_runs(windows.run))
     ahead, beside = (fair(each, windows.released) for each in kinds)
@@ -205,7 +205,7 @@ def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dic
 
 
 def _equals(law: str, same: dict[str, str], laws: Sequence[str]) -> tuple[str, ...]:
-    """Laws that are this one by other names."""
+    """Laws that are the same as this one under other names."""
     means = lambda name: {same.get(part, part) for part in LADDER[name]}  # noqa: E731
     return tuple(other for other in laws if other != law and means(other) == set(LADDER[law]))
 
@@ -227,7 +227,7 @@ def _row(law: str, solution: Solution, family: Family) -> Law:
 
 
 def remaining_decrease(solution: Solution) -> float:
-    """What the Gauss-Newton step from here would lower the cost by, of parameters that may move: g' S^-1 g / 2."""
+    """Decrease of the cost by a Gauss-Newton step of the movable parameters: g' S^-1 g / 2."""
     g, (low, high) = solution.gradient, solution.problem.bounds(solution.values)
     free = ~solution.problem.held_mask
     free &= ~((solution.values <= low) & (g > 0)) & ~((solution.values >= high) & (g < 0))

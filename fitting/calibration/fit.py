@@ -26,7 +26,7 @@ from fitting.parameters.parameter import Bounds, Priors, StartValues
 from fitting.traces.trace import convention
 
 METHODS = ("windows", "shooting", "gradient")
-#: Candidates that are named in the warnings.
+#: Number of candidates listed in the warnings.
 NAMED_CANDIDATES = 3
 
 
@@ -96,7 +96,6 @@ def fit(
         bootstrap: number of draws of a bootstrap over blocks of time.
         posterior: number of draws of the parameters' posterior.
         sampler: `importance`, or `nuts`, which also samples window starts; `posterior` draws of each of four chains.
-        sampler: `importance`, or `nuts`: window starts are sampled too, so many draws of each of four chains.
         progress: called with (fraction, text).
         **settings: of the gradient method: `optimizer` (`lbfgs`, `adam`, `sgd` or a transformation of optax),
             `learning_rate`, `steps`, `horizon`, `loss`; see `gradient.GradientDescent`.
@@ -108,11 +107,11 @@ def fit(
         raise SceneError(f"method: {method!r} is unknown; {nearest(method, METHODS)}")
     if settings and method != "gradient":
         name = sorted(settings)[0]
-        raise SceneError(f"{name}: {settings[name]!r} is given, but method {method!r} has none; use gradient")
+        raise SceneError(f"{name}: {settings[name]!r} is not a setting of method {method!r}. Use method gradient")
     if method == "gradient":
         from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
 
-        descent_of(settings)  # refuses settings before anything is compiled
+        descent_of(settings)  # rejects invalid settings before anything is compiled
     asked = Intervals(profile, bootstrap, posterior, sampler)
     progress = progress or silent
     started = time.perf_counter()
@@ -133,16 +132,16 @@ def fit(
         integrator=integrator,
         progress=progress,
     )
-    asked.profile_names(prepared.scene, prepared.parameters)  # refuses names before anything is fitted
+    asked.profile_names(prepared.scene, prepared.parameters)  # rejects unknown names before anything is fitted
     loss = loss_of(huber, student)
     sound = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
-    if method == "gradient" and not auto_free:  # the descent is its own: of the other fit it has the windows alone
+    if method == "gradient" and not auto_free:  # the descent is separate: it only takes the windows of the other fit
         sound = replace(sound, begin=prepared.begin, starts=sound.starts_from_samples())
     whole, prepared = prepared, sound
     if auto_free:
         again = partial(estimate, continuity=continuity, iterations=iterations, progress=progress)
         kicked = []
-        if sound.left_out or sound.windows.count > whole.windows.count:  # some were lost
+        if sound.left_out or sound.windows.count > whole.windows.count:  # some windows were lost
             whole, kicked = without_kicks(whole, again, loss)
         if kicked:
             prepared = with_sound_windows(whole, loss, iterations, progress, keep_jumps=True)

@@ -104,5 +104,6 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
     more = f" and {len(window) - len(positions)} more" if len(window) > len(positions) else ""
     advice = "" if isinstance(solution.problem.loss, StudentT) else ". Use --student to reduce their weight"
     return [
-        f"{len(window)} samples stand out by more than {STANDS_OUT:g} standard deviations: {', '.join(positions)}{more}{advice}"
+        f"{len(window)} samples stand out by more than {STANDS_OUT:g} standard deviations: "
+        f"{', '.join(positions)}{more}{advice}"
     ]

@@ -20,9 +20,9 @@ from fitting.parameters.parameter import apply
 from fitting.parameters.seeing import camera_angles, clock_rate, losses
 from fitting.traces import planar
 
-#: RMS over the links [rad] at which two motions have parted.
+#: RMS over the links [rad] at which two motions count as diverged.
 PARTED = 0.1
-#: Most steps of a run.
+#: Maximum number of steps of a run.
 MOST_STEPS = 200_000
 
 
@@ -54,7 +54,7 @@ class OneRun:
         after = [f"{at - self.begin:.3g} s" if np.isfinite(at) else whole for at in (self.diverged_at, self.trusted)]
         return (
             f"one run from the start at {self.begin:.3g} s stays within {PARTED:g} rad of the trace for {after[0]}; "
-            f"a run that begins one standard error away stays with it for {after[1]}"
+            f"a run that starts one standard error away stays with it for {after[1]}"
         )
 
 
@@ -81,7 +81,7 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
     starts = np.stack([theta, theta + aside]), np.stack([omega, omega])
     at = np.arange(steps + 1) * windows.dt + begin
     angles = _runs(result, np.stack([values, np.clip(values + error, low, high)]), *starts, steps)
-    from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 - slow to import, and a report alone needs it
+    from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 - slow to import, and only a report needs it
 
     near, other = (CubicHermiteSpline(at, *pair)(t) for pair in angles)
     measured = trace.theta[inside]
@@ -89,7 +89,7 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
 
 
 def _lost_times(result: FitResult, run: int) -> list[float]:
-    """Times of lost frames of a run: beyond them its clock is another one."""
+    """Times of lost frames of a run: its clock changes there."""
     frames = (result.parameters[i].where for i in losses(result.parameters))
     return [frame.time for frame in frames if frame.run == run]
 
@@ -97,7 +97,7 @@ def _lost_times(result: FitResult, run: int) -> list[float]:
 def _runs(
     result: FitResult, values: np.ndarray, theta: np.ndarray, omega: np.ndarray, steps: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Seen angles and their rates by the trace's clock (steps + 1, n) of runs at values (2, k) and starts (2, n)."""
+    """Observed angles and rates on the trace's clock (steps + 1, n), of runs at values (2, k) and starts (2, n)."""
     simulator, windows = result.solution.problem.simulator, result.windows
     parameters, base = result.parameters, simulator.model
 
@@ -127,9 +127,9 @@ def _runs(
 
 
 def _parting(t: np.ndarray, difference: np.ndarray) -> float:
-    """First time [s] at which differences (m, n) [rad], as shortest turns, have an RMS above `PARTED` for good.
+    """First time [s] from which differences (m, n) [rad], as shortest turns, permanently have an RMS above `PARTED`.
 
-    "For good": on the mean of a twentieth of a second to either side, so that a single wrong sample does not count.
+    The RMS is averaged over 0.05 s to either side, so that a single wrong sample does not count.
     """
     difference = difference - 2 * np.pi * np.round(np.nan_to_num(difference) / (2 * np.pi))
     known = np.isfinite(difference)

@@ -1,11 +1,11 @@
-"""A plan of measurements: how well each would tell the parameters, before anything is measured.
+"""A plan of measurements: how accurately each would determine the parameters, before anything is measured.
 
     S(w) = sum over joined windows of J' J / sigma^2 + gaps/w^2 + priors,     errors = sqrt(diag(S^-1))
 
-with the window starts and every other free parameter eliminated, at the scene's own values. The gap weight w says how
-far the rig follows its model. It is the one that a fit of a trace with just this noise is expected to choose, unless
-the caller gives the weight that fits of a real rig report. With H(w) the curvature by all starts and parameters, A(w)
-the starts' part of it and G = 1/w^2 gaps, the fit's evidence (`shooting`) has the mean
+with the window starts and every other free parameter eliminated, at the scene's own values. The gap weight w expresses
+how closely the rig follows its model. By default it is the weight that a fit of a trace with just this noise is
+expected to choose; the caller may give the weight reported by fits of a real rig. With H(w) the curvature by all starts
+and parameters, A(w) its block of the starts and G = 1/w^2 gaps, the fit's evidence (`shooting`) has the mean
 
     -g log w - log|A|/2 - tr(H^-1 G)/2 + const,      tr(H^-1 G) = -1/2 d log|H| / d log w
 """
@@ -33,9 +33,9 @@ from fitting.estimate.windows import PER_WINDOW, Windows
 from fitting.parameters.naming import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
-#: Rounds that find the starts of the windows on a trace without noise.
+#: Rounds of the search for the windows' starts on a trace without noise.
 ROUNDS = 4
-#: Part of a gap weight by which it is moved for a central difference of log|H|: its error is below 1e-4 of a gap.
+#: Relative change of a gap weight for a central difference of log|H|: its error is below 1e-4 of a gap.
 NEAR = 0.01
 
 
@@ -159,7 +159,7 @@ def at_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray, weig
 
 
 def _expected_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray) -> float:
-    """The gap weight that a fit chooses by the mean of its evidence, where the model is right."""
+    """The gap weight that a fit chooses by the mean of its evidence if the model is right."""
     gaps = int(problem.windows.follows.sum()) * problem.freedoms
 
     def logs(weight: float) -> np.ndarray:
@@ -175,13 +175,13 @@ def _expected_weight(problem: Problem, evaluation: Evaluation, values: np.ndarra
 
 
 def first(windows: Windows, count: int) -> Windows:
-    """The first windows, those that follow each other as before."""
+    """The first windows, joined as before."""
     whole = (*PER_WINDOW, "follows")
     return replace(windows, **{key: getattr(windows, key)[:count] for key in whole})
 
 
 def rows(found: Sequence[Planned]) -> list[tuple[str, ...]]:
-    """The table for people, with a heading."""
+    """The table as text, with a heading."""
     names = list(found[0].std_error)
     table = [
         (

@@ -338,7 +338,7 @@ def test_a_step_that_stays_too_coarse_is_warned_of(two, ready, motion):
     coarse = fit_windows(prepared.problem(), prepared.values, prepared.starts)
     coarse.step_bias = np.array([0.4, -0.1])
     warnings = summarise(prepared, "windows", coarse).warnings
-    assert [w for w in warnings if "the time step moves" in w] == [
+    assert [w for w in warnings if "the time step shifts" in w] == [
         f"the time step shifts {two.FREE[0]} by +0.4 standard errors. Use a smaller dt"
     ]
 

@@ -97,7 +97,7 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
         (["--window", "100"], "longer than the trace"),
         (["--dt", "3"], "dt: 3 s is longer than the samples are apart; allowed: at most 0.03333 s"),
         (["--held-out", "3-5"], "is not lo:hi"),
-        (["--held-out", "30:40"], "holds no samples"),
+        (["--held-out", "30:40"], "contains no samples"),
         (["--zero", "up"], "allowed: horizontal, down"),
         (["--unit", "deg"], "looks like radians"),
         (["--iterations", "0"], "is not positive"),
@@ -116,7 +116,7 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
         (["--method", "gradient", "--optimizer", "adm"], "optimizer: 'adm' is unknown; did you mean 'adam'"),
         (["--method", "gradient", "--steps", "0"], "steps: 0 is not positive; allowed: at least 1"),
         (["--method", "gradient", "--learning-rate", "0"], "learning_rate: 0 is not positive; allowed: > 0"),
-        (["--optimizer", "adam"], "optimizer: 'adam' is given, but method 'shooting' has none; use gradient"),
+        (["--optimizer", "adam"], "optimizer: 'adam' is not a setting of method 'shooting'. Use method gradient"),
         (["--set", "run.solver=network"], "run.solver: 'network' cannot serve this fit: it is for systems of lines"),
     ],
 )

@@ -325,4 +325,4 @@ def test_the_command_lists_its_cases_and_refuses_what_breaks_before_anything_run
     (out / "runs").mkdir(parents=True)
     (out / "runs" / "a.npz").touch()
     assert main(["cases", str(site), "--out", str(out)]) == INVALID_INPUT
-    assert "allowed: --resume, or another folder" in capsys.readouterr().err
+    assert "already contains runs. Use --resume, or another folder" in capsys.readouterr().err

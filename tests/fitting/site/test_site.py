@@ -121,7 +121,10 @@ def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
         ({"cases": {"months": ["june"]}}, "cases.months.0: 'june' is unknown; known: may, september"),
         ({"part": SITE["part"][:2]}, "part: no part has the lines backbone"),
         ({"part": [*SITE["part"], {"name": "x", "lines": "chain*"}]}, "part.3.lines: 'chain*' matches no line"),
-        ({"part": [*SITE["part"], {"name": "x", "lines": "*-2", "capacity": 1.0}]}, "line 'dropper-2' already belongs to"),
+        (
+            {"part": [*SITE["part"], {"name": "x", "lines": "*-2", "capacity": 1.0}]},
+            "line 'dropper-2' already belongs to",
+        ),
         ({"part": [{"name": "all", "lines": "*"}]}, "part.0.capacity: missing; needed: the breaking load [N] of 'all'"),
         ({"part": [{"name": "all", "lines": "*", "capacity": -1.0}]}, "part.0.capacity: -1.0 is out of range"),
         ({"factors": {"intact": 1.67}}, "missing; needed: a number, or `broken` in [factors]"),

@@ -10,7 +10,7 @@ change its numbers by d and raise the log likelihood, to first order, by
 in units of the noise that the fit estimated, including its memory (Rao 1948). One more program is compiled; nothing is
 fitted again. Candidates with different numbers of parameters are compared by their gain minus `log(N)/2` per parameter
 (Schwarz 1978). Holm's correction accounts for the number of candidates. A candidate that the traces cannot distinguish
-from the free parameters is not tested, and the report says so. Example: the clock and a free inertia, for one link.
+from the free parameters is not tested, which the report states. Example: the clock and a free inertia, for one link.
 """
 
 from __future__ import annotations

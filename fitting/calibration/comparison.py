@@ -40,8 +40,8 @@ from fitting.estimate.windows import Windows
 MOST_CORRELATED = 0.999
 #: Cosine of two coefficients' derivatives above which they count as one; drag is weighted within a step, joints not.
 SAME = 1 - 1e-4
-#: Maximum evaluations of a law started from the end of a larger one: the same local minimum is no farther. Maximum
-#: number of larger laws to start from, as each may have found a better local minimum.
+#: Maximum evaluations of a law started from the end of a larger one, which suffices in the same local minimum.
+#: Maximum number of larger laws to start from, as each may have found a better local minimum.
 NEAR, TRIES = 8, 3
 #: Cost, in multiples of the fullest law's, above which a law does not justify finer steps; loss of log likelihood, by
 #: the fullest law's covariance, above which no other local minimum can rescue a law.

@@ -1,10 +1,10 @@
 """Kicks, contacts and out-of-plane motion that starts during a run: detected, reported with their time and left out.
 
 A sudden disturbance leaves windows that no start value explains, while earlier windows fit as well as before. A kick in
-the plane affects one window; motion out of the plane affects all that follow. The windows are found by least trimmed
+the plane affects one window; motion out of the plane affects all that follow. The windows are found by least-trimmed
 squares (Rousseeuw 1984): parameters are fitted to the windows that fit best, then all starts to these parameters, until
-the selection no longer changes. Windows that are bad from the first one of a run on are a misfit of another kind.
-This check runs before lost windows are split, because shorter windows can follow any motion.
+the selection no longer changes. Windows that are bad from the first one of a run on are a misfit of another kind. This
+check runs before lost windows are split, because shorter windows can follow any motion.
 """
 
 from __future__ import annotations

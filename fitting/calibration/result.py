@@ -86,7 +86,7 @@ class FitResult(SceneFit):
         advice: what else may be wrong, if requested, the largest gain first.
         freed: candidates that were freed for their gain, in order.
         left_out: (run, from, to) [s] of windows that were not fitted because no start explains them.
-        wrong_file: the mistake in the traces that explains a misfit, in a line; empty if there is none.
+        wrong_file: the mistake in the traces that explains a misfit, in a line; otherwise empty.
         energy: the ratio of the measured energy loss to the fitted law's, if a report was written (`energy`).
     """
 

@@ -20,7 +20,7 @@ def characteristic(maxima: np.ndarray, run: RunValues) -> dict[str, Any]:
     `report.extremes.storm_extreme`). The standard error of the most probable value is half of a 68 % interval.
 
     Returns:
-        {value, error, interval, seeds, kind}: error is None with one seed; interval is None with fewer than three seeds
+        {value, error, interval, seeds, kind}: error: None with one seed; interval: None with fewer than three seeds
         or without a distribution; `kind` is the computed quantity.
     """
     maxima = np.asarray(maxima, float)

@@ -123,7 +123,7 @@ def _band(model: Model) -> np.ndarray | float:
 
 
 def rests(traces: Sequence[Trace], sigma: Sequence[np.ndarray], spans: Sequence[tuple[float, float]]) -> Rest | None:
-    """The spans [s] of the traces at rest; None if there are none.
+    """The spans [s] of the traces at rest; None without any.
 
     Raises:
         SceneError: a span in which the line moves, or with too few frames.

@@ -237,7 +237,7 @@ class Simulator:
     def _program(
         self, requested: Key, values: np.ndarray, inputs: tuple[np.ndarray, ...]
     ) -> tuple[Key, jax.stages.Compiled]:
-        """A program that serves such windows, compiled if there is none yet, and its key."""
+        """A program that serves such windows, compiled if necessary, and its key."""
         for key, program in self._programs.items():
             if key.serves(requested):
                 return key, program

@@ -111,7 +111,7 @@ def rotation(pan: float, pitch: float) -> np.ndarray:
 
 
 def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) -> Flat:
-    """The map under which the links' lengths vary least.
+    """The map that minimises the variation of the links' lengths.
 
     Args:
         pixels: (k, n, 2) of the video; seen: (k, n).

@@ -216,7 +216,7 @@ def _values(option: str) -> tuple[str, np.ndarray]:
         raise
     except (ValueError, KeyError):
         raise SceneError(
-            f"--vary: {option!r} is not NAME=LO:HI:N; also allowed: NAME=LO:HI:N:log and NAME=A,B,C"
+            f"--vary: {option!r} is not NAME=LO:HI:N; allowed: also NAME=LO:HI:N:log and NAME=A,B,C"
         ) from None
 
 

@@ -14,9 +14,10 @@
 # %% [markdown]
 # # 1. First dropper
 #
-# A mussel dropper is a rope of mussels that hangs as a loop between two points of a longline. In the laboratory it
-# was seven bars, 73 cm in all, pinned to each other and to two hooks 28 cm apart. One node was lifted with a fishing
-# line, the line was cut, and a camera watched. Here we do the same on the computer: hang the loop, lift it, let go.
+# A mussel dropper is a rope of mussels that hangs as a loop between two points of a longline. The laboratory model had
+# seven bars, 73 cm in total, pinned to each other and to two hooks 28 cm apart. One node was lifted with a fishing
+# line, the line was cut, and a camera recorded the motion. This notebook does the same on the computer: it hangs the
+# loop, lifts it, and releases it.
 
 # %%
 from pathlib import Path
@@ -34,9 +35,8 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 # %% [markdown]
 # ## Hang it, lift it
 #
-# The scene `dropper-release-a` is packaged. It names the links, the weight, the damping, and the force with which
-# node 1 is lifted. Without that force the loop hangs like a chain; with it, it takes the pose from which it was
-# released.
+# The scene `dropper-release-a` is packaged. It defines the links, the weight, the damping, and the force that lifts
+# node 1. Without that force the loop hangs like a chain; with it, it takes the configuration before the release.
 
 # %%
 scene = dj.load_scene("dropper-release-a")
@@ -68,10 +68,10 @@ print("computed  " + "".join(f"{x:9.3f}" for x in pose))
 print(f"\nRMS difference {np.sqrt(np.mean((pose - runs.mean(axis=0)) ** 2)):.4f} rad")
 
 # %% [markdown]
-# ## Let go
+# ## Release
 #
-# One call. What comes back knows whether it can be trusted: every step converged, and energy plus the work of the
-# damping is what it was at the start, to rounding.
+# One call runs the simulation. The result reports whether it can be trusted: every step converged, and energy plus the
+# work of the damping equals its initial value to rounding.
 
 # %%
 solution = dj.simulate(scene, duration=20.0)
@@ -101,8 +101,8 @@ bar.set_label("tension [N]")
 plt.show()
 
 # %% [markdown]
-# The first second, coloured by tension: the lifted corner falls, the motion runs along the loop and comes back. The
-# packaged pictures are one call each.
+# The first second, coloured by tension: the lifted corner falls, and the motion travels along the loop and returns.
+# Each packaged picture is one call.
 
 # %%
 Image(plots.angle_traces(solution, "angles.png").read_bytes(), width=720)
@@ -113,10 +113,10 @@ Image(plots.energy_balance(solution, "energy.png").read_bytes(), width=620)
 # %% [markdown]
 # ## The same again, almost
 #
-# Two releases that differ by a ten-thousandth of the lifting force. For four seconds they are one motion, then they
-# part: a dropper is chaotic. This is no error of the computation, whose energy balance closes to rounding. It is why
-# runs in the laboratory differ too, why damping cannot be read off a long trace by eye (notebook 4), and why we look
-# at statistics in the end.
+# Two releases differ by 0.01 % of the lifting force. For four seconds the motions agree, then they diverge: a dropper
+# is chaotic. This is not an error of the computation, whose energy balance closes to rounding. It is the reason why
+# laboratory runs also differ, and why damping cannot be estimated by eye from a long trace (notebook 4). Over long
+# times, only statistics are meaningful.
 
 # %%
 force = 1.0001 * np.asarray(scene.start.release_force)

@@ -14,10 +14,10 @@
 # %% [markdown]
 # # 10. A farm, from a site to a design
 #
-# A site is a scene with what an engineer knows beside it: sea states, currents, what each part bears. Here the packaged
-# `small-longline` (four loops in 25 m of water) goes the whole way: load cases with a leg that breaks, the weak part
-# found, a design with less material that meets all limits, the broken leg survived, and the season's floats. At the end
-# three rows of four longlines slow the current for each other.
+# A site is a scene with further engineering data: sea states, currents, and the capacity of each part. Here the
+# packaged `small-longline` (four loops in 25 m of water) passes through all steps. They are load cases with a leg that
+# breaks, the weak part, a design with less material that meets all limits, the check of the broken leg, and the
+# season's floats. At the end, three rows of four longlines reduce the current for each other.
 
 # %%
 import matplotlib.pyplot as plt
@@ -40,7 +40,7 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 # %% [markdown]
 # ## Load cases
 #
-# A gale of one minute, with all lines whole and with the western leg, which the current pulls, broken after half a
+# A gale of one minute, with all lines intact and with the western leg, which the current loads, broken after half a
 # minute. The factors are examples: use your standard's.
 
 # %%
@@ -66,13 +66,14 @@ before, words = used(site, "before")
 print(words)
 
 # %% [markdown]
-# The legs are the weak part, the other parts have room. That room is what a design can give away.
+# The legs are the weak part; the other parts have reserves. A design can reduce these reserves.
 #
 # ## A design by its gradients
 #
-# Four variables, the least material, and all limits as constraints: of the storm, of the storm with the broken leg, of
-# the backbone's depth. Every storm is run once and differentiated in reverse, statics included. The search checks its
-# derivatives against differences before it begins, and a design counts where its whole runs meet every limit.
+# The problem has four variables, minimum material as the objective, and all limits as constraints: of the storm, of the
+# storm with the broken leg, and of the backbone's depth. Every storm is run once and differentiated in reverse,
+# including statics. The search first checks its derivatives against differences. A design is accepted if its whole
+# runs meet every limit.
 
 # %%
 plain["optimise"] = {"window": 45.0, "before": 30.0, "rounds": 3}
@@ -84,7 +85,7 @@ display(Image(str(design_picture(site, found, "design.png"))))
 # %% [markdown]
 # ## The leg breaks, and the rest holds
 #
-# The design goes through the load cases again, by the command for load cases, which knows nothing of windows and
+# The design is checked by the load cases again, with the command for load cases, which does not use windows or
 # gradients.
 
 # %%
@@ -98,8 +99,8 @@ print(words)
 # %% [markdown]
 # ## The season
 #
-# Mussels grow on the droppers of a small farm; floats are to carry them in every month, neither too few, which sink it,
-# nor too many, which lift it out of the water. The schedule is the one with the fewest visits.
+# Mussels grow on the droppers of a small farm. Floats must carry them in every month: too few let the farm sink, and
+# too many lift it out of the water. The schedule is the one with the fewest visits.
 
 # %%
 bay = dict(read_site("exposed-bay").table)
@@ -126,9 +127,9 @@ display(Image("season/season.png"))
 # %% [markdown]
 # ## Three rows of four longlines
 #
-# `longline-rows` is written with parameters, a unit and an array; anchors are shared along the rows. The current comes
-# across the rows, and each row stands in the wakes of those before it: the water is slowed where momentum was taken
-# from it, and the legs behind are pulled less.
+# `longline-rows` is defined by parameters, a unit and an array; anchors are shared along the rows. The current comes
+# across the rows, and each row is in the wakes of those upstream: the water is slower where momentum was extracted, and
+# the downstream legs carry less load.
 
 # %%
 farm = dj.load_scene("longline-rows")

@@ -14,13 +14,13 @@
 # %% [markdown]
 # # 2. What accuracy costs
 #
-# A smaller time step is a better answer and a longer wait. How much better, and how much longer? The answer depends
-# on the scheme, and it decides whether a result is the dropper's or the program's. We measure it on the laboratory's
-# dropper: seven links, let go from the pose of scenario A.
+# A smaller time step gives a better answer and takes longer. How much better, and how much longer? The answer depends
+# on the scheme, and it decides whether a result comes from the dropper or from the program. This notebook measures it
+# on the laboratory dropper: seven links, released from the pose of scenario A.
 #
-# The measure is the RMS error of all link angles against a reference of much finer step, over the time for which
-# errors mean something (a dropper is chaotic: beyond, any two answers differ). Time is wall time per simulated
-# second.
+# The measure is the RMS error of all link angles relative to a reference with a much finer step. It is taken over the
+# time for which errors are meaningful: a dropper is chaotic, so later any two answers differ. Time is wall time per
+# simulated second.
 
 # %%
 import matplotlib.pyplot as plt
@@ -49,17 +49,17 @@ for label, order in found["orders"].items():
 Image(pictures.work_precision(found, "work-precision.png").read_bytes(), width=860)
 
 # %% [markdown]
-# Left is the picture to choose by: lower is better, further left is faster. (Times jump where the machine that ran
-# this had other work; errors do not depend on it.) `rattle` is the cheapest good answer for links of point masses;
-# `energy_momentum` takes everything else too: compound bars, friction, elastic lines, water. Beyond an error of a
-# ten-thousandth the fourth-order composition is the one to take. A dot that is missing is a run that blew up or did
-# not converge: `theta 0.51` is the scheme of the thesis, and at the thesis' own step of 0.0065 s it does not survive
-# this release. For an error of a hundredth it needs steps several times as short as the default.
+# Use the left picture to choose: lower is better, further left is faster. (Times jump where the machine had other work;
+# errors do not depend on it.) `rattle` is the cheapest good scheme for links of point masses. `energy_momentum`
+# supports everything else: compound bars, friction, elastic lines, water. Below an error of 0.01 %, use the
+# fourth-order composition. A missing dot is a run that diverged or did not converge. `theta 0.51` is the scheme of the
+# thesis; at the thesis' own step of 0.0065 s it does not survive this release. For an error of 1 % it needs steps
+# several times shorter than the default.
 
 # %% [markdown]
-# ## Which step should I take?
+# ## Which step should I use?
 #
-# The table that answers the question, from the measurements above:
+# This table answers the question, from the measurements above:
 
 # %%
 for line in found["advice"]:
@@ -68,7 +68,7 @@ for line in found["advice"]:
 # %% [markdown]
 # ## What happens to the energy
 #
-# Let the dropper go without any damping. Its energy should stay where it is. Three schemes at the same step:
+# Release the dropper without any damping. Its energy should be constant. Three schemes at the same step:
 
 # %%
 plain = scene.with_values({"effects.linear_damping.b_l": 0.0, "effects.quadratic_damping.b_q": 0.0})
@@ -86,5 +86,5 @@ axes[0].legend()
 plt.show()
 
 # %% [markdown]
-# Implicit Euler eats the motion. On a trace that looks like damping, and whoever fits a damping coefficient with it
-# measures the scheme. The default keeps energy to rounding, so that what it loses is lost by the dropper.
+# Implicit Euler dissipates the motion. On a trace this looks like damping, and a damping coefficient fitted with it
+# describes the scheme. The default scheme conserves energy to rounding, so all losses come from the dropper.

@@ -14,8 +14,8 @@
 # %% [markdown]
 # # 3. Hard cases
 #
-# A simulator is judged by the runs in which others stop. Four of them: a link that hangs straight down, friction that
-# brings a motion to rest, a step that is far too long, and a mass ratio of a thousand.
+# A simulator is judged by the runs in which others stop. This notebook has four of them: a link that hangs straight
+# down, friction that stops a motion, a step that is far too long, and a mass ratio of a thousand.
 
 # %%
 import matplotlib.pyplot as plt
@@ -44,10 +44,10 @@ def chain(links, length, mass, start, effects, dt, duration):
 # %% [markdown]
 # ## Straight down
 #
-# In spherical angles a vertical link has no azimuth: the equations of the thesis divide by `cos(theta)`, and its
-# matrix is singular exactly where a dropper hangs. Here a pendulum is let go so that it swings through the vertical,
-# with a sideways speed that takes it ever closer to it. Nodes and tensions do not notice; the angles of the thesis
-# do.
+# In spherical angles a vertical link has no azimuth. The equations of the thesis divide by `cos(theta)`, and their
+# matrix is singular exactly where a dropper hangs. Here a pendulum is released so that it swings through the vertical,
+# with a sideways speed that brings it ever closer to it. Nodes and tensions are not affected; the angles of the thesis
+# are.
 
 # %%
 rows = []
@@ -65,9 +65,9 @@ for sideways, name, status, nearest, drift in rows:
 # %% [markdown]
 # ## Friction that stops
 #
-# Dry friction is not a steep curve but a set: a joint that sticks holds whatever torque comes, up to its limit. A
-# pendulum with a dry pivot loses `4 tau/(m g L)` of amplitude per swing, evenly, and then stands still, inclined. A
-# smooth stand-in (a steep `tanh`) would creep down for ever.
+# Dry friction is a set-valued law, not a steep curve: a joint that sticks transmits any torque up to its limit. A
+# pendulum with a dry pivot loses an amplitude of `4 tau/(m g L)` per swing, at a constant rate, and then stands still,
+# inclined. A smooth approximation (a steep `tanh`) would creep down indefinitely.
 
 # %%
 TAU, MASS, LENGTH = 0.05, 1.0, 0.5
@@ -99,9 +99,9 @@ print(f"it can stand anywhere within {TAU / (MASS * 9.81 * LENGTH):.4f} rad")
 # ## Steps that are too long
 #
 # The lab dropper's links swing with a period of about 0.65 s, and its joints jerk within hundredths of that. What
-# happens at steps for which nothing was made? Each run reports what it did: steps that did not converge are tried
-# again with a better solver, then halved, and counted. What cannot be saved is named. The energy balance tells
-# whether the result means anything.
+# happens at steps that are too long for it? Each run reports the result: steps that did not converge are tried again
+# with a better solver, then halved, and counted. Any remaining failure is reported. The energy balance shows whether
+# the result is meaningful.
 
 # %%
 lab = dj.load_scene("dropper-release-a")
@@ -117,9 +117,9 @@ for dt in (0.005, 0.01, 0.02, 0.04, 0.06, 0.08):
 # %% [markdown]
 # ## A heavy end on a light line
 #
-# A thousandth of the mass above, all of it below: an anchor on a fishing line. Schemes with springs for links need
-# tiny steps here, since the light nodes ring between the heavy ones. With tensions as unknowns there is nothing that
-# rings.
+# The upper links have 0.1 % of the mass at the lower end: an anchor on a fishing line. Schemes with springs for links
+# need tiny steps here, because the light nodes vibrate between the heavy ones. With tensions as unknowns nothing
+# vibrates.
 
 # %%
 masses = [0.001] * 9 + [1.0]

@@ -15,9 +15,9 @@
 # # 4. Damping, from traces to coefficients
 #
 # How strongly is a dropper damped? The thesis filmed its laboratory model, tried values of two coefficients, and
-# compared by eye. It could not settle: with one pair the beginning was right and the end wrong, with another the
-# reverse. There are two reasons, and this notebook shows both: the error as a function of the coefficients is a
-# needle in a haystack, because the dropper is chaotic; and the law itself may be wrong, because bearings rub.
+# compared by eye. The result was ambiguous: one pair fitted the beginning but not the end, and another the reverse.
+# This notebook shows the two reasons. First, the error as a function of the coefficients has an extremely narrow
+# minimum, because the dropper is chaotic. Second, the law itself may be wrong, because bearings have friction.
 
 # %%
 import json
@@ -42,8 +42,8 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 # %% [markdown]
 # ## A known truth
 #
-# A trace whose damping we know: a simulated run, seen by a camera at 60 frames a second with an angle noise of 0.005
-# rad (a video of real markers is better than that: `dropper track` gives 0.0005 rad on its test videos).
+# A trace with known damping: a simulated run, seen by a camera at 60 frames per second with an angle noise of 0.005 rad
+# (a video of real markers is better: `dropper track` reaches 0.0005 rad on its test videos).
 
 # %%
 DURATION = 16.0
@@ -57,10 +57,10 @@ print("truth: " + ", ".join(f"{path.split('.')[-1]} = {value:g}" for path, value
 # %% [markdown]
 # ## The method as one short program
 #
-# Everything that matters, from public functions: a jitted residual of a time step, its Jacobian by `jax.jacfwd`,
-# Newton's method in a `lax.scan` (what the solver `dense` does), windows of the trace, and optax on the two
-# coefficients, from ten times off. The start of every window is fitted too, by one Gauss-Newton step per step of the
-# descent. The rest of this notebook shows why it has to be windows, and what `fit` adds.
+# The program uses public functions: a jitted residual of a time step, its Jacobian by `jax.jacfwd`, Newton's method in
+# a `lax.scan` (as in the solver `dense`), windows of the trace, and optax for the two coefficients. It starts from
+# values wrong by a factor of ten. The start of every window is fitted too, by one Gauss-Newton step per step of the
+# descent. The rest of this notebook shows why windows are necessary, and what `fit` adds.
 
 # %%
 model, _ = dj.build(scene)
@@ -135,10 +135,10 @@ b, rms = unit @ x, jnp.sqrt(products[2, 2] / measured.size)
 print("b_l, b_q =", b, "+-", rms * jnp.sqrt(jnp.diag(jnp.linalg.inv(products[:2, :2]))), "RMS error", rms, "rad")
 
 # %% [markdown]
-# ## The haystack
+# ## The narrow minimum
 #
-# The naive way: simulate the whole trace with other damping and look at the error. The start is exactly right here,
-# which no experiment offers, and still:
+# The naive method simulates the whole trace with other damping and computes the error. Here the start is exactly right,
+# which no experiment offers. The result:
 
 # %%
 factors = np.geomspace(0.25, 4, 61)
@@ -163,16 +163,15 @@ ax.set(xlabel="b_l, as a multiple of the truth", ylabel="RMS error of the trace 
 plt.show()
 
 # %% [markdown]
-# There is no valley that leads to the truth. Once two motions have parted they are as different as any two, and after
-# a quarter of a minute even the right coefficient does not stand out: the camera's dropper was computed with a finer
-# step than these runs, and chaos has made that difference as large as any other. No search finds its way here, and
-# neither does an eye.
+# No descent path leads to the true value. Once two motions have diverged they are as different as any two. After a
+# quarter of a minute even the right coefficient does not stand out: the camera's dropper was computed with a finer step
+# than these runs, and chaos has amplified that difference. Neither a search nor a visual comparison succeeds here.
 #
 # ## Windows
 #
-# What works: cut the trace into windows so short that chaos has no time, give each its own start, and let only the
-# coefficients be common. All of it is solved at once, with exact derivatives, from coefficients that are wrong by a
-# factor:
+# The solution is to cut the trace into windows that are too short for chaos, and to give each its own start; only the
+# coefficients are common. All unknowns are solved together, with exact derivatives, from coefficients that are wrong by
+# a factor:
 
 # %%
 wrong = scene.with_values({key: 3 * value for key, value in truth.items()})
@@ -203,10 +202,10 @@ plt.show()
 # %% [markdown]
 # ## By gradient descent
 #
-# The same loss, the same windows, and now plain descent with optax, from ten times off. Every step takes the exact
-# gradient of the loss by the two coefficients, with the starts of the windows at their optimum for them. The loss is
-# shown per measured angle, in units of the noise: 1 is what a right model leaves. First the windows are separate; then
-# they are joined by gaps that grow tighter, each of which moves the minimum a little.
+# The same loss and the same windows, now with plain gradient descent by optax, from values wrong by a factor of ten.
+# Every step uses the exact gradient of the loss by the two coefficients, with the starts of the windows at their
+# optimum. The loss is shown per measured angle, in units of the noise: a right model gives 1. First the windows are
+# separate. Then they are joined by gaps of decreasing size, and each change moves the minimum slightly.
 
 # %%
 WAYS = {
@@ -238,17 +237,16 @@ for name, each in found.items():
     print(f"{name:14s}{each.iterations:12d}{each.seconds['run']:7.0f}s   {numbers}")
 
 # %% [markdown]
-# All arrive at the same coefficients, with the same errors. Gauss-Newton is what `fit` does by default, since it knows
-# the curvature; descent takes that curvature for its coordinates only, and then needs nothing but gradients.
+# All methods arrive at the same coefficients, with the same errors. Gauss-Newton is the default of `fit`, because it
+# uses the curvature. Descent uses that curvature only for its coordinates, and then needs nothing but gradients.
 
 # %% [markdown]
 # ## Real pendulums
 #
-# Kaheman and others filmed nothing but read encoders: a single and a double pendulum on ball bearings, free to swing,
-# at a thousand samples a second (arXiv 2205.06231, data public under the MIT licence). They published the parameters
-# that they fitted. The judge is a stretch of the trace that no fit has seen. The fits take minutes, so that this part
-# shows what `python benchmarks/measured_pendulums.py` kept of them; it needs the data, in the folder
-# DROPPER_MEASURED_DATA.
+# Kaheman and others did not film but read encoders: a single and a double pendulum on ball bearings, swinging freely,
+# at a thousand samples per second (arXiv 2205.06231, data public under the MIT licence). They published their fitted
+# parameters. The test is a stretch of the trace that no fit has used. The fits take minutes, so this part shows the
+# stored results of `python benchmarks/measured_pendulums.py`; it needs the data, in the folder DROPPER_MEASURED_DATA.
 
 # %%
 results = Path(dj.__file__).parents[1] / "benchmarks" / "results"
@@ -272,9 +270,8 @@ axes[0].legend()
 plt.show()
 
 # %% [markdown]
-# The bearings are dry: given the choice, the fit takes the viscous coefficient of the single pendulum to zero and
-# explains its slow end by a dry torque and its fast beginning by the drag of the arm. It takes both. With a viscous
-# and a dry torque but no drag, on windows of nine seconds, the dry torque was put at zero and the prediction was no
-# better than the published one (6.5 and 16 mrad). A law that lacks a part makes the others wrong, which is the
-# thesis' dilemma once more; `dropper fit --compare-models` compares a whole ladder of laws on stretches that they
-# have not seen.
+# The bearings are dry. If both laws are allowed, the fit sets the viscous coefficient of the single pendulum to zero.
+# It explains the slow end by a dry torque and the fast beginning by the drag of the arm. Both are necessary. With a
+# viscous and a dry torque but no drag, on windows of nine seconds, the dry torque became zero and the prediction was no
+# better than the published one (6.5 and 16 mrad). A law that lacks a part biases the others, which is the thesis'
+# dilemma again. `dropper fit --compare-models` compares a whole ladder of laws on stretches that they have not used.

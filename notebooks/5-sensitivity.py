@@ -14,8 +14,8 @@
 # %% [markdown]
 # # 5. What matters
 #
-# A designer asks: which of my numbers does the largest tension hang on? Three answers, each honest about its limits:
-# exact derivatives at a point, how far in time they can be trusted, and indices over whole ranges.
+# A designer asks which parameters determine the maximum tension. This notebook gives three answers, each with its
+# limits: exact derivatives at a point, the time up to which they are valid, and indices over whole ranges.
 
 # %%
 import jax
@@ -34,9 +34,9 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 # %% [markdown]
 # ## Derivatives
 #
-# The lab dropper is let go, and we look at the largest tension of the first second. Its derivative with respect to
-# every damping coefficient and mass comes out of one run, exactly: through the step's own equations, not through
-# differences of runs. Scaled, it says by how many per cent the tension changes for one per cent of the number.
+# The lab dropper is released, and the quantity is the maximum tension of the first second. Its derivative with respect
+# to every damping coefficient and mass comes from one run. It is exact: it uses the equations of each step, not
+# differences of runs. Scaled, it is the percentage change of the tension for a 1 % change of the parameter.
 
 # %%
 scene = dj.load_scene("dropper-release-a").with_values({"run.integrator": "rattle", "run.duration": 1.0})
@@ -48,12 +48,12 @@ tornado.local_picture(found, "tornado.png")
 Image("tornado.png", width=640)
 
 # %% [markdown]
-# Gravity leads, but with the wrong sign: more weight, less tension? The scene lifts the dropper with a force that
-# stays what it is; a heavier dropper is lifted less, falls less, and jerks less. The derivative follows the whole
-# computation, the static pose before the release included, and answers the question as it was asked. The masses around
-# the lifted node do most of it, the last ones nothing; damping hardly matters for the first jerk.
+# Gravity leads, but with an unexpected sign: does more weight give less tension? The scene lifts the dropper with a
+# constant force. A heavier dropper is lifted less, falls less, and jerks less. The derivative covers the whole
+# computation, including the static pose before the release. The masses next to the lifted node have most of the effect,
+# the last ones none; damping hardly matters for the first jerk.
 #
-# Can these numbers be believed? A difference quotient, which needs two more runs per number, should agree:
+# Are these numbers right? A difference quotient, which needs two more runs per number, should agree:
 
 # %%
 value = jax.jit(problem)
@@ -66,9 +66,9 @@ for i, name in list(enumerate(problem.names))[:3]:
 # %% [markdown]
 # ## How far in time
 #
-# The dropper is chaotic: a small change grows. So does a derivative, and a derivative of a hundred thousand is exact
-# and says nothing, since it holds only for changes too small to matter. The derivative of where node 3 is at the end,
-# for runs of growing length:
+# The dropper is chaotic: a small change grows. So does a derivative. A derivative of a hundred thousand is exact but
+# useless, because it holds only for changes that are too small to matter. The next picture shows the derivative of the
+# final position of node 3, for runs of growing length:
 
 # %%
 lengths = np.array([0.5, 1, 2, 4, 8, 12])
@@ -87,14 +87,14 @@ plt.show()
 print(f"growth rate {found.exponent:.2g} per s: derivatives are trusted for {found.horizon:.2g} s")
 
 # %% [markdown]
-# Beyond that horizon `dropper sensitivity` gives averages over windows instead, and for anything statistical, ranges:
+# Beyond that horizon `dropper sensitivity` gives averages over windows instead. For statistical questions, use ranges:
 #
 # ## Over ranges
 #
-# Sobol's indices divide the variance of a result over the ranges of its causes: what each explains alone (first), and
-# with all combinations in which it takes part (total). They need thousands of runs and no derivative. Here: how far
-# link 4, at the bottom, swings over ten seconds (standard deviation of its angle), over the ranges that a laboratory
-# may find. Batched, the runs take seconds.
+# Sobol's indices divide the variance of a result among its causes: the part that each explains alone (first), and
+# the part with all combinations that contain it (total). They need thousands of runs and no derivative. The example is
+# the swing of link 4, at the bottom, over ten seconds (standard deviation of its angle), over the ranges that a
+# laboratory may find. In a batch, the runs take seconds.
 
 # %%
 longer = scene.with_values({"run.duration": 10.0})
@@ -106,6 +106,6 @@ print(f"{indices.runs} runs, mean {indices.mean:.3f} rad, standard deviation {in
 Image("sobol.png", width=640)
 
 # %% [markdown]
-# Linear damping explains most of the scatter, and quadratic damping does part of its work only together with it (the
-# light bar is longer than the dark one). A mass known to a tenth hardly shows. The thin lines are the errors of the
-# indices at this number of runs: they shrink with its square root.
+# Linear damping explains most of the scatter. Quadratic damping acts partly only in combination with it (the light bar
+# is longer than the dark one). A mass known to 10 % hardly matters. The thin lines are the errors of the indices at
+# this number of runs: they decrease with its square root.

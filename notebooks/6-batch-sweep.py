@@ -15,9 +15,8 @@
 # # 6. Many droppers at once
 #
 # One run answers a question about one dropper. A design needs a map: how do tension and excursion depend on the
-# damping, which nobody knows well, and on the sea, which nobody can choose? The simulator runs batches: one
-# compilation, 64 droppers side by side on each core, results kept chunk by chunk so that nothing is lost when the
-# machine goes down.
+# damping, which is uncertain, and on the sea, which varies? The simulator runs batches: one compilation, 64 droppers in
+# parallel on each core. Results are stored chunk by chunk, so that nothing is lost if the machine stops.
 
 # %%
 import matplotlib.pyplot as plt
@@ -32,8 +31,8 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 # %% [markdown]
 # ## Damping
 #
-# The lab dropper, let go, over both damping coefficients. `open_sweep` gives an xarray dataset with the inputs as
-# coordinates: names and units come along.
+# The lab dropper is released for a grid of both damping coefficients. `open_sweep` gives an xarray dataset with the
+# inputs as coordinates, including names and units.
 
 # %%
 lab = dj.load_scene("dropper-release-a")
@@ -58,15 +57,15 @@ for ax, (name, label) in zip(axes, pictured.items(), strict=True):
 plt.show()
 
 # %% [markdown]
-# Energy depends smoothly on the damping, as a sum over the whole motion should. A maximum over a chaotic motion need
-# not: patches in the corner of small damping are no error but the dropper's own. With such quantities one looks at
-# many runs and their scatter, never at one.
+# Energy depends smoothly on the damping, as expected for a sum over the whole motion. A maximum over a chaotic motion
+# does not: patches in the corner of small damping are not errors but a property of the dropper. For such quantities,
+# use many runs and their scatter, never a single run.
 
 # %% [markdown]
 # ## Sea state
 #
-# A dropper of 17 m hangs 6 m below the surface. The sea gets rougher from left to right, and for each sea state there
-# are several seas: the same spectrum with other random phases. That is what `seeds` is for.
+# A dropper of 17 m hangs 6 m below the surface. The sea becomes rougher from left to right. For each sea state there
+# are several seas: the same spectrum with other random phases. The argument `seeds` sets their number.
 
 # %%
 waves = {"kind": "spectrum", "spectrum": "jonswap", "hs": 2.0, "tp": 9.0, "gamma": 3.3, "count": 16, "seed": 1}
@@ -106,5 +105,5 @@ axes[0].legend(title="mean and range over seas")
 plt.show()
 
 # %% [markdown]
-# The band is what the phases of the sea do, at one and the same sea state. A single run somewhere in the band, taken
-# for "the" answer, may be the luckiest or the worst sea of a dozen.
+# The band shows the effect of the random phases at one sea state. A single run lies somewhere in the band: it may be
+# the mildest or the worst of a dozen seas.

@@ -14,9 +14,9 @@
 # %% [markdown]
 # # 7. A dropper in a storm
 #
-# The thesis asks what the storm of 25 years does to a dropper in the North Sea: 17 m of mussels, hung as a loop
-# between two points 2.5 m apart. It states a significant wave height of 8.20 m and prints the 231 wave components
-# that it used. The components say something else, which is the first thing to look at.
+# The thesis studies the effect of the 25-year storm on a dropper in the North Sea: 17 m of mussels, hung as a loop
+# between two points 2.5 m apart. It states a significant wave height of 8.20 m and prints the 231 wave components that
+# it used. The components disagree with this height, as the first section shows.
 
 # %%
 import tomllib
@@ -54,8 +54,8 @@ plt.show()
 # %% [markdown]
 # ## The dropper
 #
-# The ends are held in the mean surface, as in the thesis, so that the upper links come out of the water in every
-# trough: buoyancy and drag go by how much of a link is wet. Forces of the water are Morison's.
+# The ends are fixed at the mean surface, as in the thesis, so that the upper links emerge in every trough: buoyancy and
+# drag depend on the wet fraction of a link. The hydrodynamic forces follow Morison.
 
 # %%
 scene = dj.load_scene("dropper-north-sea")
@@ -72,15 +72,15 @@ Image(plots.under_surface(mild, "under.png").read_bytes(), width=760)
 Image(plots.response(mild, "response.png").read_bytes(), width=760)
 
 # %% [markdown]
-# Top: the surface. Middle: spectra of what a link in the loop makes of it. Bottom: its two angles in phase space.
+# Top: the surface. Middle: spectra of the response of a link in the loop. Bottom: its two angles in phase space.
 #
-# Another thing the components say: their phases meet at the start. The printed sea begins with one wave of nine
-# metres from crest to trough and is quiet afterwards, so that everything remarkable in this run happens in its first
-# ten seconds: it is a good test wave and a poor storm.
+# The components show something else: their phases coincide at the start. The printed sea starts with one wave of nine
+# metres from crest to trough and is quiet afterwards, so that all notable events of this run occur in its first ten
+# seconds. It is a good test wave and a poor storm.
 #
 # ## The stated storm
 #
-# The same dropper in the sea that the thesis states, Hs 8.20 m with a peak period of 11.7 s. Beside it, the printed
+# The same dropper in the sea that the thesis states, Hs 8.20 m with a peak period of 11.7 s, compared with the printed
 # components:
 
 # %%
@@ -111,10 +111,9 @@ plt.show()
 
 # %% [markdown]
 # In the storm the loop is thrown up and caught: at 44 and 54 s it falls back into its ropes. After such a jerk the
-# tension of a rigid link alternates from step to step (pale), for nothing in the model damps it along the rope;
-# motions and means over two steps (dark) are not touched. For the height of a jerk itself a rigid link is the wrong
-# model: give the line an `EA` and internal damping, and take shorter steps. What the load is for most of the time
-# does not depend on that:
+# tension of a rigid link alternates from step to step (pale), because the model has no damping along the rope. Motions,
+# and means over two steps (dark), are not affected. For the peak of a jerk a rigid link is the wrong model: give the
+# line an `EA` and internal damping, and use shorter steps. The usual load does not depend on that:
 
 # %%
 line = scene.lines[0]
@@ -134,5 +133,5 @@ print(f"largest tension: {pairs(mild.tension).max():.0f} N as printed, {pairs(st
 Image(plots.tension_envelope(storm, "envelope.png").read_bytes(), width=640)
 
 # %% [markdown]
-# How far down the rope the load reaches, and where it comes near zero or below: links are rigid here and may push, a
-# rope cannot, so a tension below zero says that this rope would go slack and jerk when it comes taut again.
+# The picture shows how far down the rope the load reaches, and where it becomes zero or negative. Links are rigid here
+# and may transmit compression; a rope cannot. A negative tension means that this rope would go slack and then jerk.

@@ -14,12 +14,12 @@
 # %% [markdown]
 # # 8. A longline in a storm
 #
-# The Edulis longline stood in the Belgian North Sea: a backbone of 57 m between two spar buoys, 145 m of mussel rope
-# hung below it in ten Vs, on either side 54 m of chain to two anchors, in 30 m of water. The paper gives the parts;
-# what it does not give is assumed, and said in the scene's description. We hang it, send it through two minutes of
-# the paper's irregular waves, and look at what a designer looks at: where the largest tension is, what the anchors
-# have to hold, how far the buoys go, and what cannot be known. At the end stands the paper's own comparison of two
-# codes, on one buoy and one chain.
+# The Edulis longline was moored in the Belgian North Sea, in 30 m of water. It had a backbone of 57 m between two spar
+# buoys, 145 m of mussel rope hung below it in ten Vs, and 54 m of chain to an anchor on either side. The paper gives
+# the parts; missing data are assumed and listed in the scene's description. This notebook finds its equilibrium and
+# simulates two minutes of the paper's irregular waves. The results are those that a designer needs: the location of the
+# maximum tension, the anchor loads, the excursion of the buoys, and their uncertainty. The last section repeats the
+# paper's own comparison of two codes, on one buoy and one chain.
 
 # %%
 import matplotlib.pyplot as plt
@@ -36,8 +36,7 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 # %% [markdown]
 # ## At rest in the current
 #
-# The statics of the whole system are one call: here in the scene's current, which comes across the line, without
-# waves.
+# The statics of the whole system are one call: here in the scene's current, across the line, without waves.
 
 # %%
 longline = dj.load_scene("edulis-longline")
@@ -50,8 +49,8 @@ for name in ("west-leg", "backbone", "sock-1", "sock-5", "east-leg"):
 # %% [markdown]
 # ## Two minutes of waves
 #
-# The energy balance tells whether the steps resolve what happens: energy, plus the work of everything that gives and
-# takes, stays what it was.
+# The energy balance shows whether the steps resolve the motion: energy, plus the work of all external and dissipative
+# forces, is constant.
 
 # %%
 storm = dj.simulate(longline, duration=120.0)
@@ -65,13 +64,13 @@ Image(plots.under_surface(storm, "longline.png", time=60.0).read_bytes(), width=
 Image(plots.tension_history(storm, "tension.png").read_bytes(), width=860)
 
 # %% [markdown]
-# For most of the two minutes the chains go up to twice what they carry at rest, and both sides alike: the waves come
-# across the line. Then a crest of five metres arrives. It takes the buoys seven metres along, and the chains pull them
-# four metres down, under the surface. The socks are left behind slack; when the buoys come up again they snap taut,
-# and one of these snaps, not the wave, is the largest tension of the backbone. How much of such a peak is the step's,
-# `dropper run edulis-longline --errors` says.
+# For most of the two minutes the chains carry up to twice their load at rest, equally on both sides, because the waves
+# come across the line. Then a crest of five metres arrives. It moves the buoys seven metres along, and the chains pull
+# them four metres below the surface. The socks stay behind, slack. When the buoys rise again the socks snap taut, and
+# one of these snaps, not the wave, causes the maximum tension of the backbone. `dropper run edulis-longline --errors`
+# reports the numerical error of such a peak.
 #
-# What every line carries, from the first crest on, and what the buoys do:
+# The load of every line, from the first crest on, and the motion of the buoys:
 
 # %%
 print(f"{'':12s}{'mean [N]':>10s}{'largest [N]':>13s}{'slack':>8s}")
@@ -103,12 +102,12 @@ ax.set(xlabel="x [m]", ylabel="z [m]", title="chain and spar buoy in a current o
 plt.show()
 
 # %% [markdown]
-# In waves of 5 m amplitude the chain falls slack in every trough and snaps taut on every crest. Each code takes that
-# snap in its own way: with its internal damping, its step, its seabed. The paper's two codes disagree by a factor of
-# five in the largest tension, 79 kN against 17 kN, on the same input. At steps that resolve the snaps three schemes
-# find 83 to 84 kN here, near OrcaFlex's 79 kN; at the step below a largest tension is too low.
+# In waves of 5 m amplitude the chain goes slack in every trough and snaps taut on every crest. Each code treats that
+# snap differently: by its internal damping, its step, its seabed. The paper's two codes disagree by a factor of five in
+# the maximum tension, 79 kN against 17 kN, for the same input. At steps that resolve the snaps three schemes give 83 to
+# 84 kN here, near OrcaFlex's 79 kN; at the step below the maximum tension is too low.
 #
-# The run starts as the paper does, from given positions of anchor and buoy; the table counts from 50 s on.
+# The run starts as in the paper, from given positions of anchor and buoy; the table counts from 50 s on.
 
 # %%
 SECONDS = 150.0
@@ -136,9 +135,9 @@ plt.show()
 # %% [markdown]
 # ## Where the energy goes
 #
-# The law of a slack rope stands at the end of each step. It can only take energy, and what it takes is booked: the
-# balance closes. Compare `internal_damping`, which the chain has, with `axial_ringing`, which is the snap that no step
-# of this size resolves. That is why every code's maxima depend on its step.
+# The law of a slack rope applies at the end of each step. It can only dissipate energy, and this energy is recorded, so
+# the balance closes. Compare `internal_damping`, a property of the chain, with `axial_ringing`, the snap that no step
+# of this size resolves. This is why every code's maxima depend on its step.
 
 # %%
 for name, work in zip(run.work_names, run.work[-1], strict=True):
@@ -146,5 +145,5 @@ for name, work in zip(run.work_names, run.work[-1], strict=True):
 print(f"balance drifts by {run.energy_drift:.1e} J of {run.energy_scale:.0f} J")
 
 # %% [markdown]
-# The other cases run in the same way (`dropper run paper-case-2`); their means stand beside the paper's Table 7 and
-# MoorDyn's in the guide to MoorDyn files. A whole farm is one name away: `dropper run dropper-farm-20`.
+# The other cases run in the same way (`dropper run paper-case-2`). Their means are compared with the paper's Table 7
+# and MoorDyn's in the guide to MoorDyn files. A whole farm needs only another name: `dropper run dropper-farm-20`.

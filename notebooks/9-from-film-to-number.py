@@ -14,10 +14,10 @@
 # %% [markdown]
 # # 9. From a film to a number
 #
-# A chain swings before a camera. How strongly is it damped? This notebook goes the whole way: film, angle traces, fit,
-# what the fit finds wrong with the rig, the law of damping, the posterior, and one run over the whole trace with the
-# time up to which it can be trusted. The film is rendered from a simulated run, so that the truth is known; with a film
-# of your own, begin at the second step.
+# A chain swings in front of a camera. How strongly is it damped? This notebook shows all steps: film, angle traces,
+# fit, errors of the rig found by the fit, damping law, posterior, and one run over the whole trace with its prediction
+# horizon. The film is rendered from a simulated run, so that the truth is known. With a film of your own, start at the
+# second step.
 
 # %%
 from pathlib import Path
@@ -41,8 +41,8 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 # %% [markdown]
 # ## The film
 #
-# Links of 12 cm with a marker on every node, drag that is linear and quadratic in the speed, let go from nearly
-# horizontal. The camera has a bending lens, noise, and an exposure of 1/640 s.
+# The links are 12 cm long with a marker on every node, and have linear and quadratic drag. The chain is released from a
+# nearly horizontal position. The camera has a bending lens, noise, and an exposure of 1/640 s.
 
 # %%
 TRUTH = {"b_l": 0.003, "b_q": 0.004}
@@ -75,9 +75,8 @@ plt.show()
 # %% [markdown]
 # ## Angles
 #
-# `track` finds the circles, which of them is which node, and the angles with their standard errors. It is told nothing
-# but the number of markers: no board, no scale. That angles need none, and that the lens shows in the lengths of rigid
-# links, is why.
+# `track` finds the circles, their assignment to nodes, and the angles with their standard errors. Its only input is the
+# number of markers, without a board or a scale. Angles need no scale, and the lengths of rigid links reveal the lens.
 
 # %%
 tracked = track("swing.avi", LINKS + 1)
@@ -90,11 +89,11 @@ rms, stated = np.sqrt(np.nanmean(off**2)), np.nanmean(tracked.trace.se)
 print(f"error of the angles: {1e3 * rms:.2f} mrad RMS, stated {1e3 * stated:.2f}")
 
 # %% [markdown]
-# ## A first fit, and what it says
+# ## A first fit and its warnings
 #
-# The scene that we believe in has a mistake: the second link was measured 1.5 mm too long. The fit ends, and its
-# damping is off; but it does not keep quiet. Chi-square says that the residuals are not noise, and the advice lists
-# what would explain them, each with its gain.
+# The assumed scene has a mistake: the second link was measured 1.5 mm too long. The fit ends with a biased damping, but
+# it warns: chi-square shows that the residuals are not noise. The advice lists possible explanations, each with its
+# gain.
 
 # %%
 believed = true_scene.with_values(
@@ -120,10 +119,11 @@ for warning in first.warnings:
     print("-", warning)
 
 # %% [markdown]
-# ## The fit that frees what is wrong
+# ## The fit that frees wrong parameters
 #
-# `auto_free` takes the advice one candidate at a time, with a fit of each, and keeps what gains most: here the lengths,
-# although the score tests put the clock, the scale and gravity before them. It ends where nothing gains any more.
+# `auto_free` tries the candidates of the advice one at a time, with a fit of each, and keeps the one with the largest
+# gain. Here it selects the lengths, although the score tests rank the clock, the scale and gravity higher. It ends when
+# no candidate improves the fit.
 
 # %%
 result = fit(tracked.trace, believed, ["b_l", "b_q"], auto_free=True, posterior=200)
@@ -136,8 +136,8 @@ for parameter, value, error in zip(result.parameters, result.values, result.unce
 # %% [markdown]
 # ## The law
 #
-# Does the trace ask for both parts of the drag? Every subset of linear and quadratic drag and of viscous and dry
-# friction in the joints is fitted to the same windows, and judged on blocks that it has not seen.
+# Does the trace require both parts of the drag? Every subset of linear and quadratic drag and of viscous and dry
+# friction in the joints is fitted to the same windows, and scored on blocks that it has not used.
 
 # %%
 fixed = fitted_scene(result.scene, result.model, result.parameters, result.values)
@@ -149,8 +149,8 @@ for law in sorted(laws.comparison, key=lambda law: -law.score)[:6]:
 # %% [markdown]
 # ## The posterior
 #
-# Draws from the posterior by importance sampling. Here it is as normal as its standard errors say, which is what one
-# likes to know.
+# Draws from the posterior by importance sampling. Here the posterior is close to the normal distribution of the
+# standard errors, which confirms them.
 
 # %%
 draws, weight = result.posterior.draws, result.posterior.weight
@@ -171,8 +171,8 @@ print(f"{result.posterior.effective:.0f} effective draws of {len(draws)}, Pareto
 # %% [markdown]
 # ## One run over the whole trace
 #
-# Windows are how it was fitted; one run from one start is what a simulator is for. A second run that begins one
-# standard error away tells how far to trust it.
+# Windows are used for fitting; the purpose of a simulator is one run from one start. A second run that starts one
+# standard error away shows how long the prediction is valid.
 
 # %%
 for each in (first, result):
@@ -191,10 +191,10 @@ axes[1].legend(loc="upper left", ncols=2)
 plt.show()
 
 # %% [markdown]
-# ## A scene to go on with
+# ## A scene for further use
 #
-# What was found goes back into a scene, which every command takes. `dropper fit swing.csv --scene chain.toml
-# --auto-free --report report` does all of this from the command line, and leaves `report/fitted.toml`.
+# The results go back into a scene, which every command accepts. `dropper fit swing.csv --scene chain.toml
+# --auto-free --report report` does all of this from the command line, and writes `report/fitted.toml`.
 
 # %%
 from dropper_jax.base.toml_text import as_toml  # noqa: E402

@@ -1,1 +1,1 @@
-"""From traces and a scene to a result: what comes before and after an estimate, and `fit`, which does all of it."""
+"""From traces and a scene to a result: the steps before and after an estimate, and `fit`, which runs all of them."""

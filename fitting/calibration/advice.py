@@ -1,16 +1,16 @@
-"""What spoils a fit, by name: score tests of numbers that were taken for known.
+"""Score tests of numbers that were assumed known: which of them cause a systematic error of the fit.
 
-A candidate c (lengths, the places of held points, the camera's roll, a marker, the clock, inertias) is looked at where
-the fit ended. With S the information of all numbers together and g the gradient, the windows' starts eliminated (the
-gaps of joined windows, priors and poses at rest are in both), and f the free numbers, freeing c would to first order
-change its numbers by d and gain in log likelihood
+A candidate c is tested at the end of the fit: lengths, positions of fixed points, the camera's roll, a marker, the
+clock, inertias. Let f be the free numbers and S the information of all numbers together. Let g be the gradient, with
+the starts of the windows eliminated; both include the gaps of joined windows, priors and poses at rest. Freeing c would
+change its numbers by d and raise the log likelihood, to first order, by
 
     d = -A^-1 u,    gain = u' A^-1 u / 2,    A = S_cc - S_cf S_ff^-1 S_fc,    u = g_c - S_cf S_ff^-1 g_f
 
-in units of the noise that the fit found, over its memory (Rao 1948). One more program is compiled, none is fitted.
-Candidates of unlike many numbers are compared by their gain less `log(N)/2` of each number (Schwarz 1978), and tested
-with Holm's correction for how many there are. Those that the traces cannot tell from what is free already (the clock
-from an inertia that is free, of one link) are not tested, and said to be so.
+in units of the noise that the fit estimated, including its memory (Rao 1948). One more program is compiled; nothing is
+fitted again. Candidates with different numbers of parameters are compared by their gain minus `log(N)/2` per parameter
+(Schwarz 1978). Holm's correction accounts for the number of candidates. A candidate that the traces cannot distinguish
+from the free parameters is not tested, which the report states. Example: the clock and a free inertia, for one link.
 """
 
 from __future__ import annotations
@@ -34,34 +34,34 @@ from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.priors import rig_priors
 from fitting.parameters.target import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
 
-#: Gain in log likelihood below which nothing is advised.
+#: Gain in log likelihood below which a candidate is not suggested.
 WORTH = 6.0
-#: Probability, over all candidates, below which one is named.
+#: Probability, over all candidates, below which a candidate is reported.
 NAMED = 0.01
-#: Share of a candidate's information that must be left beside what is free.
+#: Fraction of a candidate's information that must remain once the free parameters are accounted for.
 LEFT = 1e-7
-#: Lost stretches of frames that programs have places for.
+#: Number of lost stretches of frames that programs reserve space for.
 TIMES = 2
-#: Parameters whose derivatives are taken with those of the starts at one go, and windows that programs have room for.
+#: Parameters whose derivatives are taken together with those of the starts; windows that programs reserve space for.
 BESIDE, SLACK = 4, 2
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """What may be wrong; without changes where the traces cannot tell it from what is free.
+    """A possible cause of systematic error; has no changes if the traces cannot distinguish it from free parameters.
 
     Attributes:
         name: in words.
         free: names that free it.
-        changes: by parameter, the change that the traces ask for.
-        errors: their standard errors.
+        changes: by parameter, the change that the traces suggest.
+        errors: standard errors of the changes.
         gain: in log likelihood.
-        p: probability of such a gain where nothing is wrong, over all candidates.
-        worth: gain less what its numbers would gain by chance (Schwarz 1978); the largest is named first.
-        alike: candidates that the traces cannot tell from it.
-        moves: by parameter, how far freeing it moves those that are free, and its own, to first order.
-        doubt: by each candidate that cannot be told from it, how far that one would move every parameter instead; those
-            of this candidate back to where they started.
+        p: probability of such a gain if nothing is wrong, over all candidates.
+        worth: gain minus the gain that its numbers bring by chance (Schwarz 1978); reports list candidates by it.
+        alike: candidates that the traces cannot distinguish from it.
+        moves: by parameter, the first-order change of the free parameters and of its own when it is freed.
+        doubt: by each candidate that is indistinguishable from it, how far that one would move every parameter instead;
+            parameters of this candidate return to their start values.
     """
 
     name: str
@@ -77,12 +77,12 @@ class Candidate:
 
     @property
     def worth_naming(self) -> bool:
-        """Whether it is worth a name."""
+        """Whether the candidate is worth reporting."""
         return self.gain > WORTH and self.p < NAMED
 
     @property
     def identifiable(self) -> bool:
-        """Whether the traces tell it from what is free."""
+        """Whether the traces distinguish it from the free parameters."""
         return bool(self.changes)
 
     def to_json(self) -> dict[str, Any]:
@@ -103,7 +103,7 @@ class Candidate:
 
 
 def kinds(model: Model) -> Iterator[tuple[str, list[str]]]:
-    """Candidates of a model: what they are called and which paths free them."""
+    """Candidates of a model: their names and the paths that free them."""
     line = model.line
     yield "lengths of links", ["line.0.length"]
     if model.end_held:
@@ -126,20 +126,20 @@ def kinds(model: Model) -> Iterator[tuple[str, list[str]]]:
 
 
 def candidates(model: Model, release: Release | None) -> list[tuple[str, list[str], list[Parameter]]]:
-    """What they are called, which paths free them, and the numbers that these are."""
+    """Names of the candidates, the paths that free them, and the numbers at these paths."""
     found = []
     more = [] if release is None else [(f"start of run {i}", [f"{TIME}.{i}"]) for i in range(release.runs)]
     for name, paths in [*kinds(model), *more]:
         try:
             found.append((name, paths, list(resolve(model, paths, release=release))))
         except SceneError:
-            continue  # a scene that has no such number
+            continue  # the scene has no such number
     return found
 
 
 def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
-    """A simulator whose programs know the free parameters, those of all candidates and further ones, and places for
-    lost frames."""
+    """A simulator whose programs know the free parameters, those of all candidates and others, with space for lost
+    frames."""
     own = prepared.simulator
     model, names = own.model, {p.name for p in prepared.parameters}
     asked = [*(p for _, _, found in candidates(model, own.release) for p in found), *further]
@@ -147,7 +147,7 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(TIMES)]
     if own.knows([*prepared.parameters, *more]):
         return own
-    release = None if own.release is None else replace(own.release)  # its poses are of one list of parameters
+    release = None if own.release is None else replace(own.release)  # its poses belong to one list of parameters
     every = [p for p in prepared.parameters if not isinstance(p.where, LostPlace)]
     simulator = Simulator(model, [*every, *more, *lost], own.stepper, release, tangents=own.freedoms + BESIDE)
     simulator.capacity = SLACK * prepared.windows.steps, SLACK * prepared.windows.theta.shape[1]
@@ -155,7 +155,7 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
 
 
 def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None = None) -> list[Candidate]:
-    """Candidates by their worth, the largest first; `simulator` is one that knows their numbers."""
+    """Candidates in order of decreasing worth; `simulator` must know their numbers."""
     problem, model = solution.problem, prepared.simulator.model
     simulator = simulator or wide(prepared)
     free = {p.name for p in problem.parameters}
@@ -177,7 +177,7 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
             untold.append(Candidate(name, tuple(paths), {}, {}, 0.0, 1.0))
         else:
             tests.append((name, paths, found, *test))
-    order = sorted(tests, key=lambda t: t[-1])  # by p, for Holm
+    order = sorted(tests, key=lambda t: t[-1])  # by p, for Holm's correction
     price = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
     rows = []
     worst = 0.0
@@ -194,14 +194,14 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
             others = [other for other, rows_of in offsets.items() if other != name and len(rows_of) == len(mine)]
             row = replace(row, alike=tuple(o for o in others if score_change(S, g, data, beside, offsets[o]) is None))
         rows.append(row)
-    # those that are alike keep their order
+    # indistinguishable candidates keep their order
     return sorted(rows, key=lambda row: -round(row.worth, 1)) + untold
 
 
 def joint_information(
     prepared: Prepared, solution: Solution, simulator: Simulator, more: Sequence[Parameter]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Information and gradient of the free parameters and of more, and the part of the information by measurements."""
+    """Information and gradient of the free and further parameters, and the information from measurements alone."""
     problem = solution.problem
     every, known = rig_priors(prepared.scene, prepared.simulator.model, [*problem.parameters, *more])
     values = np.concatenate([solution.values, [p.value for p in more]])
@@ -218,7 +218,7 @@ def joint_information(
 def score_change(
     S: np.ndarray, g: np.ndarray, data: np.ndarray, free: np.ndarray, mine: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float] | None:
-    """Changes, their errors, moves of what is free, gain and probability; None where the traces tell nothing of it."""
+    """Changes, errors, moves of free parameters, gain and probability; None if the traces carry no information."""
     size = np.diag(data)[mine]
     if not (size > 0).all():
         return None

@@ -1,4 +1,4 @@
-"""Energy of a measured motion and what damping takes from it, without any simulation."""
+"""Energy of a measured motion and its dissipation by damping, without any simulation."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from fitting.parameters.naming import DAMPING
 from fitting.traces import planar
 from fitting.traces.trace import Trace, smooth, smoothers
 
-#: Fewest samples of a run.
+#: Minimum number of samples of a run.
 FEWEST = 120
 
 
 def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Energy [J] of a pose with rates, and the power [W] that the damping takes from it."""
+    """Energy [J] of a pose with rates, and the power [W] dissipated by the damping."""
     s = planar.to_state(model, theta, omega)
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
     taken = jnp.zeros(())
@@ -38,7 +38,7 @@ def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array
 def smooth_stretch(
     trace: Trace, span: tuple[float, float], reach: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Even times (k,) and smoothed angles and rates (k, n) of a stretch of a trace; None where it is too short."""
+    """Equidistant times (k,), smoothed angles and rates (k, n) of a stretch of a trace; None if it is too short."""
     part = trace.between(*span)
     if len(part.t) < FEWEST:
         return None
@@ -48,7 +48,7 @@ def smooth_stretch(
 
 
 def smoothed_noise(trace: Trace, reach: float, phi: float) -> tuple[float, float]:
-    """Deviation that smoothing leaves of noise of deviation 1 and memory `phi`, in angles and in rates [1/s]."""
+    """Standard deviation of smoothed unit noise of memory `phi`, in angles and in rates [1/s]."""
     width = _width(trace, reach)
     memory = toeplitz(phi ** np.arange(width))
     weights = (every[width // 2] for every in smoothers(width, trace.interval))
@@ -58,10 +58,10 @@ def smoothed_noise(trace: Trace, reach: float, phi: float) -> tuple[float, float
 def without_noise(
     model: Model, theta: jax.Array, omega: jax.Array, angle: jax.Array, rate: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """`balance` of a measured pose, less what noise of these deviations (n,) [rad], [rad/s] adds to it on average.
+    """`balance` of a measured pose, minus the mean contribution of noise of these sizes (n,) [rad], [rad/s].
 
-    A function f of noisy numbers is on average f + 1/2 sum s_j^2 f_jj: both are at least quadratic in the rates. The
-    second differences are taken as far apart as the noise is, so that |rate| of dry joints counts as well.
+    The mean of a function f of noisy numbers is f + 1/2 sum s_j^2 f_jj; both results are at least quadratic in the
+    rates. The second differences use the noise's size as their step, so that |rate| of dry joints is included.
     """
     n = theta.shape[0]
     move = jnp.concatenate([jnp.diag(angle), jnp.zeros((n, n))]), jnp.concatenate([jnp.zeros((n, n)), jnp.diag(rate)])
@@ -74,5 +74,5 @@ def without_noise(
 
 
 def _width(trace: Trace, reach: float) -> int:
-    """Frames that the smoother takes."""
+    """Number of frames that the smoother uses."""
     return 2 * max(2, round(reach / trace.interval)) + 1

@@ -1,13 +1,13 @@
-"""Which damping law do the traces ask for? Every subset of a full set of coefficients, compared on the same windows.
+"""Model selection of damping laws: every subset of a full set of coefficients, compared on the same windows.
 
-Every law is a subset of one full set, the others held at zero, so that all are fitted by the same simulator on the same
-windows, in units of the noise that the fullest law leaves. A law starts from the best of those that it contains, and so
-never fits worse. Laws that give the same motion (one link: linear drag, and a viscous joint) are one. They are compared
-by cross-validation in blocks (`cross_validation`) and by tests of what one has more than another (`decision`); what the
-caller holds out is touched by none of it.
+Every law is a subset of one full set, with the other coefficients fixed at zero. All laws are therefore fitted by the
+same simulator on the same windows, in units of the noise that the fullest law leaves. A law starts from the best of the
+laws that it contains, so it never fits worse. Laws that give the same motion are merged (one link: linear drag and a
+viscous joint). Laws are compared by cross-validation in blocks (`cross_validation`) and by tests of the coefficients in
+which they differ (`decision`). Samples that the caller holds out are used by neither.
 
-BIC = `N_eff log(chi2/N) + k log N_eff` (Schwarz 1978) stands beside, where N_eff counts the samples by their
-correlation, N (1 - rho)/(1 + rho), rho that of the law that fits best, whose residuals are nearest to the noise.
+BIC = `N_eff log(chi2/N) + k log N_eff` (Schwarz 1978) is reported alongside. N_eff = N (1 - rho)/(1 + rho) accounts for
+correlated samples; rho is that of the law that fits best, because its residuals are nearest to the noise.
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ from fitting.estimate.refinement import refine
 from fitting.estimate.residual_noise import with_residual_noise
 from fitting.estimate.windows import Windows
 
-#: Largest correlation of neighbours believed [-]: beyond it a trace would hold next to no sample at all.
+#: Maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all.
 MOST_CORRELATED = 0.999
-#: Cosine of two coefficients' derivatives beyond which they are one; drag is weighted within a step, joints are not.
+#: Cosine of two coefficients' derivatives above which they count as one; drag is weighted within a step, joints not.
 SAME = 1 - 1e-4
-#: Most evaluations of a law from where a larger one ended: what lies in the same valley is not farther; and most larger
-#: ones that it is fitted from, of which each may have found a better valley.
+#: Maximum evaluations of a law started from the end of a larger one, which suffices in the same local minimum.
+#: Maximum number of larger laws to start from, as each may have found a better local minimum.
 NEAR, TRIES = 8, 3
-#: Times the cost of the fullest law beyond which a law is not worth finer steps; log likelihood that it loses, by the
-#: fullest law's covariance, beyond which no other valley will save it.
+#: Cost, in multiples of the fullest law's, above which a law does not justify finer steps; loss of log likelihood, by
+#: the fullest law's covariance, above which no other local minimum can rescue a law.
 FAR, HOPELESS = 10.0, 1000.0
 
 
 def compare(
     prepared: Prepared, laws: Sequence[str] = tuple(LADDER), iterations: int = 25, progress: Progress | None = None
 ) -> list[Law]:
-    """Fit laws to the same windows by `windows`, and say which of them the traces leave possible.
+    """Fit laws to the same windows by `windows`, and report which of them the traces leave possible.
 
-    What else is free in the fit (inertias, camera) is free in every law. Friction in joints is one number for all, or
-    one for each where the scene or the fit gives it so.
+    Other free parameters of the fit (inertias, camera) are free in every law. Friction in joints is one number for all,
+    or one for each if the scene or the fit specifies it so.
 
     Raises:
         SceneError: a law of unknown name.
@@ -101,7 +101,7 @@ def compare(
 def _first_fits(
     prepared: Prepared, families: dict[bool, Family], laws: Sequence[str], iterations: int, say: Progress
 ) -> tuple[Prepared, dict[bool, Family], dict[str, Solution]]:
-    """The noise that the fullest law leaves, families with steps as fine as it asks for, and their fullest laws."""
+    """The noise that the fullest law leaves, families with the step size that it requires, and their fullest laws."""
     families, fullest = dict(families), laws[-1]
     say(0.95, f"law {fullest}: noise")
     widest = "dry" in LADDER[fullest]
@@ -114,7 +114,7 @@ def _first_fits(
     families[widest] = replace(families[widest], substeps=first.windows.substeps)
     found = {fullest: first}
     for dry, family in families.items():
-        # a step's error would tell the schemes apart, and so laws
+        # otherwise the step error would distinguish the schemes, and so the laws
         law = next(law for law in reversed(laws) if ("dry" in LADDER[law]) == dry)
         if law != fullest:
             found[law] = refine(fit_law(prepared, family, law, [first], iterations))
@@ -125,11 +125,11 @@ def _first_fits(
 def _from_larger(
     found: dict[str, Solution], near: Sequence[str], families: dict[bool, Family], iterations: int
 ) -> tuple[dict[str, Solution], dict[str, float]]:
-    """The laws, those `near` that a larger one would refute fitted once more from where that ended; and their costs.
+    """The laws and their costs; those `near` that a larger one would refute are refitted from the end of that one.
 
-    The cost of windows is rough, that of joints that stick and of chaotic chains most of all: the larger law may have
-    found the better valley. And its scheme may have another step's error, which may fit the noise better by chance: a
-    law's cost is the least that it has by its own scheme and by that of the larger law.
+    The cost of windows is non-smooth, most of all for joints that stick and for chaotic chains: the larger law may have
+    found the better local minimum. Its scheme may also have a different step error, which may fit the noise better by
+    chance. The cost of a law is therefore the minimum of those by its own scheme and by that of the larger law.
     """
     found, costs = dict(found), {law: one.cost / one.problem.memory for law, one in found.items()}
     for law in reversed(near):
@@ -155,7 +155,7 @@ def _rows(
     costs: dict[str, float],
     scores: Sequence[Scores],
 ) -> list[Law]:
-    """The laws' rows, their costs in units of independent samples, before anything is decided."""
+    """The laws' rows before any decision; costs are in units of independent samples."""
     windows = prepared.windows
     kinds = (last_third(windows.begin, windows.run), other_runs(windows.run))
     ahead, beside = (fair(each, windows.released) for each in kinds)
@@ -170,14 +170,14 @@ def _rows(
         )
         for (law, one), scored in zip(found.items(), scores, strict=True)
     ]
-    # with its further parts at zero a law is one that it contains, whatever the error of its scheme's step
+    # a law contains itself with further parts at zero, so its cost is at most theirs for any error of its scheme's step
     inner = [[one.cost for one in rows if contains(row.name, one.name)] for row in rows]
     rows = [replace(row, cost=min([row.cost, *less])) for row, less in zip(rows, inner, strict=True)]
     return with_bic(rows, [one.evaluation.residual for one in found.values()], windows)
 
 
 def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
-    """The laws with standard errors of the differences of their RMS errors to the least, window by window."""
+    """The laws with standard errors of the differences between their RMS errors and the minimum, window by window."""
     mean = np.array([s.square / np.maximum(s.count, 1) for s in scores])
     best = int(np.argmin([row.held_out for row in rows]))
     known = scores[best].count > 0
@@ -188,7 +188,7 @@ def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
 
 
 def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dict[str, str]:
-    """Parts of one coefficient that do what another does, which stands in their place; one that the fit has stays."""
+    """Parts of one coefficient that act like another, which replaces them; a part that the fit already has stays."""
     names = [p.name for p in first.problem.parameters]
     owner = [next((part for part, path in PARTS.items() if name.startswith(path)), None) for name in names]
     wanted = {part for law in laws for part in LADDER[law] if owner.count(part) == 1}
@@ -205,7 +205,7 @@ def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dic
 
 
 def _equals(law: str, same: dict[str, str], laws: Sequence[str]) -> tuple[str, ...]:
-    """Laws that are this one by other names."""
+    """Laws that are the same as this one under other names."""
     means = lambda name: {same.get(part, part) for part in LADDER[name]}  # noqa: E731
     return tuple(other for other in laws if other != law and means(other) == set(LADDER[law]))
 
@@ -227,7 +227,7 @@ def _row(law: str, solution: Solution, family: Family) -> Law:
 
 
 def remaining_decrease(solution: Solution) -> float:
-    """What the Gauss-Newton step from here would lower the cost by, of parameters that may move: g' S^-1 g / 2."""
+    """Decrease of the cost by a Gauss-Newton step of the movable parameters: g' S^-1 g / 2."""
     g, (low, high) = solution.gradient, solution.problem.bounds(solution.values)
     free = ~solution.problem.held_mask
     free &= ~((solution.values <= low) & (g > 0)) & ~((solution.values >= high) & (g < 0))
@@ -238,7 +238,7 @@ def remaining_decrease(solution: Solution) -> float:
 
 
 def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> list[Law]:
-    """The laws with their BIC, all by the effective number of samples of the one with the least chi-square."""
+    """The laws with their BIC, all by the effective number of samples of the law with the smallest chi-square."""
     chi2, samples = np.array([np.sum(r**2) for r in residuals]), windows.samples
     rho = lag_one(residuals[int(np.argmin(chi2))], windows.weight > 0)[0]
     rho = np.clip(rho, 0.0, MOST_CORRELATED)

@@ -1,16 +1,16 @@
 """How well a law predicts stretches that were not fitted: cross-validation in blocks of windows.
 
-A block of neighbouring windows is left out, and one window on either side of it; the parameters that the others ask for
-follow to first order from their normal equations at the law's own optimum,
+A block of neighbouring windows is left out, with one window on either side of it. The optimal parameters of the other
+windows follow to first order from their normal equations at the law's own optimum,
 
-    dp = argmin g . dp + dp' S dp/2  inside the bounds,     S, g: sums over the other windows,
+    dp = argmin g . dp + dp' S dp/2  inside the bounds,     S, g: sums over the other windows.
 
-the start of each window left out from the first third of its samples, and the rest of them is scored: with its
-residuals r after both moves, and with C the covariance of start and parameters given all that was used,
+The start of each window left out is fitted to the first third of its samples, and the rest is scored. With r the
+residuals after both moves, and C the covariance of start and parameters given all data used,
 
     log p = -1/2 (r' V^-1 r + log det V),     V = 1 + W C W',     W: derivatives of r by start and parameters,
 
-in units of the noise. Nothing is simulated anew. (Bernardo and Smith 1994, log scores; Burman, Chow and Nolan 1994,
+in units of the noise. Nothing is simulated again. (Bernardo and Smith 1994, log scores; Burman, Chow and Nolan 1994,
 blocks with gaps between them.)
 """
 
@@ -24,21 +24,21 @@ from scipy.linalg import cho_factor, cho_solve
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.problem import Solution
 
-#: Blocks at most, windows of a block at least, windows dropped on either side of it.
+#: Maximum number of blocks, minimum number of windows per block, windows dropped on either side of it.
 BLOCKS, SMALLEST, GAP = 5, 3, 1
-#: Part of a window that tells where it starts.
+#: Fraction of a window that determines its start.
 EARLY = 1 / 3
 
-#: Which windows a fold scores, and which it fits, (K,) bool each.
+#: The windows that a fold scores and those that it fits, (K,) bool each.
 Fold = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Scores:
-    """Of K windows that were predicted.
+    """Scores of K predicted windows.
 
     Attributes:
-        log_score: log density of what was scored, less that of the noise alone (K,); 0 where nothing was.
+        log_score: log density of the scored samples minus that of the noise alone (K,); 0 where nothing was scored.
         square: sum of squared angle errors (K,) [rad^2].
         count: samples scored (K,).
     """
@@ -49,7 +49,7 @@ class Scores:
 
     @property
     def total(self) -> float:
-        """Log score of all windows."""
+        """Sum of the log scores of all windows."""
         return float(self.log_score.sum())
 
     @property
@@ -59,7 +59,7 @@ class Scores:
 
 
 def blocks(run: np.ndarray) -> list[Fold]:
-    """Which windows each fold scores and which it fits, (K,) bool each, from the windows' runs (K,)."""
+    """The windows that each fold scores and fits, (K,) bool each, from the windows' runs (K,)."""
     count = len(run)
     folds = min(BLOCKS, max(count // SMALLEST, 2 if count > 1 else 1))
     gap = GAP if count >= 2 * SMALLEST else 0
@@ -77,7 +77,7 @@ def blocks(run: np.ndarray) -> list[Fold]:
 
 
 def last_third(begin: np.ndarray, run: np.ndarray) -> list[Fold]:
-    """The same with the last third of every run scored, from all before it."""
+    """Folds that score the last third of every run, predicted from all before it."""
     scored = np.zeros(len(run), bool)
     used = np.zeros(len(run), bool)
     for r in np.unique(run):
@@ -90,18 +90,18 @@ def last_third(begin: np.ndarray, run: np.ndarray) -> list[Fold]:
 
 
 def other_runs(run: np.ndarray) -> list[Fold]:
-    """The same with every run scored from the others; empty where there is one."""
+    """Folds that score every run from the others; empty if there is only one run."""
     runs = np.unique(run)
     return [(run == r, run != r) for r in runs] if len(runs) > 1 else []
 
 
 def fair(folds: list[Fold], released: np.ndarray) -> list[Fold]:
-    """The folds with windows that the model itself begins (K,) always fitted: they alone tell when a run was let go."""
+    """The folds with windows that start from the model (K,) always fitted: only they determine the release time."""
     return [(scored & ~released, used | released) for scored, used in folds]
 
 
 def score(solution: Solution, folds: list[Fold]) -> Scores:
-    """The windows that the folds score, predicted from those that each fits."""
+    """Predictions of the windows that the folds score, from the windows that each fits."""
     e, windows, m2 = solution.evaluation, solution.windows, solution.problem.freedoms
     free = np.flatnonzero(~solution.problem.held_mask)
     prior = solution.problem.prior(solution.values)
@@ -134,7 +134,7 @@ def _one(
     weight: np.ndarray,
     m2: int,
 ) -> tuple[float, float, int]:
-    """Log score, sum of squared errors [rad^2] and samples of one window (S, n), parameters at `dp` +- S^-1 before."""
+    """Log score, sum of squared errors [rad^2] and samples of one window (S, n); parameters: `dp` +- S^-1."""
     moved = residual + jacobian[..., m2:] @ dp
     A, r = jacobian[early], moved[early]
     precision = A.T @ A

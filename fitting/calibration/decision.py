@@ -1,15 +1,15 @@
-"""Which laws the traces leave possible.
+"""Decide which laws the traces leave possible.
 
-A law that another contains is refuted where what it lacks is asked for, and a law that contains a possible one is
-needless where what it has more is not, and where the traces exclude that any of it takes a tenth of the energy: what
-they could not have shown stays possible. Both are tests of coefficients on their bound of zero: twice the difference of
-the log likelihoods of q coefficients follows the mixture
+A law that another one contains is refuted if the traces require a coefficient that it lacks. A law that contains a
+possible one is needless if its additional coefficients are not required and the traces exclude that any of them
+dissipates 10 % of the energy; an effect that the traces could not show remains possible. Both are tests of coefficients
+on their bound of zero. Twice the difference of the log likelihoods of q coefficients follows the mixture
 
     sum_i binom(q, i) 2^-q chi^2_i
 
-(Self and Liang 1987; the weights are those of coefficients that do not depend on each other). Laws of which neither
-contains the other are compared by how they predict windows that were not fitted: one that is worse by more than chance
-leaves is refuted too. What is left is possible; one law alone is decided.
+(Self and Liang 1987; the weights are those of independent coefficients). If neither law contains the other, the two are
+compared by their predictions of windows that were not fitted. A law that is significantly worse is refuted as well. The
+remaining laws are possible; the decision is unique if one law remains.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from fitting.calibration.cross_validation import Scores
 from fitting.calibration.law import Law
 from fitting.calibration.laws import LADDER, contains
 
-#: Probability below which a lack counts as shown (a hundredth over some ten laws), and above which an addition
-#: counts as needless.
+#: Probability below which a missing coefficient counts as shown (0.01 over some ten laws), and above which an
+#: additional one counts as needless.
 LACKS, NEEDLESS = 0.001, 0.01
-#: A law that does not contain the better one is refuted by a log score so many of its standard errors worse, and by at
-#: least so much; or by a likelihood that is so much worse at as many coefficients or more.
+#: A law that does not contain the better one is refuted if its log score is worse by this many of its standard errors
+#: and by at least this amount, or if its likelihood is that much worse with as many coefficients or more.
 STANDARD_ERRORS, WORSE = 2.5, 3.0
-#: Log likelihood with joined windows by which a law is worse than another one of no more coefficients, and refuted.
+#: Difference of log likelihood with joined windows at which a law is refuted by another of no more coefficients.
 JOINED = 4.0
-#: Draws of windows for the laws' shares.
+#: Draws of windows for the laws' weights.
 DRAWS = 1000
 
 
 def chance(gain: float, coefficients: int) -> float:
-    """Probability of a log likelihood higher by `gain` from coefficients that are zero and cannot be less."""
+    """Probability of a gain of at least `gain` in log likelihood by coefficients that are zero and non-negative."""
     beyond = [float(gain <= 0.0), *(chdtrc(i, max(2 * gain, 0.0)) for i in range(1, coefficients + 1))]
     return float(sum(comb(coefficients, i) * p for i, p in enumerate(beyond)) / 2**coefficients)
 
 
 def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
-    """The laws with scores against the best, shares, why they are left behind, and the simplest possible one chosen."""
+    """The laws with scores relative to the best, weights and reasons of refutation; the simplest possible is chosen."""
     logs = np.array([s.log_score for s in scores])
     best = int(np.argmax(logs.sum(1)))
     spread = deviation(logs - logs[best]) * np.sqrt(logs.shape[1])
@@ -54,7 +54,7 @@ def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
             rows, (logs - logs[best]).sum(1), spread, shares(logs, np.random.default_rng(0)), strict=True
         )
     ]
-    # where a fit did not converge its cost is an upper limit: a law that stands by it stands
+    # the cost of a fit that did not converge is an upper limit: a law that passes with it passes
     reasons = ["" if np.isfinite(row.cost) else row.status for row in rows]
     if all(reasons):
         reasons = [""] * len(rows)
@@ -68,11 +68,11 @@ def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
 
 
 def decide_joined(rows: list[Law], costs: Mapping[str, float], unseen: Mapping[str, tuple[str, ...]]) -> list[Law]:
-    """The laws decided, with what windows that are joined tell of those that were left.
+    """The laws decided, using joined windows for those that were still undecided.
 
     Args:
         costs: of laws with joined windows, minus their log likelihoods, by name.
-        unseen: parts of them that may take a tenth of the energy for all that joined windows tell.
+        unseen: their parts that may dissipate 10 % of the energy as far as joined windows show.
     """
     rows = [replace(row, joined=costs[row.name], unseen=unseen[row.name]) if row.name in costs else row for row in rows]
     left = [i for i, row in enumerate(rows) if row.name in costs]
@@ -89,14 +89,14 @@ def decide_joined(rows: list[Law], costs: Mapping[str, float], unseen: Mapping[s
 
 
 def _chosen(rows: list[Law]) -> list[Law]:
-    """The laws, the simplest possible one chosen."""
+    """The laws, with the simplest possible one chosen."""
     left = [i for i, row in enumerate(rows) if row.possible]
     simplest = min(left, key=lambda i: (rows[i].coefficients, -rows[i].score))
     return [replace(row, chosen=i == simplest) for i, row in enumerate(rows)]
 
 
 def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
-    """Why laws are left behind that others contain, or that contain others."""
+    """Reasons to reject laws that others contain, or that contain others."""
     reasons = list(reasons)
     alive = [i for i, reason in enumerate(reasons) if not reason]
     for i in alive:
@@ -107,13 +107,13 @@ def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
                 if p < LACKS:
                     reasons[i] = f"lacks what {rows[j].name} has (p = {p:.1g})"
                     break
-    # from the simplest on: a law is needless only beside one that stays
+    # from the simplest law on: a law is needless only if a simpler law that it contains remains
     for j in sorted(alive, key=lambda j: rows[j].coefficients):
         for i in alive:
             if not reasons[j] and not reasons[i] and contains(rows[j].name, rows[i].name):
                 p = chance(rows[i].cost - rows[j].cost, rows[j].coefficients - rows[i].coefficients)
                 more = set(LADDER[rows[j].name]) - set(LADDER[rows[i].name])
-                # of several parts more, one alone would have to be open
+                # if a law has several more parts, one of them alone must be undecided
                 between = [k for k in alive if contains(rows[k].name, rows[i].name)]
                 between = [k for k in between if contains(rows[j].name, rows[k].name)]
                 open_parts = any(not reasons[k] for k in between) if between else more & set(rows[j].unseen)
@@ -123,7 +123,7 @@ def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
 
 
 def _by_prediction(rows: list[Law], reasons: list[str], logs: np.ndarray, alive: list[int]) -> list[str]:
-    """Why laws are left behind that predict worse than others of no more coefficients."""
+    """Reasons to reject laws that predict worse than others of no more coefficients."""
     reasons = list(reasons)
     for i in alive:
         for j in alive:
@@ -138,7 +138,7 @@ def _by_prediction(rows: list[Law], reasons: list[str], logs: np.ndarray, alive:
 
 
 def deviation(rows: np.ndarray) -> np.ndarray:
-    """Standard deviations of rows (laws, windows); NaN where no window is scored (a run of one window)."""
+    """Standard deviations of rows (laws, windows); NaN if no window is scored (a run of one window)."""
     count = rows.shape[1]
     return np.std(rows, axis=1, ddof=1 if count > 1 else 0) if count else np.full(len(rows), np.nan)
 
@@ -152,6 +152,6 @@ def shares(logs: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def verdict(rows: list[Law]) -> str:
-    """The law in words: its name, or those between which the traces do not decide."""
+    """The decision in words: the law's name, or the names that the traces leave undecided."""
     left = [row.name for row in rows if row.possible]
     return left[0] if len(left) == 1 else "undecided {" + ", ".join(left) + "}"

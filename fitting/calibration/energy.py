@@ -1,13 +1,14 @@
-"""An independent look at a fit: does the measured motion lose its energy as fast as the fitted law says?
+"""An independent check of a fit: does the measured motion lose energy as fast as the fitted law predicts?
 
-Nothing is simulated. With angles and rates from the smoothed traces, E the energy and P the power that the law takes,
+Nothing is simulated. With angles and rates from the smoothed traces, E the energy and P the power that the law
+dissipates,
 
     E(t) = E0 - c W(t) + noise,     W(t) = integral of P
 
-is a straight line in W, whose slope c is 1 where the law is right. Noise of the rates adds to both on average, which is
-taken off (`balance.without_noise`): 4 mrad at 60 Hz made slopes half a per cent too small. Each run has its own E0; E
-and W are means over stretches of time, the slope's error is the scatter of blocks of them (a jackknife), together with
-the fitted parameters' own, by differences.
+is a straight line in W, with slope c = 1 if the law is right. Noise of the rates adds a mean contribution to both, and
+this is subtracted (`balance.without_noise`): without this, 4 mrad at 60 Hz made slopes 0.5 % too small. Each run has
+its own E0; E and W are means over stretches of time. The error of the slope combines the scatter of blocks of stretches
+(a jackknife) with the errors of the fitted parameters, by differences.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ from fitting.parameters.naming import DAMPING
 from fitting.parameters.parameter import apply
 from fitting.parameters.seeing import camera_angles, clock_rate
 
-#: Half width of the smoother, as a part of the shortest link's period: its cubics leave 1e-4 of a swing's energy.
+#: Half width of the smoother as a fraction of the shortest link's period: its cubics lose 1e-4 of a swing's energy.
 SMOOTH = 0.06
-#: Stretches of time into which a run is averaged, and blocks of them.
+#: Number of stretches of time over which a run is averaged, and of blocks of them.
 STRETCHES, BLOCKS = 60, 10
 
 
 def check_energy(result: FitResult) -> EnergyCheck | None:
-    """The check, found once, kept in the result with its warning."""
+    """The check, computed once and stored in the result with its warning."""
     if result.energy is None:
         result.energy = energy_check(result)
         if result.energy is not None and result.energy.warning:
@@ -39,7 +40,7 @@ def check_energy(result: FitResult) -> EnergyCheck | None:
 
 
 def energy_check(result: FitResult) -> EnergyCheck | None:
-    """The slope of every run together; None where the law takes no energy, or nothing can be said of the motion."""
+    """The common slope of all runs; None if the law takes no energy or the motion does not determine it."""
     simulator, parameters = result.solution.problem.simulator, result.parameters
     model = simulator.model
     taking = [e for e in model.effects if e.name in DAMPING]
@@ -58,7 +59,7 @@ def energy_check(result: FitResult) -> EnergyCheck | None:
         at = apply(model, parameters, values)
         rate = clock_rate(parameters, values)
         omega = omega if rate is None else omega / rate
-        # what the camera adds at the measured angles is what it adds at the true ones, but for its own square
+        # the camera's correction is the same at the measured and at the true angles, except for its square
         theta = theta - (camera_angles(at, parameters, values, theta) - theta)
         return jax.vmap(lambda a, w: without_noise(at, a, w, *noise))(theta, omega)
 
@@ -82,7 +83,7 @@ def energy_check(result: FitResult) -> EnergyCheck | None:
 
 
 def _noise(result: FitResult, run: int, omega: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Deviations (n,) that smoothing leaves in a run's angles [rad] and rates [rad/s]."""
+    """Standard deviations (n,) of a run's smoothed angles [rad] and rates [rad/s]."""
     table = result.noise_table()
     size, links = table["sigma_rad"][run], omega.shape[1]
     late = table["delay_s"][run] * np.sqrt(np.mean(omega**2, axis=0)) if "delay_s" in table else np.zeros(links)
@@ -96,7 +97,7 @@ def _reach(model: Model) -> float:
 
 
 def _covered_span(result: FitResult, run: int) -> tuple[float, float]:
-    """From where to where windows of a run follow each other without a gap, from its first one on."""
+    """Start and end of the windows of a run that follow each other without a gap, from the first one on."""
     windows = result.windows
     mine = np.flatnonzero(windows.run == run)
     if not len(mine):
@@ -108,14 +109,14 @@ def _covered_span(result: FitResult, run: int) -> tuple[float, float]:
 
 
 def _stretches(t: np.ndarray, energy: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means (STRETCHES,) of the energy and of what the law has taken so far [J]."""
+    """Means (STRETCHES,) of the energy and of the energy dissipated so far by the law [J]."""
     taken = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))])
     parts = np.array_split(np.arange(len(t)), STRETCHES)
     return np.array([energy[p].mean() for p in parts]), np.array([taken[p].mean() for p in parts])
 
 
 def _slope(rows: list[tuple[np.ndarray, np.ndarray]], without: int | None) -> float:
-    """Slope of the energy over what the law takes, its sign turned; with a block of stretches left out."""
+    """Negative slope of the energy over the dissipated energy; also with each block of stretches left out."""
     keep = np.ones(STRETCHES, bool)
     if without is not None:
         keep[without * (STRETCHES // BLOCKS) : (without + 1) * (STRETCHES // BLOCKS)] = False

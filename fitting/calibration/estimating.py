@@ -1,4 +1,4 @@
-"""One fit by one of the estimators, with the noise that its own residuals tell."""
+"""One fit by one of the estimators, with the noise estimated from its own residuals."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from fitting.estimate.refinement import finer_step, refine
 from fitting.estimate.residual_noise import pose_again, with_residual_noise
 from fitting.estimate.shooting import continue_shooting, fit_shooting, solve_to_end
 
-#: Most iterations of a first fit before links are weighed by their misfit, and before windows are looked at one by one.
+#: Maximum iterations of a first fit before links are weighted by their misfit and windows are inspected one by one.
 EARLY, FIRST = 5, 15
-#: Ratio of two links' misfits, in units of their noise, from which on they are weighed by it.
+#: Ratio of two links' misfits, in units of their noise, above which links are weighted by misfit.
 UNEVEN = 3.0
 
 
@@ -33,12 +33,12 @@ def with_sound_windows(
     progress: Progress = silent,
     keep_jumps: bool = False,
 ) -> Prepared:
-    """The preparation with windows that a fit can follow, which begin where their fit ended.
+    """The preparation with windows that a fit can follow, started from the end of their fit.
 
     Lost windows are restarted, split or left out, see `lost_windows`.
 
     Args:
-        keep_jumps: leave windows in which frames are missing as they are, for `freeing` to name.
+        keep_jumps: leave windows with missing frames unchanged, so that `freeing` can report them.
     """
     say = lambda fraction, text: progress(0.05 + 0.3 * fraction, text)  # noqa: E731
 
@@ -58,10 +58,10 @@ def with_sound_windows(
 
 
 def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
-    """The noise with the size of each link's residuals, where links are missed by unlike multiples of theirs.
+    """The noise scaled to each link's residuals, if the ratios of residuals to claimed noise differ between links.
 
-    The claimed noise of an encoder is a hundredth of what its bearing makes a model miss: by it alone one link would
-    count many times another.
+    The claimed noise of an encoder is 1 % of the model error caused by its bearing. With the claimed noise alone, one
+    link would have many times the weight of another.
     """
     weight = prepared.windows.weight
     square, known = (solution.errors * weight) ** 2, weight > 0
@@ -84,7 +84,7 @@ def estimate(
     frozen: np.ndarray | None = None,
 ) -> Solution:
     """Run an estimator; arguments as in `fit`."""
-    if method == "gradient":  # the same with other steps: windows, noise, gap weight and time step as by default
+    if method == "gradient":  # only the steps differ: windows, noise, gap weight and time step are the default ones
         from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
 
         descent, progress = descent_of(settings or {}, progress)

@@ -26,7 +26,7 @@ from fitting.parameters.parameter import Bounds, Priors, StartValues
 from fitting.traces.trace import convention
 
 METHODS = ("windows", "shooting", "gradient")
-#: Candidates that are named in the warnings.
+#: Number of candidates listed in the warnings.
 NAMED_CANDIDATES = 3
 
 
@@ -68,50 +68,50 @@ def fit(
     Args:
         traces: CSV files or `Trace`s; several runs of the same line are fitted together.
         scene: packaged name, TOML file, plain values or a `Scene`; its values are the start values.
-        free: paths of parameters, or unique last names such as `b_l`; default: what the scene's `[fit]` leaves open,
-            else its damping.
-        method: `windows`, `shooting` (Gauss-Newton), or `gradient`: the minimum of `shooting` by a gradient descent.
-        start, bounds, priors: by name: start value; (low, high); (mean, standard deviation). A rig's own priors
-            (`[fit]` of the scene) hold what is given none here.
+        free: paths of parameters, or unique last names such as `b_l`; default: those listed in the scene's `[fit]`,
+            otherwise its damping.
+        method: `windows`, `shooting` (Gauss-Newton), or `gradient`: the minimum of `shooting` by gradient descent.
+        start, bounds, priors: by name: start value; (low, high); (mean, standard deviation). Priors from the scene's
+            `[fit]` apply to parameters without one here.
         until: samples from this time [s] on are not fitted.
         held_out: (low, high) [s] that are not fitted but scored; only their starts are fitted, afterwards.
-        rest: (low, high) [s] in which the line hangs at rest, before it is moved or after it has stopped: their poses
-            are fitted with the motion.
+        rest: (low, high) [s] in which the line hangs at rest, before it moves or after it has stopped; these poses are
+            fitted together with the motion.
         window: length [s]; default from the Lyapunov exponent.
-        dt: time step [s], at most the samples' interval; a shorter one that divides it is taken. Default: 1/75 of the
-            shortest link's period, or 1/200 for second order.
-        integrator: of the windows; default rattle_4 for point masses, else energy_momentum. tsit5 and dop853 are faster
-            on lines that they run; `dt` is then how often they are seen.
-        zero, sign, unit: how the traces count angles; default as the files say, else guessed from the scene.
+        dt: time step [s], at most the samples' interval; a shorter step that divides the interval is used. Default:
+            1/75 of the shortest link's period, or 1/200 for second order.
+        integrator: of the windows; default rattle_4 for point masses, otherwise energy_momentum. tsit5 and dop853 are
+            faster for lines that they support; `dt` is then their output interval.
+        zero, sign, unit: angle convention of the traces; default from the files, otherwise inferred from the scene.
         huber: threshold of a robust loss in standard deviations, such as 3; default least squares.
-        student: the loss of Student's t with 4 degrees of freedom, from where Huber's ends: for traces with outliers.
+        student: Student's t loss with 4 degrees of freedom, started from the end of Huber's; for traces with outliers.
         continuity: for `shooting`: `estimate`, `tight` or `exact`.
-        iterations: most Gauss-Newton iterations over separate windows.
-        static_start: every run begins as the scene's `[start]` says, let go at t = 0 of its clock; free names such as
-            `release.time` and `release.force` imply it.
-        advice: also look for what else may be wrong, by score tests (`advice`).
-        auto_free: free what gains most by them, one candidate at a time, as long as that gains.
+        iterations: maximum Gauss-Newton iterations over separate windows.
+        static_start: every run starts from the scene's `[start]` and is released at t = 0 of its clock; free names such
+            as `release.time` and `release.force` imply it.
+        advice: also test what else may be wrong, by score tests (`advice`).
+        auto_free: free the candidate with the largest gain, one at a time, while the fit improves.
         compare_models: also fit the ladder of damping laws.
-        profile: names of free parameters whose intervals are also told by their profile likelihood; True for all.
-        bootstrap: so many draws of a bootstrap over blocks of time.
-        posterior: so many draws of the parameters' posterior.
-        sampler: `importance`, or `nuts`: window starts are sampled too, so many draws of each of four chains.
+        profile: names of free parameters whose profile-likelihood intervals are also computed; True for all.
+        bootstrap: number of draws of a bootstrap over blocks of time.
+        posterior: number of draws of the parameters' posterior.
+        sampler: `importance`, or `nuts`, which also samples window starts; `posterior` draws of each of four chains.
         progress: called with (fraction, text).
         **settings: of the gradient method: `optimizer` (`lbfgs`, `adam`, `sgd` or a transformation of optax),
             `learning_rate`, `steps`, `horizon`, `loss`; see `gradient.GradientDescent`.
 
     Raises:
-        SceneError: for anything the caller can mend, in one line.
+        SceneError: for any invalid input, in one line.
     """
     if method not in METHODS:
         raise SceneError(f"method: {method!r} is unknown; {nearest(method, METHODS)}")
     if settings and method != "gradient":
         name = sorted(settings)[0]
-        raise SceneError(f"{name}: {settings[name]!r} is given, but method {method!r} has none; use gradient")
+        raise SceneError(f"{name}: {settings[name]!r} is not a setting of method {method!r}. Use method gradient")
     if method == "gradient":
         from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
 
-        descent_of(settings)  # refuses settings before anything is compiled
+        descent_of(settings)  # rejects invalid settings before anything is compiled
     asked = Intervals(profile, bootstrap, posterior, sampler)
     progress = progress or silent
     started = time.perf_counter()
@@ -132,16 +132,16 @@ def fit(
         integrator=integrator,
         progress=progress,
     )
-    asked.profile_names(prepared.scene, prepared.parameters)  # refuses names before anything is fitted
+    asked.profile_names(prepared.scene, prepared.parameters)  # rejects unknown names before anything is fitted
     loss = loss_of(huber, student)
     sound = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
-    if method == "gradient" and not auto_free:  # the descent is its own: of the other fit it has the windows alone
+    if method == "gradient" and not auto_free:  # the descent is separate: it only takes the windows of the other fit
         sound = replace(sound, begin=prepared.begin, starts=sound.starts_from_samples())
     whole, prepared = prepared, sound
     if auto_free:
         again = partial(estimate, continuity=continuity, iterations=iterations, progress=progress)
         kicked = []
-        if sound.left_out or sound.windows.count > whole.windows.count:  # some were lost
+        if sound.left_out or sound.windows.count > whole.windows.count:  # some windows were lost
             whole, kicked = without_kicks(whole, again, loss)
         if kicked:
             prepared = with_sound_windows(whole, loss, iterations, progress, keep_jumps=True)

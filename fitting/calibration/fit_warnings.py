@@ -1,4 +1,4 @@
-"""What a user must know before trusting a fit."""
+"""Warnings of a fit: what a user must know before trusting it."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from fitting.estimate.refinement import LARGEST_BIAS
 from fitting.estimate.sandwich import FEW
 from fitting.estimate.uncertainty import Uncertainty
 
-#: Correlation of two estimates from which on they are called hard to tell apart.
+#: Absolute correlation of two estimates above which they are reported as hard to distinguish.
 HARD = 0.98
 
-#: Deviations beyond which a sample stands out (one in 2 million of normal noise), and how many are named.
+#: Standard deviations beyond which a sample is an outlier (one in 2 million of normal noise), and how many are listed.
 STANDS_OUT, NAMED_SAMPLES = 5.0, 5
 
-#: What is said of noise that is not white.
+#: Warnings for noise that is not white.
 NAMED = {
-    "correlated": "the noise is correlated: samples keep a part of the one before, which weights and errors count",
-    "jitter": "frames are late or early by chance, all links of a frame alike, which weights and errors count",
+    "correlated": "the noise is correlated: a sample keeps part of the previous one; weights and errors allow for it",
+    "jitter": "frame times have random errors, the same for all links; weights and errors allow for it",
 }
 
 
 def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
-    """One line each: bounds, parameters that cannot be told apart, residuals that are not noise, failed steps."""
+    """One line each: active bounds, parameters that are not identifiable, correlated residuals, failed steps."""
     names = [p.name for p in prepared.parameters]
     found = [
-        f"{name} sits on its bound {value:g}"
+        f"{name} is at its bound {value:g}"
         for name, value, on in zip(names, solution.values, u.at_bound, strict=True)
         if on
     ]
     for direction in u.undetermined:
         text = ", ".join(f"{share:+.2g} {name}" for name, share in direction.items())
-        found.append(f"not told apart by the data: changes along ({text}) in parts of their size")
+        found.append(f"not identifiable from the data: direction ({text}) in relative changes")
     correlation = np.abs(np.triu(u.correlation, 1))
     for i, j in zip(*np.nonzero(correlation > HARD), strict=True):
-        found.append(f"{names[i]} and {names[j]} are hard to tell apart (correlation {u.correlation[i, j]:.3f})")
+        found.append(f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})")
     for name, value, error, on in zip(names, solution.values, u.std_error, u.at_bound, strict=True):
         if not on and error > abs(value) and name.startswith("effects."):
             found.append(f"{name} is not determined: {value:.3g} with standard error {error:.2g}")
@@ -46,19 +46,19 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
         for run, low, high in prepared.left_out
     ]
     found += [
-        f"the motion of {prepared.traces[run].name} jumps at {time:.3f} s, as by a kick, a touch or lost frames; "
+        f"the motion of {prepared.traces[run].name} jumps at {time:.3f} s, as after a kick, a contact or lost frames; "
         "windows are not joined there"
         for run, time in prepared.breaks
     ]
     if u.inflation > 1 or abs(u.correlation_1) > 4 * CORRELATION_FLOOR:
         found.append(
-            f"residuals are not noise: neighbours correlate by {u.correlation_1:.2f}; standard errors were widened "
+            f"residuals are not noise: neighbours correlate by {u.correlation_1:.2f}; standard errors were multiplied "
             f"by up to {u.inflation:.2g}"
         )
     if 0 < u.blocks < FEW:
         found.append(
-            f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW}: longer traces "
-            "tell them better"
+            f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW}. Use longer "
+            "traces for more reliable errors"
         )
     noise = solution.problem.noise
     if noise is not None and noise.kind != "white":
@@ -73,22 +73,22 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     if solution.step_bias is not None:
         for name, bias in zip(names, solution.step_bias, strict=True):
             if abs(bias) > LARGEST_BIAS:
-                found.append(f"the time step moves {name} by {bias:+.2g} standard errors; a smaller dt mends it")
+                found.append(f"the time step shifts {name} by {bias:+.2g} standard errors. Use a smaller dt")
     failed = int(solution.evaluation.failed.sum())
     if failed:
         found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")
     if solution.status != "ok":
         found.append(f"not converged: {solution.message}; the best point found is reported")
     elif solution.message:
-        found.append(f"the cost is rough here: {solution.message}")
+        found.append(f"the cost is non-smooth here: {solution.message}")
     return found
 
 
 def outliers(prepared: Prepared, solution: Solution) -> list[str]:
-    """A line on samples that stand out, with run, link and time, where there are any."""
+    """A line on outlying samples, with run, link and time, if there are any."""
     windows = solution.windows
     size = np.where(windows.weight > 0, np.abs(solution.evaluation.residual), 0.0)
-    # against the residuals' own spread, which outliers do not widen
+    # relative to the residuals' own spread, which outliers do not widen
     scale = np.array(
         [max(np.median(size[..., j][windows.weight[..., j] > 0]) / 0.6745, 1e-300) for j in range(size.shape[2])]
     )
@@ -102,7 +102,8 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
         for i in largest
     ]
     more = f" and {len(window) - len(positions)} more" if len(window) > len(positions) else ""
-    advice = "" if isinstance(solution.problem.loss, StudentT) else "; --student lets them pull less"
+    advice = "" if isinstance(solution.problem.loss, StudentT) else ". Use --student to reduce their weight"
     return [
-        f"{len(window)} samples stand out by more than {STANDS_OUT:g} deviations: {', '.join(positions)}{more}{advice}"
+        f"{len(window)} samples stand out by more than {STANDS_OUT:g} standard deviations: "
+        f"{', '.join(positions)}{more}{advice}"
     ]

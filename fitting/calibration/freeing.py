@@ -1,14 +1,14 @@
-"""Freeing what spoils a fit, one candidate at a time, as long as the log likelihood gains by it.
+"""Freeing the parameters that cause a systematic error, one candidate at a time, while the log likelihood improves.
 
-First over separate windows, which any misfit leaves solvable: samples that stand out alone bring in Student's loss,
-frames that are missing a jump of the clock, and what the score tests (`advice`) name is tried. Where several candidates
-promise much, each is fitted, and the likelihoods (each with the noise that it leaves, less `log(N)/2` for every number)
-decide. Those that the likelihoods leave within `MARGIN` of the best cannot be told apart: they are named together, the
-one of fewest numbers is freed, and how far the others would move the estimates is carried into the errors. Then by the
-method that was asked for, whose joined windows see smaller faults, in the same way by the score tests alone.
+The first round is over separate windows, which remain solvable for any misfit. Isolated outliers switch on Student's
+loss, and missing frames free a jump of the clock. Candidates from the score tests (`advice`) are tried. If several are
+promising, each is fitted and their likelihoods decide, each with the noise that it leaves, minus `log(N)/2` per number.
+Candidates within `MARGIN` of the best cannot be distinguished. They are reported together and the one with fewest
+numbers is freed. The distance by which the others would move the estimates is added to the errors. The second round
+uses the requested method, whose joined windows detect smaller faults, with score tests alone.
 
-Where the misfit is smooth, far above the noise, and no candidate alone explains it, the whole model is wrong. Nothing
-is an outlier there, and groups of numbers are freed by `trials`.
+If the misfit is smooth, far above the noise, and not explained by any single candidate, the whole model is wrong. No
+sample is then an outlier, and groups of numbers are freed by `trials`.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.priors import rig_priors
 from fitting.parameters.target import LOST, LostPlace
 
-#: Candidates freed one after another at most, and how many of them are fitted before one is chosen.
+#: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED, TRIED = 6, 4
-#: Part of the best candidate's gain that another one must promise to be tried too.
+#: Fraction of the best candidate's gain that another one must promise to be tried as well.
 PROMISING = 0.3
-#: Log likelihoods this near cannot be told apart; what names of such candidates are joined by.
+#: Difference of log likelihoods below which candidates are indistinguishable; separator of their names in reports.
 MARGIN, OR = 3.0, " or "
-#: Log of the number of jumps that are looked for, which one gains by chance, and the least of one in frames: less is a
-#: misfit of another kind.
+#: Log of the number of jumps searched, which one gains by chance; minimum size of a jump in frames, below which the
+#: misfit is of another kind.
 CHANCE, LEAST_LOST = 9.0, 0.7
 
 
 class Fit(Protocol):
-    """Fits what is prepared by a method with a loss; `frozen` parameters (k,) are held where they start."""
+    """Fits a preparation by a method with a loss; `frozen` parameters (k,) stay at their start values."""
 
     def __call__(
         self, prepared: Prepared, method: str, loss: Loss, *, frozen: np.ndarray | None = None
@@ -54,14 +54,14 @@ class Fit(Protocol):
 
 @dataclass
 class Freed:
-    """Where freeing ended.
+    """State at the end of freeing.
 
     Attributes:
-        prepared: with all that was freed.
-        solution: of it.
-        loss: that it was fitted with.
-        names: what was freed, in its order.
-        found: what the score tests say of the rest.
+        prepared: with all freed parameters.
+        solution: its solution.
+        loss: used for the fit.
+        names: freed candidates, in order.
+        found: results of the score tests for the rest.
     """
 
     prepared: Prepared
@@ -78,7 +78,7 @@ def with_freed(
     simulator: Simulator,
     value: float | None = None,
 ) -> Prepared:
-    """The same with more parameters free, beginning where a solution of fewer ended."""
+    """The preparation with more free parameters, starting at the end of a solution with fewer."""
     model, release = prepared.simulator.model, prepared.simulator.release
     old = {p.name for p in prepared.parameters}
     more = [p for p in resolve(model, paths, release=release) if p.name not in old]
@@ -97,7 +97,7 @@ def with_freed(
 
 
 def _in_time(p: Parameter, prepared: Prepared) -> Parameter:
-    """A lost stretch with the time of its frame."""
+    """A lost stretch and the time of its frame."""
     if not isinstance(p.where, LostPlace):
         return p
     return replace(p, where=replace(p.where, time=float(prepared.traces[p.where.run].t[p.where.frame])))
@@ -111,12 +111,12 @@ def free_by_advice(
     simulator: Simulator | None = None,
     progress: Progress = silent,
 ) -> Freed:
-    """The fit with all that gains freed.
+    """The fit with all beneficial candidates freed.
 
     Args:
         fit: an estimator.
-        method: by which the last fits are made.
-        simulator: one that knows the numbers of all candidates, such as of an earlier call on the same scene.
+        method: used for the last fits.
+        simulator: must know the numbers of all candidates, such as that of an earlier call on the same scene.
     """
     simulator = simulator or wide(prepared)
     at = Freed(prepared, fit(prepared := with_freed(prepared, [], None, simulator), "windows", loss), loss)
@@ -129,7 +129,7 @@ def free_by_advice(
         _outliers(at, fit)
     refused: set[str] = set()
     while not wrong and at.solution.status == "ok" and len(at.names) - first < MOST_FREED:
-        progress(0.5, f"what may be wrong, {len(at.names)} freed")
+        progress(0.5, f"testing what may be wrong, {len(at.names)} freed")
         at.found = advise(at.prepared, at.solution, simulator)
         tries = promising(at.found, refused)
         if not tries:
@@ -151,8 +151,8 @@ def promising(found: Sequence[Candidate], refused: Collection[str] = ()) -> list
 
 
 def _one_fault(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> bool:
-    """Free one candidate of the score tests where it alone explains a misfit that is far above the noise."""
-    progress(0.5, "what may be wrong, one by one")
+    """Free one candidate of the score tests if it alone explains a misfit far above the noise."""
+    progress(0.5, "testing what may be wrong, one by one")
     tries = promising(advise(at.prepared, at.solution, simulator)) if at.solution.status == "ok" else []
     one = replace(at, names=list(at.names))
     _choose(one, fit, simulator, tries, set())
@@ -163,7 +163,7 @@ def _one_fault(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) ->
 
 
 def _groups(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> Simulator:
-    """Free whole groups by trials; returns the simulator that knows them."""
+    """Free whole groups by trials; returns the simulator that knows their parameters."""
     found = free_groups(at.prepared, at.solution, at.loss, progress)
     if found is None:
         return simulator
@@ -174,9 +174,9 @@ def _groups(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> Si
 
 
 def _reconsider(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator) -> Freed:
-    """The same without one of several that were freed, or with another in its place, where that is likelier.
+    """The fit without one of several freed candidates, or with another one instead, if that is more likely.
 
-    What was named first of two faults had to answer for both.
+    With two faults, the first candidate to be freed had to explain both.
     """
     mine = [p.name for p in at.prepared.parameters if p.name.startswith(candidate.free)]
     rest = [c for c in at.names if c is not candidate]
@@ -207,18 +207,18 @@ def _reconsider(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator)
 
 
 def _score(at: Freed) -> float:
-    """Log likelihood less the price of the parameters (Schwarz 1978)."""
+    """Log likelihood minus the penalty for the number of parameters (Schwarz 1978)."""
     return likelihood(at.solution) - 0.5 * np.log(max(at.solution.windows.samples, 2)) * len(at.prepared.parameters)
 
 
 def _continue_with(
     at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set[str], progress: Progress
 ) -> Freed:
-    """Goes on by another method, whose fits see more."""
+    """Continue with another method, whose fits detect more."""
     begin = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
     at = replace(at, prepared=begin, solution=fit(begin, method, at.loss))
     while at.solution.status == "ok" and not is_model_wrong(at.prepared, at.solution):
-        progress(0.9, f"what may be wrong, {len(at.names)} freed")
+        progress(0.9, f"testing what may be wrong, {len(at.names)} freed")
         at.found = advise(at.prepared, at.solution, simulator)
         best = next((c for c in at.found if c.worth_naming and c.name not in refused), None)
         if best is None or len(at.names) >= MOST_FREED:
@@ -239,9 +239,9 @@ def _continue_with(
 
 
 def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
-    """By how much candidates that were not told apart from those freed would move the parameters, each (k,).
+    """By how much candidates indistinguishable from those freed would move the parameters, each (k,).
 
-    One that was freed later in its own right is in doubt no more.
+    A candidate that was freed later in its own right is no longer in doubt.
     """
     freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
     moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
@@ -249,18 +249,18 @@ def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Para
 
 
 def _back(prepared: Prepared, solution: Solution, mine: Sequence[str]) -> dict[str, float]:
-    """Moves of some parameters back to where they started."""
+    """Moves that return some parameters to their start values."""
     rows = zip(prepared.parameters, solution.values, strict=True)
     return {p.name: float(p.value - value) for p, value in rows if p.name in mine}
 
 
 def likelihood(solution: Solution) -> float:
-    """Log likelihood of separate windows, with the noise that their fit told, over its memory."""
+    """Log likelihood of separate windows, with the noise estimated by their fit, corrected for its memory."""
     return -(solution.cost + 0.5 * log_volume(solution.windows)) / solution.problem.memory
 
 
 def _choose(at: Freed, fit: Fit, simulator: Simulator, tries: Sequence[Candidate], refused: set[str]) -> None:
-    """Free the best of some candidates, by fits."""
+    """Free the best of several candidates, by fitting them."""
     price = 0.5 * np.log(max(at.solution.windows.samples, 2))
     before, fits = likelihood(at.solution), []
     for candidate in tries:
@@ -275,7 +275,7 @@ def _choose(at: Freed, fit: Fit, simulator: Simulator, tries: Sequence[Candidate
     if not fits:
         return
     most = max(row[0] for row in fits)
-    # those that are alike keep their order
+    # indistinguishable candidates keep their order
     near = sorted((row for row in fits if row[0] > most - MARGIN), key=lambda row: (row[1], -round(row[0])))
     _, _, candidate, at.prepared, at.solution = near[0]
     if len(near) > 1:
@@ -290,7 +290,7 @@ def _choose(at: Freed, fit: Fit, simulator: Simulator, tries: Sequence[Candidate
 
 
 def _outliers(at: Freed, fit: Fit) -> None:
-    """Student's loss where samples stand out alone."""
+    """Student's loss if there are isolated outliers."""
     if at.loss != LEAST_SQUARES or alone(at.solution) < SEVERAL:
         return
     prepared = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
@@ -303,14 +303,14 @@ def _outliers(at: Freed, fit: Fit) -> None:
 
 
 def _without_far_off(at: Freed, fit: Fit) -> Solution:
-    """A fit without the windows that a jump spoils: their misfit would be taken for damping, and for noise."""
+    """A fit without the windows that contain a jump: their misfit would be taken for damping and for noise."""
     off = far_off(at.solution)
     if not off.any():
         return at.solution
     windows = at.prepared.windows
     fewer = replace(windows, weight=np.where(off[:, None, None], 0.0, windows.weight))
     prepared = replace(at.prepared, windows=fewer)
-    # a jump that only these windows see
+    # a jump that only shows in these windows
     slopes = at.solution.evaluation.jacobian[~off][..., at.solution.problem.freedoms :]
     unseen = ~np.any(slopes, axis=(0, 1, 2))
     solution = fit(prepared, "windows", at.loss, frozen=unseen if unseen.any() else None)
@@ -318,10 +318,10 @@ def _without_far_off(at: Freed, fit: Fit) -> Solution:
 
 
 def _join_before(at: Freed, fit: Fit, clean: Solution, k: int) -> Solution:
-    """Make one window of window k and the one before it: a jump between separate windows costs nothing.
+    """Merge window k with the previous one: a jump between separate windows costs nothing.
 
     Returns:
-        The solution `clean` with the starts of the windows that are left.
+        The solution `clean` with the starts of the remaining windows.
     """
     pieces = [at.prepared.windows.piece(i) for i in range(at.prepared.windows.count)]
     pieces[k - 1 : k + 1] = [pieces[k - 1]._replace(steps=pieces[k - 1].steps + pieces[k].steps)]
@@ -332,7 +332,7 @@ def _join_before(at: Freed, fit: Fit, clean: Solution, k: int) -> Solution:
 
 
 def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
-    """Jumps of the clock where frames are missing."""
+    """Jumps of the clock at missing frames."""
     while sum(isinstance(p.where, LostPlace) for p in at.prepared.parameters) < 2:
         clean = _without_far_off(at, fit)
         lost = lost_frames(at.prepared, clean)
@@ -340,7 +340,7 @@ def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
             return
         name = f"{LOST}.{lost.run}.{lost.frame}"
         trace = at.prepared.traces[lost.run]
-        # the window with the jump begins where the one before it ends
+        # the window with the jump starts where the previous one ends
         windows = at.prepared.windows
         starting = windows.begin <= trace.t[lost.frame] + 1e-6 * trace.interval
         own = np.flatnonzero(starting & (windows.run == lost.run))[-1:]

@@ -1,4 +1,4 @@
-"""How well a calibrated model predicts stretches that the fit has not seen."""
+"""How well a calibrated model predicts stretches that the fit has not used."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from fitting.estimate.problem import Solution
 from fitting.estimate.windows import Windows, first_starts
 from fitting.traces.trace import Trace
 
-#: Parts of a held-out window whose angles are used one after another to find its start.
+#: Fractions of a held-out window whose angles are used in turn to find its start.
 GROWING = (0.2, 0.5, 1.0)
 
 
 def score_held_out(
     prepared: Prepared, values: np.ndarray, span: tuple[float, float], runs: Sequence[int] | None = None
 ) -> HeldOut:
-    """RMS angle error [rad] on a span of some runs, by default of all; its starts fitted on its own angles, the
-    parameters held."""
+    """RMS angle error [rad] on a span of some runs, by default of all; starts are fitted on the span's own angles, the
+    parameters are fixed."""
     low, high = span
     pieces = []
     for i, trace in enumerate(prepared.traces):
@@ -39,17 +39,17 @@ def score_held_out(
 
 
 def window_length(prepared: Prepared, span: tuple[float, float]) -> float:
-    """Length [s] of the windows that a span is scored by: equal parts of it whose starts the motion lets be found.
+    """Length [s] of the windows that score a span: equal parts, short enough for their starts to be found.
 
-    Errors grow by at most exp(6) over each. The rate of growth is that of the scene along the measured motion, and not
-    that of the fit: shorter windows alone would lower a score, so that two fits are scored by the same ones.
+    Errors grow by at most exp(6) over each window. The growth rate is that of the scene along the measured motion, not
+    that of the fit. Shorter windows alone would lower a score, so two fits must be scored with the same windows.
     """
     low, high = span
     return (high - low) / max(1, int(np.ceil(prepared.lyapunov * (high - low) / HELD_GROWTH - 1e-9)))
 
 
 def _shape(prepared: Prepared) -> tuple[int, int]:
-    """Steps and slots that serve the fit's windows and those of every held-out span."""
+    """Steps and slots that suffice for the fit's windows and those of every held-out span."""
     windows = prepared.windows
     longest = max(window_length(prepared, span) for span in prepared.held_out)
     steps = max(windows.steps, int(longest / windows.dt + 1e-6))
@@ -58,7 +58,7 @@ def _shape(prepared: Prepared) -> tuple[int, int]:
 
 
 def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterations: int = 30) -> Solution:
-    """Only the starts of windows, on a growing part of each."""
+    """Fit only the starts of windows, on a growing fraction of each."""
     starts = first_starts(
         prepared.simulator.model_at(values), _from_first_window(prepared.traces, windows), windows, prepared.sigma
     )
@@ -70,7 +70,7 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterati
 
 
 def _from_first_window(traces: Sequence[Trace], windows: Windows) -> list[Trace]:
-    """The traces from the first window on: what was fitted before must not smooth into a held-out start."""
+    """The traces from the first window on: earlier fitted samples must not affect the smoothing of a held-out start."""
     found = []
     for i, trace in enumerate(traces):
         mine = windows.begin[windows.run == i]

@@ -1,9 +1,9 @@
-"""Laws that separate windows leave undecided, compared with their windows joined.
+"""Comparison with joined windows of laws that separate windows leave undecided.
 
-Separate windows forget what a motion loses from one to the next; joined ones (`shooting`) remember. The weight of the
-gaps and the step in time are those of the law with most parts. At this one weight all costs, gaps in them, are
-likelihoods of the same model, and laws can be told apart by them as by those of separate windows. A law begins at the
-best of those that it contains, so that it never costs more.
+Separate windows lose the information on how much energy a motion loses from one to the next; joined ones (`shooting`)
+keep it. The weight of the gaps and the time step are those of the law with the most parts. At this one weight all
+costs, gaps included, are likelihoods of the same model, so laws can be compared by them as with separate windows. A law
+starts from the best of those that it contains, so it never costs more.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import finer_step
 from fitting.estimate.shooting import SCHEDULE, JoinedWindows, fit_shooting
 
-#: Evaluations of separate windows in the widest law's family, and from one law to one that contains it.
+#: Evaluations of separate windows in the widest law's family, and between a law and one that contains it.
 ITERATIONS, ONWARD = 25, 15
 
 
 def join_laws(
     prepared: Prepared, family: Family, laws: Mapping[str, Solution], progress: Progress = silent
 ) -> dict[str, Solution]:
-    """Joined solutions of laws by name; empty where windows do not follow each other, or a law does not converge.
+    """Joined solutions of laws by name; empty if windows do not follow each other or a law does not converge.
 
     Args:
-        family: with the parts of all these laws.
+        family: contains the parts of all these laws.
         laws: solutions of separate windows.
     """
     if not prepared.windows.follows.any():
@@ -60,7 +60,7 @@ def join_laws(
 
 
 def _onward(inner: Solution, frozen: np.ndarray, weight: float) -> Solution:
-    """From a law's joined solution to that of one that contains it, whose further parts begin at none."""
+    """From a law's joined solution to a law that contains it, whose additional parts start at zero."""
     problem = replace(inner.problem, frozen=frozen)
     level = JoinedWindows(problem, weight, intermediate=True)
     return level.descend(replace(inner, problem=problem), ONWARD)

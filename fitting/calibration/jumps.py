@@ -1,7 +1,7 @@
-"""Faults of single frames: samples that stand out alone, and frames that are missing without a mark.
+"""Faults of single frames: isolated outliers, and frames that are missing without being marked.
 
-Where frames are missing the traces jump along the flow: a window that was fitted, simulated on through the next one,
-meets its samples again so many frames later. The frame f and the number of lost frames k are those that maximise
+Missing frames make the traces jump along the flow: a fitted window, continued through the next one, meets its samples
+again that many frames later. The frame f and the number of lost frames k are those that maximise
 
     sum_{i >= f} rho(r_i) - rho(r_i,k),      r_i,k = (theta(t_i + k dt) - measured_i)/sigma
 
@@ -20,21 +20,21 @@ from fitting.calibration.prepared import Prepared
 from fitting.estimate.problem import Solution, wrap_angle
 from fitting.estimate.windows import Starts, Windows
 
-#: Lost frames looked for; less than none are frames that are there twice.
+#: Numbers of lost frames that are tested; negative numbers are duplicate frames.
 LAGS = tuple(k for k in range(-20, 61) if k)
-#: Frames after a jump that are needed to tell it.
+#: Number of frames after a jump that are needed to identify it.
 AFTER = 6
-#: Bound of rho, and gain per unit of the misfit that is left, from which on a jump is tried.
+#: Bound of rho, and gain per unit of the remaining misfit above which a jump is tried.
 BOUND, SHOWN = 50.0, 40.0
-#: Mean square of a window over the median at which it is left out of a first fit, and how many may be.
+#: Ratio of a window's mean square to the median above which a first fit omits it, and the maximum number of omissions.
 FAR, FEW = 4.0, 1 / 3
-#: Deviations of a sample from the mean of its neighbours' beyond which it is one of its own, and how many make a kind
-#: of noise.
+#: Deviations of a sample from the mean of its neighbours above which it is an outlier, and the number of outliers above
+#: which they are a kind of noise.
 ALONE, SEVERAL = 6.0, 3
 
 
 class Lost(NamedTuple):
-    """So many frames are missing before a frame of a run."""
+    """This number of frames is missing before a frame of a run."""
 
     run: int
     frame: int
@@ -42,7 +42,7 @@ class Lost(NamedTuple):
 
 
 def alone(solution: Solution) -> int:
-    """How many samples stand out from the residuals on both sides of them: no smooth misfit does that."""
+    """Number of samples that deviate from the residuals on both sides of them: no smooth misfit does that."""
     windows, count = solution.windows, 0
     residual = solution.errors * windows.weight
     known = windows.weight > 0
@@ -53,18 +53,18 @@ def alone(solution: Solution) -> int:
         if not len(size):
             continue
         out = np.where(inner[..., j], off[..., j], 0.0) > ALONE * max(np.median(size) / 0.6745, 1e-300)
-        # a neighbour of an outlier is half as far off
+        # a neighbour of an outlier deviates half as much
         before = np.concatenate([np.zeros_like(out[:, :1]), out[:, :-1]], axis=1)
         count += int((out & ~before).sum())
     return count
 
 
 def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
-    """The jump that explains most, by windows simulated on through the next ones; None where there is none.
+    """The jump that explains most, by windows simulated on through the next ones; None if there is no jump.
 
-    Windows that the solution left out begin where those before them end: their own samples have the jump among them.
+    Windows left out of the solution start at the end of the previous ones: their own samples contain the jump.
     """
-    # as the traces claim their noise: what a jump leaves would be taken for noise
+    # with the noise claimed by the traces: the residuals of a jump would count as noise
     windows = replace(prepared.windows, substeps=solution.windows.substeps)
     fitted = (solution.windows.weight > 0).any(axis=(1, 2))
     right = np.flatnonzero(windows.follows)
@@ -92,10 +92,10 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
 
 
 def starts_from_previous_windows(solution: Solution, which: np.ndarray) -> Starts:
-    """Starts of all windows, of some (K,) bool where the windows before them end."""
+    """Starts of all windows; for some (K,) bool the end of the previous window."""
     starts = Starts(*(part.copy() for part in solution.starts))
     ends, n = solution.evaluation.end, starts.theta.shape[1]
-    # one after another: of two that are left out, the second has nothing to begin with
+    # one after another: if two in a row are left out, the second has no predecessor to start from
     after = np.flatnonzero(which & solution.windows.follows)
     after = after[~which[after - 1]]
     starts.theta[after], starts.omega[after] = ends[after - 1, :n], ends[after - 1, n:]
@@ -103,7 +103,7 @@ def starts_from_previous_windows(solution: Solution, which: np.ndarray) -> Start
 
 
 def far_off(solution: Solution) -> np.ndarray:
-    """Windows (K,) whose residuals are far larger than those of most; none where these are many."""
+    """Windows (K,) whose residuals are far larger than those of most; none if there are many."""
     known = solution.windows.weight > 0
     size = np.sum(np.where(known, solution.errors, 0.0) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
     off = size > FAR * np.median(size)
@@ -111,7 +111,7 @@ def far_off(solution: Solution) -> np.ndarray:
 
 
 def _extend_windows(windows: Windows, right: np.ndarray) -> Windows:
-    """Windows that go on through those that follow, `right` being the first of these, up to twice the longest one."""
+    """Windows continued through the next ones, `right` being the first of these, up to twice the longest window."""
     longest, rows = 2 * windows.steps, []
     for first in right - 1:
         members, total = [first], int(windows.step_counts[first])
@@ -150,7 +150,7 @@ def _extend_windows(windows: Windows, right: np.ndarray) -> Windows:
 
 
 def _best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first: int) -> tuple[float, int, int]:
-    """Gain, first frame after it and lost frames of the best jump from slot `first` on; angles (S, n)."""
+    """Gain, first frame and lost frames of the best jump from slot `first` on; angles (S, n)."""
     rho = lambda r: np.minimum(0.5 * r**2, BOUND).sum(axis=1)  # noqa: E731
     plain, count, best = rho(wrap_angle(angle - measured) * weight), len(angle), (0.0, 0, 0)
     known = (weight > 0).sum(axis=1)

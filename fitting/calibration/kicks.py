@@ -1,10 +1,10 @@
-"""Kicks, touches and motion out of the plane that starts during a run: found, named with their time and left out.
+"""Kicks, contacts and out-of-plane motion that starts during a run: detected, reported with their time and left out.
 
-What moves the line at an instant leaves windows that no start explains, whereas those before it are as good as ever:
-one window of a kick in the plane, all that follow of one out of it. They are found by least trimmed squares (Rousseeuw
-1984): parameters are fitted to the windows that fit best, all starts to these, and so on until the same windows are
-left. Windows that are bad from the first one of a run on are a misfit of another kind. This is looked at before lost
-windows are split: shorter windows follow anything.
+A sudden disturbance leaves windows that no start value explains, while earlier windows fit as well as before. A kick in
+the plane affects one window; motion out of the plane affects all that follow. The windows are found by least-trimmed
+squares (Rousseeuw 1984): parameters are fitted to the windows that fit best, then all starts to these parameters, until
+the selection no longer changes. Windows that are bad from the first one of a run on are a misfit of another kind. This
+check runs before lost windows are split, because shorter windows can follow any motion.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.problem import Solution, wrap_angle
 from fitting.estimate.windows import Starts, Windows
 
-#: Part of the windows that a search begins with and must leave, its rounds, and most evaluations of starts.
+#: Fraction of the windows that a search starts with and must leave, its rounds, and maximum evaluations of starts.
 TRUSTED, ROUNDS, ITERATIONS = 1 / 3, 5, 12
-#: Misfit of a window over that of most, and of the one before it, from which on nothing but a kick explains it: what
-#: lengths wrong by 1 % or a wrong law leave differs by less than 4 from one window to the next.
+#: Ratio of a window's misfit to that of most, and to the previous one, above which only a kick explains it. The misfit
+#: of lengths wrong by 1 % or of a wrong law changes by less than a factor 4 from one window to the next.
 KICKED = 6.0
-#: Quantile of a window's residuals that tells its misfit, few outliers aside, and that of normal noise.
+#: Quantile of a window's residuals that measures its misfit regardless of a few outliers, and that of normal noise.
 QUANTILE, NORMAL = 0.9, 1.645
-#: Halvings of the window that tell when it was kicked: to a hundredth of it.
+#: Halvings of the window that locate the time of the kick: to 1 % of the window.
 HALVINGS = 6
 
 
@@ -44,16 +44,16 @@ class Kick(NamedTuple):
 
 
 class Fit(Protocol):
-    """Fits what is prepared by a method with a loss."""
+    """Fits a preparation by a method with a loss."""
 
     def __call__(self, prepared: Prepared, method: str, loss: Loss) -> Solution: ...
 
 
 def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> tuple[Prepared, list[Candidate]]:
-    """The preparation without the windows that kicks disturb, which begins where their fit ended, and their names.
+    """The preparation without the windows that kicks disturb, started from the end of their fit, and their names.
 
     Args:
-        prepared: with the noise that the traces claim, its windows not yet split.
+        prepared: with the noise claimed by the traces, its windows not yet split.
         fit: an estimator.
     """
 
@@ -69,7 +69,7 @@ def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> t
     names, removed = [], []
     for kick in found:
         begin, last = float(windows.begin[kick.windows[0]]), float(windows.ends[kick.windows[-1]])
-        what = "is moved by something else, or out of its plane, from" if kick.lasting else "is kicked or touched at"
+        what = "is disturbed, or moves out of its plane, from" if kick.lasting else "is kicked or touched at"
         words = f"{prepared.traces[kick.run].name} {what} about {kick.time:.2f} s"
         words += f": windows from {begin:.3g} to {last:.3g} s left out"
         names.append(Candidate(words, (), {}, {}, 0.0, 0.0))
@@ -82,12 +82,12 @@ def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> t
 def find_kicks(
     claimed: Windows, solution: Solution, fit: Callable[[np.ndarray, Solution], Solution]
 ) -> tuple[list[Kick], Solution]:
-    """Kicks in windows, and the fit without what they disturb.
+    """Kicks in windows, and the fit without the windows that they disturb.
 
     Args:
-        claimed: the windows with the noise that the traces claim.
+        claimed: the windows with the noise claimed by the traces.
         solution: of separate windows.
-        fit: one without some windows (K,) bool, from another one.
+        fit: fits without some windows (K,) bool, from another solution.
     """
     claimed = replace(claimed, substeps=solution.windows.substeps)
     size, count = misfit(solution, claimed), claimed.count
@@ -107,7 +107,7 @@ def find_kicks(
             break
     limit = KICKED * np.median(size[good])
     while good.sum() >= few:
-        # the window of the kick itself may have too few samples
+        # the window of the kick may itself have too few samples
         first = np.flatnonzero(~good & np.r_[True, good[:-1]] & np.r_[False, claimed.run[1:] == claimed.run[:-1]])
         first = first[size[first] > KICKED * size[first - 1]]
         if not len(first):
@@ -126,14 +126,14 @@ def find_kicks(
 
 
 def _kick(windows: Windows, good: np.ndarray, k: int, time: float) -> Kick:
-    """The kick in window k, with all that it disturbs."""
+    """The kick in window k, with all windows that it disturbs."""
     ends = (j for j in range(k + 1, windows.count) if good[j] or windows.run[j] != windows.run[k])
     last = next(ends, windows.count)
     return Kick(int(windows.run[k]), float(time), np.arange(k, last), last > k + 1)
 
 
 def misfit(solution: Solution, claimed: Windows) -> np.ndarray:
-    """Size of every window's residuals over the claimed noise (K,); 0 of windows without samples."""
+    """Size of every window's residuals relative to the claimed noise (K,); 0 for windows without samples."""
     error = np.abs(wrap_angle(solution.evaluation.theta - claimed.theta))
     rows = np.where(claimed.weight > 0, error * claimed.weight, np.nan).reshape(claimed.count, -1)
     known = ~np.isnan(rows).all(axis=1)
@@ -152,7 +152,7 @@ def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Soluti
 def _fit_following(
     solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float
 ) -> tuple[np.ndarray, Starts, np.ndarray]:
-    """Times [s] up to which windows `which` can be followed, by halving; their starts there and misfits as a whole."""
+    """Times [s] up to which windows `which` can be followed, by halving; their starts there and total misfits."""
     mine, starts = windows.pick(which), Starts(*(part[which] for part in starts))
     elapsed = mine.times() - mine.begin[:, None]
     low, high = np.zeros(len(which)), mine.lengths

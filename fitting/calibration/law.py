@@ -1,4 +1,4 @@
-"""A damping law that a fit was compared with."""
+"""A damping law that was compared with a fit."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Law:
-    """One rung: a damping law, its coefficients (each as many as joints or links have their own), how well it does.
+    """One rung of the ladder: a damping law, its number of coefficients (one per joint or link where separate), scores.
 
     Attributes:
         held_out: RMS angle error [rad] of windows predicted from others, with the standard error of its difference to
             that of the best law.
-        free: parameters fitted, those of no damping law too.
-        bic: less is better.
+        free: fitted parameters, including those outside damping laws.
+        bic: lower is better.
         cost: minus the log likelihood of the fitted windows, in units of independent samples.
-        unreached: what the fit's own model would gain still, in log likelihood: much where dry joints make the cost
-            rough, and steps that should lower it do not.
-        joined: the same with windows joined, of laws that separate windows leave undecided; else NaN.
-        score, score_error: log score of windows predicted from others, less that of the best law, and its standard
+        unreached: remaining gain in log likelihood predicted by the fit's own model; large if dry joints make the cost
+            non-smooth, so that steps do not achieve the predicted decrease.
+        joined: the cost with windows joined, of laws that separate windows leave undecided; otherwise NaN.
+        score, score_error: log score of windows predicted from others, minus that of the best law, and its standard
             error.
-        extrapolated: RMS angle error [rad] of the last third of every run, predicted from what comes before.
-        other_run: the same of every run, predicted from the others; NaN where there is one.
+        extrapolated: RMS angle error [rad] of the last third of every run, predicted from the first two.
+        other_run: RMS angle error of every run predicted from the others; NaN if there is only one.
         share: weight of the law among all, by its log scores.
         equals: laws that give the same motion, left out.
-        unseen: parts of it that may take a tenth of the energy for all that the traces tell, shown or not.
-        refuted: why the law was left behind, or "".
-        chosen: the simplest law that nothing speaks against; alone where the traces decide.
+        unseen: parts that may dissipate 10 % of the energy as far as the traces show, significant or not.
+        refuted: the reason why the law was rejected, or "".
+        chosen: the simplest law that is not refuted; it is the only one if the traces decide.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Law:
 
     @property
     def possible(self) -> bool:
-        """Whether nothing speaks against the law."""
+        """Whether the law is not refuted."""
         return not self.refuted
 
     def to_json(self) -> dict[str, Any]:

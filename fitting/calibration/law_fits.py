@@ -25,10 +25,10 @@ class Family:
     """A simulator with every coefficient of some laws.
 
     Attributes:
-        owner: the part that each parameter belongs to (None: of none).
-        substeps: parts of a step: laws with dry friction take a scheme of second order.
-        rough: parts of a step by which a law is fitted first, to see whether it is worth finer ones.
-        enough: cost beyond which it is not.
+        owner: the law's part that each parameter belongs to, or None.
+        substeps: subdivisions of a step: laws with dry friction use a scheme of second order.
+        rough: subdivisions of a step in a law's first fit, which decides whether it is worth finer ones.
+        enough: cost above which it is not.
     """
 
     simulator: Simulator
@@ -38,12 +38,12 @@ class Family:
     enough: float = np.inf
 
     def free_mask(self, law: str) -> np.ndarray:
-        """Which parameters a law has free (k,) bool."""
+        """Which parameters are free in a law (k,) bool."""
         return np.array([part is None or part in LADDER[law] for part in self.owner])
 
 
 def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
-    """With every coefficient of the laws with or without dry friction."""
+    """A family with every coefficient of the laws with or without dry friction."""
     parts = [part for part in PARTS if dry or part != "dry"]
     names = [PARTS[part] for part in parts]
     free = [p.name for p in prepared.parameters]
@@ -56,11 +56,11 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     ]
     model, _ = build(scene_with_law(prepared.scene, dry, dict.fromkeys(OF_JOINTS, 0.0), each))
     release = prepared.simulator.release
-    release = None if release is None else replace(release)  # its poses are of one model
+    release = None if release is None else replace(release)  # its poses belong to one model
     same = {p.name: p for p in prepared.parameters if p.name in others}
     parameters = [same.get(p.name, p) for p in resolve(model, [*others, *names], release=release)]
     owner = tuple(next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters)
-    # dense serves any model; others may refuse the joints of some law
+    # dense works for any model; other solvers may reject the joints of some law
     solver = "dense" if prepared.scene.run.solver == "dense" else "auto"
     simulator = Simulator(model, parameters, choose_stepper(model, solver=solver), release)
     substeps = substeps_of(prepared, simulator)
@@ -68,17 +68,17 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
 
 
 def substeps_of(prepared: Prepared, simulator: Simulator) -> int:
-    """Parts of a step by which another simulator is as fine as what is prepared."""
+    """Subdivisions of a step that make another simulator as accurate as the prepared one."""
     finer = STEPS_PER_PERIOD[simulator.stepper.integrator.order] / STEPS_PER_PERIOD[prepared.order]
     return max(1, int(np.ceil(finer * prepared.windows.substeps - 1e-9)))
 
 
 def scene_with_law(scene: Scene, dry: bool, friction: Mapping[str, float | None], each: Sequence[str]) -> Scene:
-    """The scene with every part of a damping law, with or without dry friction; parts that it lacks are 0.
+    """The scene with every part of a damping law, with or without dry friction; missing parts are 0.
 
     Args:
-        friction: values of the parts of friction in the joints; None leaves what the scene gives.
-        each: parts of it that every joint has for itself.
+        friction: values of the friction coefficients of the joints; None keeps those of the scene.
+        each: coefficients that every joint has separately.
     """
     table = scene.to_dict()
     found = table["effects"].setdefault("joint_friction", {})
@@ -103,12 +103,12 @@ def without_unused_parts(scene: Scene, given: Scene, free: Sequence[str]) -> Sce
         if own.get(field) is None and not any(name.startswith(path) for name in free):
             fields.pop(field, None)
         if effect not in given.effects and not any(part.split(".")[2] in fields for part in PARTS.values()):
-            table["effects"].pop(effect, None)  # an axis alone is no friction
+            table["effects"].pop(effect, None)  # an axis alone does not define friction
     return Scene.from_dict(table)
 
 
 def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
-    """A law fitted from the best law that it contains, or from sizes of its coefficients; the better of both."""
+    """A law fitted from the best law that it contains, or from typical coefficients; the better of both."""
     used, parameters = family.free_mask(law), family.simulator.parameters
     known = {p.name: p.value for p in prepared.parameters}
     sizes = [p.value if part is None else p.scale for p, part in zip(parameters, family.owner, strict=True)]
@@ -134,14 +134,14 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
             finer = replace(problem, windows=replace(windows, substeps=family.substeps))
             one = fit_windows(finer, one.values, one.starts, iterations=iterations)
         found.append(one)
-        # on the way from a law that it contains it cannot end worse; what went wrong is tried from elsewhere
+        # started from a law that it contains it cannot end worse; if it does, other starts are tried
         if one.status == "ok" and (not inner or one.cost <= best.cost * (1 + 1e-6)):
             break
     return min(found, key=lambda one: (one.status != "ok", one.cost))
 
 
 def least_loss(full: Solution, owner: tuple[str | None, ...], law: str) -> float:
-    """Log likelihood that a law loses for what it lacks of a larger one, c' (C_cc)^-1 c / 2 of its coefficients c."""
+    """Loss of log likelihood for the coefficients c that a law lacks of a larger one: c' (C_cc)^-1 c / 2."""
     free = np.flatnonzero(~full.problem.held_mask)
     lacks = np.array([owner[i] is not None and owner[i] not in LADDER[law] for i in free])
     c, s = full.values[free][lacks], full.information[np.ix_(free, free)]
@@ -155,14 +155,14 @@ def least_loss(full: Solution, owner: tuple[str | None, ...], law: str) -> float
 
 
 def fit_inside(near: Solution, owner: tuple[str | None, ...], law: str, iterations: int) -> Solution:
-    """A law fitted by the simulator and step of a larger law, from where that ended, less what it lacks."""
+    """A law fitted with the simulator and step of a larger law, from the end of that fit, without its other parts."""
     used = np.array([part is None or part in LADDER[law] for part in owner])
     values = np.where(used, near.values, 0.0)
     return fit_windows(replace(near.problem, frozen=~used), values, near.starts, iterations=iterations)
 
 
 def fit_again(law: Solution, inside: Solution, iterations: int) -> Solution:
-    """A law's fit once more from where it ended inside a larger law, whose simulator may have further parameters."""
+    """A law's fit repeated from its end inside a larger law, whose simulator may have further parameters."""
     own = {p.name: v for p, v in zip(inside.problem.parameters, inside.values, strict=True)}
     values = np.array([own[p.name] for p in law.problem.parameters])
     return fit_windows(law.problem, values, inside.starts, iterations=iterations)

@@ -1,4 +1,4 @@
-"""Damping laws that a fit may be compared with: subsets of one full set of coefficients."""
+"""Damping laws for comparison with a fit: subsets of one full set of coefficients."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ PARTS = {
     "joint viscous": "effects.joint_friction.viscous",
     "dry": "effects.joint_friction.dry",
 }
-#: Coefficients of friction in the joints, each a list where joints have their own.
+#: Coefficients of friction in the joints, each a list if joints have separate values.
 OF_JOINTS = ("joint viscous", "dry")
 
 
@@ -19,7 +19,7 @@ def _join_names(parts: tuple[str, ...]) -> str:
     return " + ".join(parts) or "none"
 
 
-#: Every law: name and parts, the simplest first, each after all that it contains.
+#: Every law: name and parts, the simplest first, each after all laws that it contains.
 LADDER = {_join_names(parts): parts for size in range(len(PARTS) + 1) for parts in combinations(PARTS, size)}
 
 

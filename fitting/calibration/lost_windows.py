@@ -1,13 +1,13 @@
-"""Windows that their own free start cannot bring down to the noise: found, restarted, split, and in the end left out.
+"""Windows that a free start cannot reduce to the noise: detected, restarted, split and finally left out.
 
-A motion that is chaotic has wrong branches: a link that turns over the other way leaves its window far from the
-samples, and one such window biases the estimates of all. A window is lost where
+A chaotic motion has wrong branches: a link that turns over in the other direction leaves its window far from the
+samples, and one such window biases all estimates. A window is lost if
 
-    chi2_k/(N_k - m) > FAR max(1, median)     and beyond chance, with its own start fitted, the parameters held
+    chi2_k/(N_k - m) > FAR max(1, median)     and beyond chance, with its own start fitted and the parameters fixed
 
-(m numbers of a start; chi2_k has a bound for each sample, so that outliers do not decide). It starts again from the
-end of the window before it and from the samples at several reaches; where nothing helps it is split, down to the fewest
-frames that can tell a start. What stays lost is left out.
+(m numbers of a start; chi2_k bounds each sample's contribution, so that outliers do not decide). It is restarted from
+the end of the previous window and from the samples at several reaches. If nothing helps it is split, down to the
+minimum number of frames that determine a start. Windows that stay lost are left out.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.sandwich import start_covariances
 from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts
 
-#: Mean square of a window's residuals over that of most windows from which on it is lost, and the probability with
-#: which noise alone gives as much.
+#: Ratio of a window's mean square residual to that of most windows above which it is lost, and the probability of such
+#: a ratio by noise alone.
 FAR, CHANCE = 4.0, 1e-7
-#: Most that one sample counts, as a multiple of the mean square of most windows: an outlier alone makes no window lost.
-#: One tenth of the samples must be more than five deviations off, as on a wrong branch.
+#: Maximum contribution of a sample, as a multiple of the mean square of most windows: one outlier cannot make a window
+#: lost. 10 % of the samples must deviate by more than five standard deviations, as on a wrong branch.
 MOST_OF_ONE = 30.0
-#: RMS error [rad] below which no window is lost, and below which none is where the model itself misses most windows: a
-#: wrong branch of a link is off by much more, rounding and the friction of a bearing by less.
+#: RMS error [rad] below which no window is lost, and the same if the model itself misses most windows: a wrong branch
+#: of a link deviates much more, rounding and the friction of a bearing less.
 SMALLEST, BRANCH = 2e-3, 0.05
-#: Noise of the samples that is assumed for the starts of lost windows, over the true one: polynomials of short reach,
-#: of the reach that the noise allows, and of long reach.
+#: Noise assumed for the starts of lost windows relative to the true one: polynomials of short reach, of the reach that
+#: the noise allows, and of long reach.
 REACHES = (0.2, 1.0, 5.0)
-#: Mean square of a gap over its expected one, and its size over the median gap's, from which on windows are not joined;
-#: the most such gaps, as a share, and the fewest gaps that tell what is usual.
+#: Ratio of a gap's mean square to its expectation, and of its size to the median gap, above which windows are not
+#: joined; maximum fraction of such gaps, and minimum number of gaps that define what is usual.
 FAR_GAP, LARGE_GAP, MOST_BREAKS, FEWEST_GAPS = 25.0, 5.0, 0.03, 6
 #: Rounds of restarts and fits, and evaluations for the starts alone.
 ROUNDS, ITERATIONS = 4, 12
 
 
 def lost_windows(solution: Solution) -> np.ndarray:
-    """Which windows (K,) bool miss their samples by far more than noise and than the other windows do."""
+    """Windows (K,) bool that miss their samples by far more than the noise and than the other windows."""
     windows, m2 = solution.windows, solution.problem.freedoms
     known = (windows.weight > 0).sum(axis=(1, 2))
     freedom = np.maximum(known - np.where(windows.released, 0, m2), 1)
@@ -79,11 +79,11 @@ def recover_windows(
 
     Args:
         solution: of the separate windows, converged or not.
-        fit_again: fits a problem of changed windows from the values and starts of a solution of theirs.
-        keep_jumps: leave a window in which frames are missing as it is: a split would hide them in a gap.
+        fit_again: fits a problem with changed windows, started from a solution with these windows.
+        keep_jumps: leave windows with missing frames unchanged: a split would hide the missing frames in a gap.
 
     Returns:
-        The preparation with the windows that are fitted, its `left_out` set, and their solution.
+        The preparation with the fitted windows and with `left_out` set, and their solution.
     """
     jump: tuple[int, float] | None = None
     for last in (False,) * ROUNDS + (True,):
@@ -105,7 +105,7 @@ def recover_windows(
 
 
 def _jump(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[int, float] | None:
-    """Run and time [s] at which frames are missing, if any; lost windows (K,) bool begin where those before end."""
+    """Run and time [s] at which frames are missing, if any; lost windows (K,) bool start at the end of the previous."""
     windows = solution.windows
     seen = replace(windows, weight=np.where(lost[:, None, None], 0.0, windows.weight))
     found = lost_frames(prepared, replace(solution, problem=replace(solution.problem, windows=seen)))
@@ -113,7 +113,7 @@ def _jump(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[int
 
 
 def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
-    """The windows (K,) bool that hold a run's moment, and those that end or begin there."""
+    """The windows (K,) bool that contain a given time of a run, and those that start or end there."""
     if jump is None:
         return np.zeros(windows.count, bool)
     run, time = jump
@@ -121,14 +121,14 @@ def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
 
 
 def refit_starts(solution: Solution, which: np.ndarray | None = None) -> Solution:
-    """The solution with each window's start, or those of some (K,) bool, fitted alone, the parameters held."""
+    """The solution with the start of each window, or of some (K,) bool, fitted alone with fixed parameters."""
     which = np.ones(solution.windows.count, bool) if which is None else which
     starts = Starts(*(part[which] for part in solution.starts))
     return _with_starts(solution, which, starts)
 
 
 def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solution:
-    """The solution with better starts of lost windows (K,) bool, where any are found."""
+    """The solution with better starts of lost windows (K,) bool, if any are found."""
     windows, traces = solution.windows.pick(lost), prepared.traces
     model = solution.problem.simulator.model_at(solution.values)
     tried = [Starts(*(part[lost] for part in starts_from_previous_windows(solution, lost)))]
@@ -140,7 +140,7 @@ def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solutio
 
 
 def _with_starts(solution: Solution, which: np.ndarray, starts: Starts) -> Solution:
-    """The solution with other starts of some windows, fitted alone first, where these are better."""
+    """The solution with other starts of some windows, fitted alone first, if these are better."""
     problem, windows = solution.problem, solution.windows
     few = replace(problem, windows=windows.pick(which))
     starts, evaluation = fit_starts(few, solution.values, starts, ITERATIONS)
@@ -158,7 +158,7 @@ def _with_starts(solution: Solution, which: np.ndarray, starts: Starts) -> Solut
 
 
 def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
-    """The same with lost windows cut in two where enough frames are left, their halves started from the samples."""
+    """The solution with lost windows cut in two if enough frames remain; the halves start from the samples."""
     windows = solution.windows
     pieces: list[Piece] = []
     old: list[int] = []
@@ -169,7 +169,7 @@ def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Pr
     if len(pieces) == windows.count:
         return prepared, solution
     prepared = prepared.with_pieces(pieces)
-    # windows without enough samples are dropped: found again by where they begin
+    # windows without enough samples are dropped; the others are matched by their start time
     kept_at = {(int(r), round(float(b), 9)): i for i, (r, b) in enumerate(zip(windows.run, windows.begin, strict=True))}
     new = prepared.windows
     origin = np.array([kept_at.get((int(r), round(float(b), 9)), -1) for r, b in zip(new.run, new.begin, strict=True)])
@@ -185,7 +185,7 @@ def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Pr
 
 
 def _halves(prepared: Prepared, windows: Windows, k: int) -> list[Piece]:
-    """Window k in two pieces, cut at a whole frame; whole where one of them would have too few frames."""
+    """Window k in two pieces, cut at a whole frame; uncut if one of them would have too few frames."""
     piece = windows.piece(k)
     frame = max(1, round(prepared.traces[piece.run].interval / windows.dt))
     frames = piece.steps // frame
@@ -199,7 +199,7 @@ def _halves(prepared: Prepared, windows: Windows, k: int) -> list[Piece]:
 
 
 def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
-    """The preparation with windows that are not joined over a single gap far above the others: a kick, lost frames."""
+    """The preparation without joins over isolated gaps far above the others, such as a kick or lost frames."""
     windows = solution.windows
     if windows.follows.sum() < FEWEST_GAPS or solution.status != "ok":
         return prepared
@@ -220,7 +220,7 @@ def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
 
 
 def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
-    """The same without the lost windows, whose times and samples are noted."""
+    """The preparation without the lost windows, whose times and samples are recorded."""
     windows = solution.windows
     removed = tuple(
         (int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k])) for k in np.flatnonzero(lost)

@@ -1,9 +1,9 @@
-"""One uninterrupted run beside a trace: how far fitted parameters and one start carry.
+"""One uninterrupted run compared with a trace: how far fitted parameters and one start carry.
 
-A fit explains a trace window by window. What a reader expects to see is one run, from one start to the end of the
-trace; where the motion is chaotic it must leave the trace at last, however right the parameters are. A second run that
-begins one standard error away, in the start and in every parameter, tells from where on: until the two part, the run
-is a prediction; beyond, its angles say nothing (its statistics still do).
+A fit explains a trace window by window. Readers expect one run, from one start to the end of the trace. Where the
+motion is chaotic, such a run must leave the trace in the end even with correct parameters. A second run, started one
+standard error away in the start and in every parameter, shows when. Until the two runs diverge, the run is a
+prediction; afterwards its angles carry no information, but its statistics do.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from fitting.parameters.parameter import apply
 from fitting.parameters.seeing import camera_angles, clock_rate, losses
 from fitting.traces import planar
 
-#: RMS over the links [rad] at which two motions have parted.
+#: RMS over the links [rad] at which two motions count as diverged.
 PARTED = 0.1
-#: Most steps of a run.
+#: Maximum number of steps of a run.
 MOST_STEPS = 200_000
 
 
@@ -31,9 +31,9 @@ class OneRun:
     """A run of the fitted model from the first window's start to the end of its trace.
 
     Attributes:
-        t, measured, simulated: the trace's samples (m,) [s], (m, n) [rad], NaN where there is none; as the camera sees.
-        trusted: time [s] at which a run that begins one standard error away has parted from it; infinite: it has not.
-        diverged_at: time [s] at which the measured angles have; infinite: they have not.
+        t, measured, simulated: the trace's samples (m,) [s], (m, n) [rad], NaN if missing; as seen by the camera.
+        trusted: time [s] at which a run that starts one standard error away has diverged from it; infinite: never.
+        diverged_at: time [s] at which the measured angles have diverged; infinite: never.
     """
 
     t: np.ndarray
@@ -54,12 +54,12 @@ class OneRun:
         after = [f"{at - self.begin:.3g} s" if np.isfinite(at) else whole for at in (self.diverged_at, self.trusted)]
         return (
             f"one run from the start at {self.begin:.3g} s stays within {PARTED:g} rad of the trace for {after[0]}; "
-            f"a run that begins one standard error away stays with it for {after[1]}"
+            f"a run that starts one standard error away stays with it for {after[1]}"
         )
 
 
 def one_run(result: FitResult, run: int) -> OneRun | None:
-    """The run beside trace `run`; None where no window of it has a start of its own, or it would take too long."""
+    """The run for trace `run`; None if no window of it has a start of its own, or if it would take too long."""
     windows, solution = result.windows, result.solution
     mine = np.flatnonzero((windows.run == run) & ~windows.released)
     if not len(mine):
@@ -81,7 +81,7 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
     starts = np.stack([theta, theta + aside]), np.stack([omega, omega])
     at = np.arange(steps + 1) * windows.dt + begin
     angles = _runs(result, np.stack([values, np.clip(values + error, low, high)]), *starts, steps)
-    from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 - slow to import, and a report alone needs it
+    from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 - slow to import, and only a report needs it
 
     near, other = (CubicHermiteSpline(at, *pair)(t) for pair in angles)
     measured = trace.theta[inside]
@@ -89,7 +89,7 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
 
 
 def _lost_times(result: FitResult, run: int) -> list[float]:
-    """Times of lost frames of a run: beyond them its clock is another one."""
+    """Times of lost frames of a run: its clock changes there."""
     frames = (result.parameters[i].where for i in losses(result.parameters))
     return [frame.time for frame in frames if frame.run == run]
 
@@ -97,7 +97,7 @@ def _lost_times(result: FitResult, run: int) -> list[float]:
 def _runs(
     result: FitResult, values: np.ndarray, theta: np.ndarray, omega: np.ndarray, steps: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Seen angles and their rates by the trace's clock (steps + 1, n) of runs at values (2, k) and starts (2, n)."""
+    """Observed angles and rates on the trace's clock (steps + 1, n), of runs at values (2, k) and starts (2, n)."""
     simulator, windows = result.solution.problem.simulator, result.windows
     parameters, base = result.parameters, simulator.model
 
@@ -127,9 +127,9 @@ def _runs(
 
 
 def _parting(t: np.ndarray, difference: np.ndarray) -> float:
-    """First time [s] at which differences (m, n) [rad], as shortest turns, have an RMS above `PARTED` for good.
+    """First time [s] from which differences (m, n) [rad], as shortest turns, permanently have an RMS above `PARTED`.
 
-    "For good": on the mean of a twentieth of a second to either side, so that a single wrong sample does not count.
+    The RMS is averaged over 0.05 s to either side, so that a single wrong sample does not count.
     """
     difference = difference - 2 * np.pi * np.round(np.nan_to_num(difference) / (2 * np.pi))
     known = np.isfinite(difference)

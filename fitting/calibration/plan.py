@@ -1,11 +1,11 @@
-"""A plan of measurements: how well each would tell the parameters, before anything is measured.
+"""A plan of measurements: how accurately each would determine the parameters, before anything is measured.
 
     S(w) = sum over joined windows of J' J / sigma^2 + gaps/w^2 + priors,     errors = sqrt(diag(S^-1))
 
-with the window starts and every other free parameter eliminated, at the scene's own values. The gap weight w says how
-far the rig follows its model. It is the one that a fit of a trace with just this noise is expected to choose, unless
-the caller gives the weight that fits of a real rig report. With H(w) the curvature by all starts and parameters, A(w)
-the starts' part of it and G = 1/w^2 gaps, the fit's evidence (`shooting`) has the mean
+with the window starts and every other free parameter eliminated, at the scene's own values. The gap weight w expresses
+how closely the rig follows its model. By default it is the weight that a fit of a trace with just this noise is
+expected to choose; the caller may give the weight reported by fits of a real rig. With H(w) the curvature by all starts
+and parameters, A(w) its block of the starts and G = 1/w^2 gaps, the fit's evidence (`shooting`) has the mean
 
     -g log w - log|A|/2 - tr(H^-1 G)/2 + const,      tr(H^-1 G) = -1/2 d log|H| / d log w
 """
@@ -33,23 +33,23 @@ from fitting.estimate.windows import PER_WINDOW, Windows
 from fitting.parameters.naming import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
-#: Rounds that find the starts of the windows on a trace without noise.
+#: Rounds of the search for the windows' starts on a trace without noise.
 ROUNDS = 4
-#: Part of a gap weight by which it is moved for a central difference of log|H|: its error is below 1e-4 of a gap.
+#: Relative change of a gap weight for a central difference of log|H|: its error is below 1e-4 of a gap.
 NEAR = 0.01
 
 
 @dataclass(frozen=True)
 class Planned:
-    """One measurement and what it would tell.
+    """One measurement and the accuracy that it would give.
 
     Attributes:
-        scene: its name, which says how it is released.
+        scene: its name, which implies how it is released.
         duration: [s].
         noise: of the angles [rad].
         std_error: by parameter.
-        score: mean log of the errors asked for; the least is the best.
-        gap_weight: that the errors are of.
+        score: mean log of the requested errors; the smallest is the best.
+        gap_weight: weight of the gaps for which the errors hold.
     """
 
     scene: str
@@ -84,20 +84,20 @@ def plan(
     rate: float = 60.0,
     progress: Progress = silent,
 ) -> list[Planned]:
-    """Rank measurements by the errors they would leave, the best first.
+    """Rank measurements by the parameter errors that they would give, the best first.
 
     Args:
-        scenes: released in different ways; the truth is each one's own values.
-        free: parameters that a fit would free, nuisances among them.
+        scenes: released in different ways; each one's own values are taken as the truth.
+        free: parameters that a fit would free, nuisance parameters included.
         durations: of the traces [s].
         noises: of the angles [rad], such as of two cameras.
         requested: those of `free` to rank by; default all.
-        gap_weight: as joined fits of the rig report it; default: what a fit is expected to choose where the model is
-            right. A film of a real rig ends ten to a hundred times higher.
+        gap_weight: as reported by joined fits of the rig; default: the value expected if the model is right. A film of
+            a real rig gives a value ten to a hundred times higher.
         rate: frames per second [Hz].
 
     Raises:
-        SceneError: for anything the caller can mend, in one line.
+        SceneError: for any invalid input, in one line.
     """
     weights = [1.0] if gap_weight is None else [gap_weight]
     for key, numbers in (("duration", durations), ("noise", noises), ("gap_weight", weights), ("rate", [rate])):
@@ -154,12 +154,12 @@ def at_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray, weig
     nowhere = np.zeros(len(values))
     step = level.solve(level.system(evaluation, values), values, 0.0, nowhere, nowhere)
     if step is None:
-        raise SceneError("free: the parameters cannot be told apart by these traces; allowed: fewer of them, or priors")
+        raise SceneError("free: the parameters are not identifiable from these traces. Use fewer of them, or priors")
     return step
 
 
 def _expected_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray) -> float:
-    """The gap weight that a fit chooses by the mean of its evidence, where the model is right."""
+    """The gap weight that a fit chooses by the mean of its evidence if the model is right."""
     gaps = int(problem.windows.follows.sum()) * problem.freedoms
 
     def logs(weight: float) -> np.ndarray:
@@ -175,13 +175,13 @@ def _expected_weight(problem: Problem, evaluation: Evaluation, values: np.ndarra
 
 
 def first(windows: Windows, count: int) -> Windows:
-    """The first windows, those that follow each other as before."""
+    """The first windows, joined as before."""
     whole = (*PER_WINDOW, "follows")
     return replace(windows, **{key: getattr(windows, key)[:count] for key in whole})
 
 
 def rows(found: Sequence[Planned]) -> list[tuple[str, ...]]:
-    """The table for people, with a heading."""
+    """The table as text, with a heading."""
     names = list(found[0].std_error)
     table = [
         (

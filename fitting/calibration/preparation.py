@@ -1,4 +1,4 @@
-"""What comes before any estimate: traces and scene read and checked, windows cut, their starts found."""
+"""The steps before any estimate: traces and scene are read and checked, windows cut and their starts found."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from fitting.traces.conventions import check_sampling, check_unit, resting_angle
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, noise, read_trace
 
-#: Held-out spans up to so many windows long are run by the windows' own program, compiled with room for them.
+#: Maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them.
 MARGIN = 2.5
 
-#: Largest turn of a link in a step [rad] that a fit starts with, and the share of the windows that it holds for: the
-#: error of a fourth-order scheme over a window is then below the usual noise; `refine` halves the step where it is not.
+#: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
+#: error of a fourth-order scheme over a window is then below the usual noise; otherwise `refine` halves the step.
 TURN, FASTEST = 0.25, 0.98
 
 #: One run or several: CSV files or traces.
@@ -63,7 +63,8 @@ def prepare(
 ) -> Prepared:
     """Read and check everything, cut windows, find their starts.
 
-    Arguments as in `fit`; `simulator` is that of an earlier call on the same scene and parameters, compiled already.
+    Arguments as in `fit`; `simulator` is an already compiled one from an earlier call with the same scene and
+    parameters.
     """
     say = progress or silent
     say(0.0, "reading")
@@ -113,7 +114,7 @@ def prepare(
     else:
         simulator = simulator.view_of(parameters)
     dt = time_step(runs, dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
-    # what is held out touches nothing, not even the noise or the first guess of a start
+    # held-out samples affect nothing, not even the noise or the first guess of a start
     seen = fitted_parts(runs, spans)
     poses = rests(runs, sigma, rest)
     if not rest and release is None:
@@ -173,25 +174,25 @@ def prepare(
 
 
 def _substeps(starts: Starts, dt: float) -> int:
-    """Parts of a step in which the fastest link of nearly all windows turns by at most `TURN`."""
+    """Subdivisions of a step in which the fastest link of nearly all windows turns by at most `TURN`."""
     fastest = float(np.quantile(np.abs(starts.omega).max(axis=1), FASTEST))
     return 2 ** max(0, int(np.ceil(np.log2(max(dt * fastest / TURN, 1e-9)))))
 
 
 def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple[Parameter, ...]:
-    """The parameters with the times of the frames that they name.
+    """The parameters with the times of the frames that they refer to.
 
     Raises:
-        SceneError: no such run, or a frame that nothing stands before.
+        SceneError: an unknown run, or a frame without a predecessor.
     """
     found = []
     for p in parameters:
         if isinstance(p.where, LostPlace):
             if p.where.run >= len(traces):
-                raise SceneError(f"free: {p.name!r} has no such run; allowed: 0 to {len(traces) - 1}")
+                raise SceneError(f"free: {p.name!r}: unknown run; allowed: 0 to {len(traces) - 1}")
             t = traces[p.where.run].t
             if not 0 < p.where.frame < len(t):
-                raise SceneError(f"free: {p.name!r} has no such frame; allowed: 1 to {len(t) - 1}")
+                raise SceneError(f"free: {p.name!r}: unknown frame; allowed: 1 to {len(t) - 1}")
             p = replace(p, where=replace(p.where, time=float(t[p.where.frame])))
         found.append(p)
     return tuple(found)
@@ -200,7 +201,7 @@ def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple
 def _as_traces(traces: TracesLike, links: int) -> list[Trace]:
     items = [traces] if isinstance(traces, str | Path | Trace) else list(traces)
     if not items:
-        raise SceneError("traces: none given; allowed: one or more CSV files")
+        raise SceneError("traces: none given. Use one or more CSV files")
     found = [item if isinstance(item, Trace) else read_trace(item, links) for item in items]
     for trace in found:
         if trace.links != links:
@@ -211,8 +212,8 @@ def _as_traces(traces: TracesLike, links: int) -> list[Trace]:
 
 
 def _check_effective(parameters: Sequence[Parameter], jacobian: np.ndarray, freedoms: int) -> None:
-    """Refuse a parameter that changes no residual."""
+    """Reject a parameter that changes no residual."""
     size = np.abs(jacobian[..., freedoms:]).max(axis=(0, 1, 2), initial=0.0)
     for p, found in zip(parameters, size, strict=True):
         if found == 0.0:
-            raise SceneError(f"free: {p.name!r} does nothing to the traced angles; allowed: a parameter that does")
+            raise SceneError(f"free: {p.name!r} does not affect the traced angles. Use a parameter that does")

@@ -1,4 +1,4 @@
-"""What stands before any estimate."""
+"""The input of an estimate."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from fitting.parameters.priors import JointPrior
 from fitting.traces.trace import Trace
 
 #: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
-#: 1 s 1.6e-5 rad) at order 4; second order takes more; a fit that this is too coarse for halves it.
-#: Schemes that hold their own error are seen at least so often, for the cubics between.
+#: 1 s 1.6e-5 rad) at order 4; second order takes more; a fit that needs finer steps halves it.
+#: Schemes with error control save at least this often, for the cubics between.
 STEPS_PER_PERIOD = {8: 38, 5: 38, 4: 75, 2: 200}
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """Everything an estimator needs: what `prepare` made of the caller's input.
+    """Everything that an estimator needs: the result of `prepare`.
 
     Attributes:
-        left_out: (run, from, to) of windows that are not fitted since no start of their own explains them.
+        left_out: (run, from, to) of windows that are not fitted because no start explains them.
         breaks: (run, time) where the motion jumps, so that windows are not joined there.
-        iterations: evaluations made for it.
-        first_noise: by which a fit starts, where links are missed by unlike multiples of their claimed noise.
+        iterations: evaluations used so far.
+        first_noise: noise at the start of a fit, if links are missed by different multiples of their claimed noise.
     """
 
     scene: Scene
@@ -59,7 +59,7 @@ class Prepared:
     descent: Descent | None = None
 
     def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
-        """What there is to minimise."""
+        """The minimisation problem."""
         return Problem(
             simulator=self.simulator,
             windows=self.first_windows,
@@ -80,7 +80,7 @@ class Prepared:
         return self.first_noise.apply_to(self.windows, self.traces)
 
     def noisy(self, noise: Noise | None) -> Prepared:
-        """The same with the noise that a fit told, where it did: in the windows and in all that are cut later."""
+        """The preparation with the noise estimated by a fit, if any: in the windows and in all that are cut later."""
         if noise is None:
             return self
         return replace(self, windows=noise.apply_to(self.windows, self.traces), noise=noise)
@@ -91,7 +91,7 @@ class Prepared:
         return windows if self.noise is None else self.noise.apply_to(windows, self.traces)
 
     def with_pieces(self, pieces: Sequence[Piece]) -> Prepared:
-        """The same cut in other windows, with the noise that is known of it, their starts from the samples."""
+        """The preparation cut into other windows, with the known noise, and with starts from the samples."""
         windows = fill(self.traces, pieces, self.windows.dt, self.sigma)
         if self.simulator.release is not None:
             windows = self.simulator.release.mark(windows, self.traces)
@@ -101,12 +101,12 @@ class Prepared:
         return replace(found, starts=found.starts_from_samples())
 
     def starts_from_samples(self) -> Starts:
-        """Where the windows begin by their samples alone."""
+        """Starts of the windows from their samples alone."""
         return first_starts(self.simulator.model, self.traces, self.windows, self.sigma)
 
     @property
     def floor(self) -> np.ndarray:
-        """Least noise of every run and link over the one that its trace claims (R, n): the sensor's rounding."""
+        """Minimum noise of every run and link relative to the claimed one (R, n): the sensor's rounding."""
         fit = self.scene.fit
         rounding = 0.0 if fit is None else fit.resolution("angle") / np.sqrt(12)
         claimed = [
@@ -117,10 +117,10 @@ class Prepared:
 
     @property
     def order(self) -> int:
-        """Of the scheme that the windows' step was chosen for."""
+        """Order of the scheme for which the windows' step was chosen."""
         return self.simulator.stepper.integrator.order
 
     @property
     def values(self) -> np.ndarray:
-        """Where the parameters begin (k,): their start values, or where an earlier fit ended."""
+        """Start of the parameters (k,): their start values, or the end of an earlier fit."""
         return self.begin if self.begin is not None else np.array([p.value for p in self.parameters])

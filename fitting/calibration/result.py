@@ -1,4 +1,4 @@
-"""What a fit returns: numbers with errors, how good it is, and what to beware of."""
+"""The result of a fit: numbers with errors, its quality, and warnings."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from fitting.calibration.advice import Candidate
 
 SCHEMA = 1
-#: Linear and quadratic damping, which imitate each other.
+#: Linear and quadratic damping, which have similar effects.
 DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 #: chi-square per degree of freedom, and correlation of neighbouring residuals, above which a fit misses its trace.
 MISFIT, CORRELATED_MISFIT = 2.0, 0.1
-#: Share of the samples that may be left out of a fit that is `ok`.
+#: Maximum fraction of the samples that may be left out of a fit with status `ok`.
 MOST_LEFT_OUT = 0.03
-#: Departure of the energy's slope from 1, in combined errors, beyond which it is warned of.
+#: Deviation of the energy's slope from 1, in combined errors, above which a warning is given.
 BEYOND = 3.0
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """A stretch of trace that the fit has not seen; only its starts were fitted, on its own angles."""
+    """A stretch of trace that was not fitted; only its starts were, on its own angles."""
 
     low: float
     high: float
@@ -50,44 +50,44 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class EnergyCheck:
-    """Slope c of the measured loss of energy over the law's, 1 where it is right, and its combined standard error."""
+    """Ratio c of the measured energy loss to the law's, 1 if the law is right, and its combined standard error."""
 
     slope: float
     error: float
 
     @property
     def off(self) -> float:
-        """Departure from 1 in standard errors."""
+        """Deviation from 1 in standard errors."""
         return (self.slope - 1) / self.error
 
     @property
     def text(self) -> str:
         """For people."""
-        return f"the measured motion loses {self.slope:.3g} +- {self.error:.2g} of the energy that the law takes"
+        return f"the measured energy loss is {self.slope:.3g} +- {self.error:.2g} of that predicted by the law"
 
     @property
     def warning(self) -> str | None:
-        """One line where the law is contradicted."""
+        """One line if the law is contradicted."""
         if abs(self.off) <= BEYOND:
             return None
-        return f"{self.text}: {abs(self.off):.1f} combined errors from 1, the law or the rig's numbers are wrong"
+        return f"{self.text}: {abs(self.off):.1f} combined errors from 1; the law or the rig's numbers are wrong"
 
 
 @dataclass(kw_only=True)
 class FitResult(SceneFit):
-    """A calibrated model: what every fit has (`SceneFit`), and what windows of traces add.
+    """A calibrated model: the content of every fit (`SceneFit`), and that of windows of traces.
 
     Attributes:
-        noise: estimated deviation of the noise [rad].
-        chi2_per_dof: against the noise the traces (or their standard errors) claim.
+        noise: estimated standard deviation of the noise [rad].
+        chi2_per_dof: relative to the noise that the traces (or their standard errors) claim.
         held_out: error on stretches that were not fitted.
         comparison: rows of the model comparison, or empty.
         seconds: compile and run time.
-        advice: what else may be wrong, where asked for, the largest gain first.
-        freed: candidates that were freed for their gain, in their order.
-        left_out: (run, from, to) [s] of windows that were not fitted since no start explains them.
-        wrong_file: the mistake in the traces that explains a misfit, in a line; empty where none does.
-        energy: the measured loss of energy against the fitted law's, where a report was written (`energy`).
+        advice: what else may be wrong, if requested, the largest gain first.
+        freed: candidates that were freed for their gain, in order.
+        left_out: (run, from, to) [s] of windows that were not fitted because no start explains them.
+        wrong_file: the mistake in the traces that explains a misfit, in a line; otherwise empty.
+        energy: the ratio of the measured energy loss to the fitted law's, if a report was written (`energy`).
     """
 
     method: str
@@ -108,8 +108,8 @@ class FitResult(SceneFit):
     def status(self) -> str:
         """`ok`, `not_converged`, `lost_windows` or `misfit`; `message` gives the reason.
 
-        `lost_windows`: more than `MOST_LEFT_OUT` of the samples lie in windows that no start explains. `misfit`: the
-        residuals are larger than the noise and the stated model error, and no noise: neighbours correlate.
+        `lost_windows`: more than `MOST_LEFT_OUT` of the samples are in windows that no start explains. `misfit`: the
+        residuals exceed the noise and the stated model error, and are not noise because neighbours correlate.
         """
         if self.solution.status != "ok":
             return self.solution.status
@@ -119,7 +119,7 @@ class FitResult(SceneFit):
 
     @property
     def misses(self) -> bool:
-        """Whether the model misses the trace by more than the noise, of any kind that explains residuals."""
+        """Whether the model misses the trace by more than noise of any kind explains."""
         noise = self.solution.problem.noise
         explained = noise is not None and noise.kind != "white"
         correlated = abs(self.uncertainty.correlation_1) > CORRELATED_MISFIT
@@ -127,7 +127,7 @@ class FitResult(SceneFit):
 
     @property
     def left_out_share(self) -> float:
-        """Share of the samples that lie in windows that were left out."""
+        """Fraction of the samples in windows that were left out."""
         removed = 0
         for run, low, high in self.left_out:
             removed += int(np.isfinite(self.traces[run].between(low, high).theta).sum())
@@ -139,13 +139,13 @@ class FitResult(SceneFit):
         found = [self.wrong_file, self.solution.message]
         if self.status == "lost_windows":
             found.append(
-                f"{self.left_out_share:.1%} of the samples lie in windows that no start explains; "
-                "try a finer --dt or a shorter --window, or cut these stretches out"
+                f"{self.left_out_share:.1%} of the samples lie in windows that no start explains. "
+                "Try a finer --dt or a shorter --window, or cut these stretches out"
             )
         if self.status == "misfit" and self.misses:
             found.append(
                 f"the residuals are {np.sqrt(self.chi2_per_dof):.3g} times the noise and neighbours correlate by "
-                f"{self.uncertainty.correlation_1:.2f}: the model misses the trace; look at --auto-free, state a "
+                f"{self.uncertainty.correlation_1:.2f}: the model misses the trace. Try --auto-free, state a "
                 "model_error in [fit], or accept it by --accept-misfit"
             )
         return "; ".join(filter(None, found))
@@ -161,7 +161,7 @@ class FitResult(SceneFit):
 
     @property
     def descent(self) -> list[dict[str, Any]]:
-        """Loss per sample, parameters and gap weight of every step of the method `gradient`; of others nothing."""
+        """Loss per sample, parameters and gap weight of every step of the method `gradient`; otherwise empty."""
         if self.method != "gradient":
             return []
         return [
@@ -179,7 +179,7 @@ class FitResult(SceneFit):
         return self.solution.problem.simulator.model_at(self.values)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values with the keys of the command line's JSON; what is not finite is None."""
+        """Plain values with the keys of the command line's JSON; values that are not finite become null."""
         u = self.uncertainty
         found = {
             "schema": SCHEMA,
@@ -227,8 +227,8 @@ class FitResult(SceneFit):
     def best_combination(self) -> dict[str, Any] | None:
         """`b_l + v b_q` with the speed v [m/s] at which the trace determines it best, its value and standard error.
 
-        Linear and quadratic damping are like each other at the speed of the motion, so that each alone is known far
-        worse: with covariance C, `v = -C_lq/C_qq` has the smallest variance.
+        Linear and quadratic damping have similar effects at the speed of the motion, so that each alone is much less
+        certain. With covariance C, `v = -C_lq/C_qq` has the minimum variance.
         """
         names = [p.name for p in self.parameters]
         if not all(name in names for name in DAMPING):
@@ -248,9 +248,9 @@ class FitResult(SceneFit):
         }
 
     def noise_table(self) -> dict[str, Any]:
-        """What the residuals told of the noise: its kind, and by run and link its size, memory and delay.
+        """The noise estimated from the residuals: its kind, and by run and link its size, memory and delay.
 
-        `kept` is the share of its noise that a sample hands on to the next one.
+        `kept` is the fraction of its noise that a sample passes to the next one.
         """
         windows, noise = self.windows, self.solution.problem.noise
         sizes = []

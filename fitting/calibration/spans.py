@@ -1,4 +1,4 @@
-"""Stretches of time that a fit does not see, and what they leave to fit."""
+"""Stretches of time that a fit does not use, and those that remain to be fitted."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from fitting.traces.trace import Trace
 def check_spans(
     traces: Sequence[Trace], spans: Sequence[tuple[float, float]], option: str = "held-out"
 ) -> tuple[tuple[float, float], ...]:
-    """Sorted spans, called after the option that they come from.
+    """Sorted spans; messages use the option's name.
 
     Raises:
-        SceneError: a span that is empty, overlaps another or lies outside every trace.
+        SceneError: a span is empty, overlaps another or lies outside every trace.
     """
     found = sorted((float(low), float(high)) for low, high in spans)
     for i, (low, high) in enumerate(found):
@@ -26,19 +26,19 @@ def check_spans(
         if not low < high:
             raise SceneError(f"{text} is empty; allowed: lo < hi")
         if i and low < found[i - 1][1] - 1e-9:
-            raise SceneError(f"{text} overlaps {found[i - 1][0]:g}:{found[i - 1][1]:g}; allowed: spans apart")
+            raise SceneError(f"{text} overlaps {found[i - 1][0]:g}:{found[i - 1][1]:g}. Use separate spans")
         if not any(len(trace.between(low, high).t) > 2 for trace in traces):
-            raise SceneError(f"{text} holds no samples; allowed: {traces[0].t[0]:g} to {traces[0].t[-1]:g} s")
+            raise SceneError(f"{text} contains no samples; allowed: {traces[0].t[0]:g} to {traces[0].t[-1]:g} s")
     return tuple(found)
 
 
 def fitted_spans(
     traces: Sequence[Trace], until: float | None, held_out: Sequence[tuple[float, float]]
 ) -> list[tuple[int, float, float]]:
-    """(run, from, to) of everything that may be fitted: before `until`, outside the held-out spans.
+    """(run, from, to) of all samples that may be fitted: before `until`, outside the held-out spans.
 
     Raises:
-        SceneError: nothing left.
+        SceneError: nothing remains.
     """
     found = []
     for i, trace in enumerate(traces):
@@ -51,12 +51,12 @@ def fitted_spans(
         if low < last:
             found.append((i, low, last))
     if not found:
-        raise SceneError("until, held-out: leave nothing to fit; allowed: spans that leave some of the trace")
+        raise SceneError("until, held-out: nothing remains to fit. Use spans that leave part of the trace")
     return found
 
 
 def fitted_parts(traces: Sequence[Trace], spans: Sequence[tuple[int, float, float]]) -> list[Trace]:
-    """The traces with every sample outside the spans (run, from, to) [s] missing."""
+    """The traces with every sample outside the spans (run, from, to) [s] marked as missing."""
     found = []
     for i, trace in enumerate(traces):
         inside = np.zeros(len(trace.t), bool)
@@ -73,13 +73,13 @@ def without_held_starts(
     slowest: float,
     pose: Callable[[], np.ndarray],
 ) -> tuple[list[tuple[int, float, float]], list[str]]:
-    """The fitted spans of traces without the still stretch before a release, and a note on each that is left out.
+    """The fitted spans of traces without the still stretch before a release, and a note on each stretch left out.
 
     Args:
-        traces: what may be fitted of every run, the rest missing.
+        traces: the samples of every run that may be fitted, the rest missing.
         sigma: noise of each run's links (n,) [rad].
         slowest: period [s] of the line as one pendulum.
-        pose: gives the angles (n,) [rad] at rest; only asked for where a trace starts still.
+        pose: gives the angles (n,) [rad] at rest; only called if a trace starts still.
     """
     found, notes = list(spans), []
     for i, trace in enumerate(traces):

@@ -20,7 +20,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     """The result of a solution: errors, held-out scores, warnings."""
     simulator, windows = prepared.simulator, solution.windows
     rate = chaos.lyapunov(simulator, windows, solution.evaluation, solution.values)
-    # held-out stretches are simulated as finely as the fit was
+    # held-out stretches use the same step size as the fit
     prepared = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     u = uncertainty(solution)
     expected = prepared.windows.weight

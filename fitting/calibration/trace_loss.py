@@ -1,4 +1,4 @@
-"""The loss of a trace as functions of JAX: for a loop of your own with optax, or anything that takes gradients."""
+"""The loss of a trace as JAX functions: for your own loop with optax, or any other optimizer that uses gradients."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from fitting.parameters.parameter import apply
 from fitting.parameters.seeing import camera_angles, clock_rate, losses
 from fitting.traces import planar
 
-#: Runs of the windows for one value with the starts at their optimum: from the first starts on four leave 0.01 of
-#: chi-square per window, on noisy traces of the lab dropper.
+#: Gauss-Newton steps of the windows for one value with optimal starts: from the first starts, four leave 0.01 of
+#: chi-square per window on noisy traces of the lab dropper.
 INNER = 6
 #: Damping of the first step of a start.
 DAMPING = 1e-3
 
 
 class Blocks(NamedTuple):
-    """A window at its best start yet: z (m2,), cost, and its normal equations A (m2, m2), B (m2, k), gz, gp."""
+    """A window at its best start so far: z (m2,), cost, and its normal equations A (m2, m2), B (m2, k), gz, gp."""
 
     z: jax.Array
     cost: jax.Array
@@ -42,14 +42,14 @@ class TraceLoss:
     """Half of chi-square of a trace's windows, `1/2 sum (simulated - measured)^2/sigma^2`, and the priors.
 
     Windows are separate, each with a start of its own; noise and first starts come from the samples. Both functions are
-    of JAX alone, so that `jax.jit`, `jax.grad` and `jax.vmap` go through. `loss` has a derivative rule of its own: the
-    few derivatives of each window are taken in forward mode, as in a fit, also where `jax.grad` asks for them.
+    pure JAX and work with `jax.jit`, `jax.grad` and `jax.vmap`. `loss` has its own derivative rule: the few derivatives
+    of each window are taken in forward mode, as in a fit, also under `jax.grad`.
 
     Attributes:
         names: of the parameters.
-        params: where they start (k,); `low` and `high` are their bounds, `scale` their sizes.
+        params: their start (k,); `low` and `high` are their bounds, `scale` their sizes.
         starts: first starts of the windows, angles [rad] and rates [rad/s], each (windows, links).
-        samples: measured angles in all; the loss of a right model is half of them.
+        samples: total number of measured angles; the loss of a correct model is half of it.
         prepared: windows, noise and model as `fit` would use them.
     """
 
@@ -70,7 +70,7 @@ class TraceLoss:
         self.value_and_grad = jax.jit(self._value_and_grad)
 
     def residuals(self, params: jax.Array, starts: Starts) -> jax.Array:
-        """Simulated less measured angles over their noise (windows, samples, links), 0 where there is no sample."""
+        """Simulated minus measured angles over their noise (windows, samples, links), 0 where there is no sample."""
         return jax.vmap(partial(self._residual, params))(*starts, *self._samples)
 
     def _loss(self, params: jax.Array, starts: Starts) -> jax.Array:
@@ -81,9 +81,9 @@ class TraceLoss:
     def _value_and_grad(self, params: jax.Array, starts: Starts | None = None) -> tuple[jax.Array, jax.Array]:
         """The loss with the starts at their optimum, and its gradient by the parameters (k,).
 
-        The elimination is ported to JAX: `INNER` damped Gauss-Newton steps of every window's start in a `lax.scan`,
-        from `starts` on. The gradient is the partial one at that optimum (the envelope theorem), corrected to first
-        order for what is left of the starts' own slope. It is to be taken as it is, not to be differentiated again.
+        The elimination is written in JAX: `INNER` damped Gauss-Newton steps of every window's start in a `lax.scan`,
+        beginning at `starts`. The gradient is the partial one at that optimum (the envelope theorem), corrected to
+        first order for the remaining slope of the starts. Use it directly; do not differentiate it again.
         """
         best = self._best(params, starts)
         inner = jnp.linalg.solve(self._regular(best.A), best.gz[..., None])[..., 0]
@@ -91,7 +91,7 @@ class TraceLoss:
         return jnp.sum(best.cost) + prior, jnp.sum(best.gp, axis=0) - jnp.einsum("kij,ki->j", best.B, inner) + slope
 
     def best_starts(self, params: jax.Array, starts: Starts | None = None) -> Starts:
-        """The starts at their optimum for these parameters, such as for the next call of `value_and_grad`."""
+        """The starts at their optimum for these parameters, for example for the next call of `value_and_grad`."""
         first = self.starts if starts is None else starts
         model = apply(self.prepared.simulator.model, self.prepared.parameters, params)
         z = self._best(params, first).z
@@ -136,14 +136,14 @@ class TraceLoss:
         return value, slope @ ravel_pytree(tangents[:3])[0]
 
     def _prior(self, params: jax.Array) -> jax.Array:
-        """Half of the squared distances from what is known beforehand."""
+        """Half of the squared distances from the priors."""
         rows = [(i, *p.prior) for i, p in enumerate(self.prepared.parameters) if p.prior is not None]
         known = [((params[i] - mean) / sigma) for i, mean, sigma in rows]
         known += [(each.share @ params - 1) / each.sigma for each in self.prepared.known.common]
         return 0.5 * sum((one**2 for one in known), jnp.zeros((), params.dtype))
 
     def _best(self, params: jax.Array, starts: Starts | None) -> Blocks:
-        """Every window at the best start found from `starts` on."""
+        """Every window at the best start found, beginning at `starts`."""
         starts = self.starts if starts is None else starts
         return jax.vmap(partial(self._best_start, params))(*starts, self._basis, *self._samples)
 
@@ -181,7 +181,7 @@ class TraceLoss:
 
     @staticmethod
     def _regular(A: jax.Array) -> jax.Array:
-        """A matrix that can be solved with where a direction of a start shows in no sample."""
+        """A matrix that can be inverted even if a direction of a start shows in no sample."""
         size = jnp.trace(A, axis1=-2, axis2=-1)[..., None, None]
         return A + (1e-12 * size + 1e-300) * jnp.eye(A.shape[-1], dtype=A.dtype)
 
@@ -192,7 +192,7 @@ def loss_of_trace(
     free: Sequence[str] | None = None,
     **options: Any,
 ) -> TraceLoss:
-    """The loss of traces for an optimizer of your own: `problem.loss(params, starts)` is pure JAX.
+    """The loss of traces for your own optimizer: `problem.loss(params, starts)` is pure JAX.
 
     Args:
         traces, scene, free: as of `fit`.
@@ -203,10 +203,10 @@ def loss_of_trace(
         which eliminates the starts.
 
     Raises:
-        SceneError: what `prepare` refuses, and parameters of a release or of lost frames, whose windows have no start.
+        SceneError: what `prepare` rejects, and parameters of a release or of lost frames, whose windows have no start.
     """
     prepared = prepare(traces, scene, free, **options)
     if prepared.simulator.release is not None or losses(prepared.parameters):
         name = next(p.name for p in prepared.parameters if p.name.startswith(("release.", "clock.lost")))
-        raise SceneError(f"free: {name!r} has no loss of its own; allowed: parameters of the model, or `fit`")
+        raise SceneError(f"free: {name!r} cannot be part of this loss. Use parameters of the model, or `fit`")
     return TraceLoss(prepared)

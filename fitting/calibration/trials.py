@@ -1,10 +1,10 @@
-"""Groups of numbers that may be wrong together, tried by fits and judged on stretches that these fits do not see.
+"""Groups of numbers that may be wrong together, tested by fits and scored on stretches that these fits do not use.
 
-Where the misfit is smooth and far above the noise everywhere, score tests find nothing: their gains are in units of the
-misfit, and one number alone mends little of it. There all groups (geometry, inertia, markers, camera, clock, parts of
-the damping law) are freed at once, with priors that are as wide as such numbers are usually wrong, and fitted to three
-fifths of every run. The score is the error on the other two fifths, with only their starts fitted. Then one group after
-another is held again, and stays held unless the score gets worse by it.
+If the misfit is smooth and far above the noise everywhere, score tests find nothing: their gains are in units of the
+misfit, and a single number reduces it only slightly. All groups are therefore freed at once: geometry, inertia,
+markers, camera, clock and parts of the damping law. Their priors are as wide as the usual errors of such numbers, and
+three fifths of every run are fitted. The score is the error on the other two fifths, with only their starts fitted.
+Then one group after another is fixed again, and stays fixed unless this makes the score worse.
 """
 
 from __future__ import annotations
@@ -38,26 +38,27 @@ from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.priors import rig_priors
 from fitting.parameters.target import CAMERA, CLOCK, MARKER, CameraPlace, ClockPlace, LostPlace, ModelPlace, all_joints
 
-#: Chi-square per degree of freedom, and correlation of neighbouring residuals, beyond which the whole model is wrong:
-#: the misfit is ten times the noise, and smooth. One that swings at 6 Hz, seen 60 times a second, correlates by 0.81.
+#: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:
+#: the misfit is ten times the noise, and smooth. A misfit at 6 Hz, sampled 60 times a second, correlates by 0.81.
 WRONG, SMOOTH = 100.0, 0.8
-#: Parts of a run, and those that are scored: one inside the fitted ones, and the end, where damping counts most.
+#: Number of parts of a run, and those that are scored: one between fitted ones, and the end, where damping counts.
 PARTS_OF_RUN, SCORED = 5, (2, 4)
-#: Most evaluations of a trial, which starts near its end.
+#: Maximum evaluations of a trial, which starts near its end.
 EVALUATIONS = 12
-#: Growth of the score, as a share, from which on a group is needed: less makes no difference to a user.
+#: Relative growth of the score above which a group is needed: a smaller one makes no difference to a user.
 NEEDED = 0.05
-#: Least share of a number's information that must be its own: with less it does what others do. The second is added to
-#: the diagonal of others that do the same.
+#: Minimum fraction of a number's information that must be its own; below it the number duplicates others. The second
+#: value is added to the diagonal of numbers that do the same.
 MODEL_ERROR, RIDGE = 2e-4, 1e-12
-#: Standard deviations of numbers without a prior. A share of the value for what is measured on a bench or computed
-#: from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a share for clocks.
+#: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
+#: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for
+#: clocks.
 SHARE, TURNED, CLOCKS = 0.1, 0.05, 0.01
 
 
 @dataclass(frozen=True)
 class Group:
-    """Numbers that are freed together, and those that stay free in their place where they are held again."""
+    """Numbers that are freed together, and those that replace them when they are fixed again."""
 
     name: str
     parameters: tuple[Parameter, ...]
@@ -65,7 +66,7 @@ class Group:
 
 
 def is_model_wrong(prepared: Prepared, solution: Solution) -> bool:
-    """Whether a fit leaves a smooth misfit far above the noise that the traces claim."""
+    """Whether a fit leaves a smooth misfit far above the noise claimed by the traces."""
     expected = prepared.windows.weight
     if solution.windows.weight.shape != expected.shape or not np.isfinite(solution.cost):
         return False
@@ -75,15 +76,15 @@ def is_model_wrong(prepared: Prepared, solution: Solution) -> bool:
 
 
 def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter]) -> list[Group]:
-    """What may be wrong of a model, first what others are more likely to stand for: it is held again first.
+    """What may be wrong in a model; groups that others are more likely to replace come first and are fixed first.
 
     Args:
-        free: what is free already.
-        shared: friction that was free as one number for all joints; joints of their own replace it.
+        free: parameters that are already free.
+        shared: friction that was free as one number for all joints; separate joints replace it.
     """
     line, point = model.line, int(model.geometry.held_points[-1])
     end = [f"point.{point}.position.0", f"point.{point}.position.2"] if model.end_held else []
-    # of one link the inertia stands for both
+    # for one link the inertia represents both
     body = ["line.0.inertia", "line.0.centre_of_mass"] if line.compound else ["line.0.mass"] if line.links > 1 else []
     named = [
         ("rate of the clock", [CLOCK]),
@@ -107,11 +108,12 @@ def _existing(model: Model, path: str) -> tuple[Parameter, ...]:
     try:
         return resolve(model, [path])
     except SceneError:
-        return ()  # a scene that has no such number
+        return ()  # the scene has no such number
 
 
 def _with_width(model: Model, p: Parameter) -> Parameter:
-    """A parameter with the prior that numbers of its kind have where nobody gives one; coefficients have none."""
+    """A parameter with the default prior of its kind if none is given; coefficients have none."""
+
     width = 0.0
     if isinstance(p.where, ModelPlace) and p.where.section == "lines":
         width = SHARE * abs(p.value)
@@ -125,7 +127,7 @@ def _with_width(model: Model, p: Parameter) -> Parameter:
 
 
 class Trials:
-    """Fits of some windows of a prepared fit, scored on the stretches of the others.
+    """Fits of some windows of a preparation, scored on the stretches of the others.
 
     Args:
         prepared: with a simulator that knows the parameters of all trials.
@@ -142,16 +144,16 @@ class Trials:
 
     @property
     def possible(self) -> bool:
-        """Whether there is something to fit and something to score."""
+        """Whether there are windows to fit and windows to score."""
         return bool(self.spans) and bool(self.used.any())
 
     def weigh(self, errors: np.ndarray, weight: np.ndarray, run: np.ndarray, memory: float) -> None:
-        """Weigh each link by the size of its misfit and each sample by its memory, so that priors count.
+        """Weight each link by its misfit and each sample by the memory of the noise, so that priors count.
 
         Args:
             errors, weight: of windows (K, S, n), by the claimed noise.
             run: of these windows (K,).
-            memory: samples that tell as much as one of white noise.
+            memory: number of samples that carry as much information as one of white noise.
         """
         noise = Noise.as_claimed(len(self.prepared.traces), errors.shape[2])
         for i in np.unique(run):
@@ -188,7 +190,7 @@ class Trials:
 
 
 def scored_windows(prepared: Prepared) -> np.ndarray:
-    """Windows (K,) that lie in the scored parts of their runs; none of runs of too few windows."""
+    """Windows (K,) in the scored parts of their runs; none of runs with too few windows."""
     windows, scored = prepared.windows, np.zeros(prepared.windows.count, bool)
     for i in np.unique(windows.run):
         mine = np.flatnonzero(windows.run == i)
@@ -214,10 +216,10 @@ def stretches(prepared: Prepared, scored: np.ndarray) -> list[tuple[int, float, 
 
 
 def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, list[Parameter]]:
-    """The same with every part of a damping law in the model, and friction that was one number for all joints.
+    """The preparation with every part of a damping law in the model, and friction of all joints as separate numbers.
 
-    Dry friction takes another scheme, which costs many times as much: it is a candidate on rigs of rods or with
-    friction in their joints, not of strings of point masses.
+    Dry friction needs another scheme, which costs many times as much. It is a candidate for rigs of rods or with
+    friction in their joints, not for strings of point masses.
     """
     scene, own = prepared.scene, prepared.simulator
     given = scene.effects.get("joint_friction", {})
@@ -225,13 +227,13 @@ def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, lis
     zero = {part: 0.0 for part in OF_JOINTS if PARTS[part] in free}
     dry = given.get("dry") is not None or own.model.line.compound
     model, _ = build(scene := scene_with_law(scene, dry, zero, OF_JOINTS))
-    release = None if own.release is None else replace(own.release)  # its poses are of one model
+    release = None if own.release is None else replace(own.release)  # its poses belong to one model
     parameters, shared = [], []
     for p in prepared.parameters:
         new = (p,) if isinstance(p.where, LostPlace) else resolve(model, [p.name], release=release)
         if len(new) == 1 and new[0].name == p.name:
             parameters.append(replace(p, where=new[0].where))
-        else:  # joints have their own now
+        else:  # joints now have separate numbers
             parameters.append(replace(p, where=all_joints(model, p.name.rpartition(".")[2])))
             shared.append(parameters[-1])
     simulator = Simulator(model, parameters, choose_stepper(model), release)
@@ -243,10 +245,10 @@ def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, lis
 def free_groups(
     prepared: Prepared, solution: Solution, loss: Loss, progress: Progress = silent
 ) -> tuple[Prepared, Simulator, list[Candidate]] | None:
-    """What is prepared with the groups free that stretches which were not fitted ask for; None where they ask for none.
+    """The preparation with the groups free that held-out stretches require; None if they require none.
 
     Args:
-        solution: where a fit of what is prepared ended.
+        solution: of the preparation.
     """
     before, (prepared, shared) = prepared, with_full_law(prepared, solution)
     found = groups(prepared.simulator.model, prepared.parameters, shared)
@@ -262,7 +264,7 @@ def free_groups(
     simulator.capacity = max(steps, int(longest / prepared.windows.dt + 1e-6)), max(slots, frames)
     trials.weigh(solution.errors, before.windows.weight, before.windows.run, memory_of(solution))
     starts = Starts(*(part[trials.used] for part in solution.starts))
-    progress(0.5, "what may be wrong: as it is")
+    progress(0.5, "testing what may be wrong: unchanged model")
     base = trials.fit(prepared.parameters, solution.values, starts)
     first = float(np.mean(trials.score(base)))
     found = effective(trials, base, found)
@@ -281,9 +283,9 @@ def free_groups(
         every = [*plain, *(p for group in free for p in group.parameters)]
         return trials.fit(every, np.array([values[p.name] for p in every]), starts)
 
-    progress(0.55, "what may be wrong: all of it")
+    progress(0.55, "testing what may be wrong: everything free")
     best = try_free(found, base.starts)
-    for _ in range(2):  # by its own misfit, which is smaller
+    for _ in range(2):  # weighted by its own misfit, which is smaller
         values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
         trials.weigh(best.errors, trials.claimed.weight, trials.claimed.run, memory_of(best))
         best = try_free(found, best.starts)
@@ -292,7 +294,7 @@ def free_groups(
         return None
     free, needed = list(found), {}
     for group in found:
-        progress(0.6, f"what may be wrong: without {group.name}")
+        progress(0.6, f"testing what may be wrong: without {group.name}")
         values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
         for p in group.instead:
             values[p.name] = float(np.mean([values[q.name] for q in group.parameters]))
@@ -316,9 +318,9 @@ def free_groups(
 
 
 def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Group]:
-    """The groups without numbers that move no angle, or do what those before them in the group and the free ones do.
+    """The groups without numbers that move no angle, or that duplicate others of the group or free ones.
 
-    Of coefficients of damping all that are known before count, those of other groups too.
+    For coefficients of damping, all known earlier ones count, including those of other groups.
     """
     every = [p for group in found for p in group.parameters]
     at = trials.with_parameters(base.problem.parameters, base.values)

@@ -1,12 +1,13 @@
 """Parts of a damping law that the traces could not have shown.
 
-With w_i what a unit of coefficient i would take from the measured motion (its power over the whole trace, without any
-simulation), a part of a law takes w . c of its coefficients c. A share of `SHARE` of all that is lost is excluded where
+Let w_i be the energy that a unit of coefficient i would dissipate in the measured motion (its power over the whole
+trace, without any simulation). A part of a law with coefficients c dissipates w . c. A fraction `SHARE` of the total
+loss is excluded if
 
-    w . c + z sqrt(w' C w) < SHARE W,       C: covariance of c given all else that the law has
+    w . c + z sqrt(w' C w) < SHARE W,       C: covariance of c given all other parameters of the law
 
-at the optimum without bounds. A part that is not shown and not excluded is left open: the motion was not damped by it
-enough to tell.
+at the optimum without bounds. A part that is neither significant nor excluded remains undecided: its damping of this
+motion was too weak to be detected.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ from fitting.estimate.simulator import Simulator
 from fitting.parameters.parameter import apply
 from fitting.traces import planar
 
-#: Half width of the smoother of the measured motion, as a part of the shortest link's period.
+#: Half width of the smoother of the measured motion, as a fraction of the shortest link's period.
 SMOOTH_PART = 0.06
-#: Share of the lost energy that a part must be able to show, and quantile of the normal law of its upper limit.
+#: Fraction of the lost energy that must be detectable for a part, and normal quantile of its upper limit.
 SHARE, LIMIT = 0.1, float(ndtri(0.95))
 
 
 def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:
-    """What a unit of every coefficient takes from the measured motions (k,) [J per its unit]; 0 of other parameters."""
+    """Energy dissipated in the measured motions by a unit of every coefficient (k,) [J per unit]; otherwise 0."""
     found = np.zeros(len(owner))
     whole = np.array([p.value for p in simulator.parameters])
     mine = [i for i, part in enumerate(owner) if part is not None]
@@ -60,7 +61,7 @@ def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | No
 
 
 def unseen(law: Solution, owner: Sequence[str | None], per_unit: np.ndarray) -> tuple[str, ...]:
-    """Parts of a law of which the traces do not exclude that they take `SHARE` of the energy."""
+    """Parts of a law for which the traces do not exclude that they dissipate `SHARE` of the energy."""
     free = np.flatnonzero(~law.problem.held_mask)
     if not len(free) or not per_unit.any():
         return ()

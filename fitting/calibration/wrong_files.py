@@ -1,14 +1,14 @@
-"""Files that do not belong to the scene, or count their angles in another way: the mistake is named with its fix.
+"""Files that do not belong to the scene, or use another angle convention: the mistake is reported with its fix.
 
-Three looks, the cheap ones first:
+There are three checks, the cheap ones first:
 
-1. Between fixed points every frame must close: the links at their measured angles end at the second hook, within
-   what the noise allows. Each change that a file may need is tried, and the one that closes the frames is named.
-2. Damping takes energy. Where the energy of the motion rises, rows are reversed in time or two runs are in one file.
-   Short windows do not see it: without damping a motion runs backwards as well.
-3. After a fit that does not explain the trace, short windows are fitted as given and for each change, by the programs
-   of that fit, of which only starts and damping are free. A change that lowers chi-square ten times is named. Where
-   none does it is another rig, if short windows miss the angles by more than models of the right rig do.
+1. Between fixed points every frame must close: the links at their measured angles end at the second hook, within the
+   noise. Each change that a file may need is tried, and the one that closes the frames is reported.
+2. Damping dissipates energy. If the energy of the motion rises, rows are reversed in time or two runs are in one file.
+   Short windows do not detect this: without damping a motion also runs backwards.
+3. After a fit that does not explain the trace, short windows are fitted as given and for each change. They use the
+   programs of that fit, with only starts and damping free. A change that lowers chi-square by a factor ten is reported.
+   If none does, the file is from another rig, provided that short windows miss the angles by more than right models do.
 """
 
 from __future__ import annotations
@@ -31,45 +31,45 @@ from fitting.traces.conventions import resting_angles
 from fitting.traces.mistakes import Change, changes, in_model, late_columns, shift, units
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, without_spikes
 
-#: RMS change of every angle [rad] that closes the frames, above which a mistake is looked for, and above which frames
-#: that no change closes are refused. Noise is 0.01, lengths that are off by 2 % make 0.02, a marker off by 1 degree
-#: less: parameters that are freed explain these.
+#: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames
+#: that no change closes are rejected. Noise is 0.01, lengths wrong by 2 % give 0.02, a marker off by 1 degree less;
+#: free parameters explain these.
 OPEN, TOO_OPEN = 0.05, 0.1
-#: Part of the misfit, of closure or of chi-square, that a named change may leave.
+#: Fraction of the misfit, of closure or of chi-square, that a reported change may leave.
 CLOSES, LOWERS = 0.3, 0.1
-#: Fewest complete frames that are judged, and most that are looked at.
+#: Minimum number of complete frames for the check, and maximum number that are used.
 FEWEST, MOST = 10, 400
-#: Frames by which one column may be late; of those that short windows try, one is never off by more than a fifth.
+#: Frames by which one column may be late; those that short windows try are within 20 % of the true one.
 LATE, SOME_LATE = 30, (1, 2, 3, 5, 8, 12, 18, 26)
 #: Free parameters that move the hooks, the links or the measured angles: with these, frames need not close as given.
 GEOMETRY = ("length", "position", "camera", "marker", "clock", "scale")
-#: Stretches into which a run is averaged, the share of them in which the energy of a reversed run rises, and by which
-#: factor in all. Kicks raise it once.
+#: Stretches over which a run is averaged, the fraction of them in which the energy of a reversed run rises, and its
+#: total growth factor. Kicks raise it once.
 STRETCHES, RISING, RISE = 10, 0.75, 1.3
-#: Half width of the smoother of the energy, as a part of the shortest link's period.
+#: Half width of the smoother of the energy, as a fraction of the shortest link's period.
 SMOOTH = 0.06
-#: Times the fastest frame nearby by which angles move where another run begins.
+#: Multiple of the fastest nearby motion per frame by which angles move where another run starts.
 JUMP = 4.0
 #: Chi-square per degree of freedom above which short windows are tried, and per sample above which they are wrong.
 SUSPECT, WRONG = 1000.0, 25.0
-#: Part of their motion by which short windows miss another rig. Low noise shows the errors of any model: those of a
+#: Fraction of their motion by which short windows miss another rig. Low noise shows the errors of any model: those of a
 #: measured double pendulum are 8 times its noise, 0.05 % of the motion.
 OTHER_RIG = 3e-3
-#: Short windows, as many as one program runs side by side; their length as a part of the shortest link's period and
+#: Short windows, as many as one program runs in parallel; their length as a fraction of the shortest link's period and
 #: in frames, and evaluations of each. An acceleration that is wrong by g moves a link by a radian in that time.
 SHORT, PART, FRAMES, EVALUATIONS = 8, 0.35, 6, 4
-#: Chi-square per sample that a change must reach to be named: right ones leave 0.5 to 4.
+#: Maximum chi-square per sample of a reported change: right ones give 0.5 to 4.
 EXPLAINED = 9.0
-#: Share of a window's samples that count; the others are the largest residuals, outliers perhaps.
+#: Fraction of a window's samples that count; the others have the largest residuals and may be outliers.
 COUNTED = 0.95
 
 
 def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: Sequence[str] = ()) -> list[str]:
-    """Refuse a trace between fixed points whose frames do not close; warnings where they nearly do.
+    """Reject a trace between fixed points whose frames do not close; warn if they nearly do.
 
     Args:
-        trace: as the file counts its angles.
-        requested: the convention that the caller names.
+        trace: in the convention of the file.
+        requested: the convention given by the caller.
         free: names of the parameters that a fit frees; those of the geometry may close the frames.
 
     Raises:
@@ -90,7 +90,7 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     moves = any(part in name for name in free for part in GEOMETRY)
     tried, late = [], list(late_columns(trace.links, range(1, LATE + 1)))
     for at in allowed:
-        # free parameters may be what shifts the angles
+        # free parameters may cause the shift of the angles
         shifts = [] if moves else _closing_shifts(model, rows, at)
         for change in [*changes(trace.links), *shifts, *late, *units(named)]:
             tried.append((_opening(model, in_model(change.apply(rows), at)), change, at))
@@ -102,19 +102,19 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     best = min(left for left, _, _ in tried)
     apart = f"the links at their angles end {_distance(model, given)} m from the second hook"
     if best < min(OPEN, CLOSES * given):
-        # of changes that close alike, the one with links that hang as at rest
+        # of changes that close equally well, the one with links that hang as at rest
         alike = [one for one in tried if one[0] < 1.5 * best + 1e-3]
         rest = resting_angles(model)
         off = [round(_off_rest(in_model(change.apply(rows), at), rest), 2) for _, change, at in alike]
         left, change, _ = alike[int(np.argmin(off))]
         words = f"{change.mistake}, as it seems: {apart} as given, {_distance(model, left)} m without this mistake"
-        if given <= TOO_OPEN:  # a camera that is rolled by 2 degrees opens them as far, and is what a fit may free
+        if given <= TOO_OPEN:  # a camera rolled by 2 degrees opens them as far, and a fit may free its roll
             return [f"{trace.name}: {words}: {change.fix}, or free what opens them (--auto-free)"]
-        raise SceneError(f"{trace.name}: {words}; allowed: {change.fix}")
+        raise SceneError(f"{trace.name}: {words}. To correct it: {change.fix}")
     if given > TOO_OPEN and not moves:
         raise SceneError(
             f"{trace.name}: another rig, as it seems: {apart} in the median frame, and no single change of the file "
-            "closes them; allowed: the file of this scene, or its lengths and hooks freed (--free)"
+            "closes them. Use the file of this scene, or free its lengths and hooks (--free)"
         )
     return [f"{trace.name}: {apart} in the median frame: check lengths, hooks and the zeros of the angles"]
 
@@ -160,11 +160,11 @@ def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator
 
 
 def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float, float]], period: float) -> None:
-    """Refuse a trace whose energy rises: two runs in one file, or rows reversed in time.
+    """Reject a trace whose energy rises: two runs in one file, or rows reversed in time.
 
     Args:
         trace: in the model's convention.
-        spans: from, to [s] of what is fitted.
+        spans: from, to [s] of the fitted samples.
         period: of the shortest link [s].
 
     Raises:
@@ -184,11 +184,11 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
     t, energy = t[inside], energy[inside]
     for at in _breaks(trace):
         before, after = (energy[(t > a) & (t < b)] for a, b in ((at - period, at), (at, at + period)))
-        # medians: the smoother turns a jump into a whip of a few frames
+        # medians: the smoother turns a jump into a transient of a few frames
         if len(before) and len(after) and np.median(after) > RISE * np.median(before):
             raise SceneError(
                 f"{trace.name}: two runs in one file, as it seems: the angles jump at {at:.4g} s, and their energy "
-                f"rises from {np.median(before):.3g} to {np.median(after):.3g} J; allowed: one file per run, or "
+                f"rises from {np.median(before):.3g} to {np.median(after):.3g} J. Use one file per run, or "
                 f"--until {at:.4g} for the first one"
             )
     parts = np.array([np.median(part) for part in np.array_split(energy, STRETCHES)])
@@ -196,7 +196,7 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
     if rising >= RISING and parts[-2:].mean() > RISE * parts[:2].mean():
         raise SceneError(
             f"{trace.name}: time is reversed, as it seems: the energy of the motion rises from "
-            f"{parts[:2].mean():.3g} to {parts[-2:].mean():.3g} J; allowed: the rows turned around"
+            f"{parts[:2].mean():.3g} to {parts[-2:].mean():.3g} J. Reverse the rows"
         )
 
 
@@ -217,7 +217,7 @@ def _energy(model: Model, theta: np.ndarray, omega: np.ndarray) -> np.ndarray:
 
 
 def _breaks(trace: Trace) -> Iterator[float]:
-    """Times [s] at which most links jump, or frames pause."""
+    """Times [s] at which most links jump, or where frames are missing."""
     step = np.diff(trace.t)
     move = np.abs(wrap_angle(np.diff(trace.theta, axis=0)))
     for i in range(5, len(move) - 5):
@@ -231,10 +231,10 @@ def _breaks(trace: Trace) -> Iterator[float]:
 
 
 def name_wrong_file(prepared: Prepared) -> str:
-    """The change of the traces that short windows ask for, in a line; empty where they fit as given.
+    """The change of the traces that short windows suggest, in a line; empty if they fit as given.
 
-    The compiled programs of the fit are used again. Of its parameters only the damping is fitted, from none on: a wrong
-    file leads a whole fit to any values.
+    The compiled programs of the fit are used again. Of its parameters only the damping is fitted, starting from zero: a
+    wrong file makes all parameters of a fit arbitrary.
     """
     pieces = _moving_pieces(prepared)
     given, part = _misfit(prepared, prepared.traces, pieces)
@@ -256,33 +256,33 @@ def name_wrong_file(prepared: Prepared) -> str:
     if left < most:
         return (
             f"{name}: {change.mistake}, as it seems: {size}, {np.sqrt(left):.2g} times without this mistake; "
-            f"allowed: {change.fix}"
+            f"to correct it: {change.fix}"
         )
     if not part > OTHER_RIG:
         return ""
     return (
-        f"{name}: another rig, as it seems: {size}, and no single change of the file lowers that much; "
-        "check lengths, masses, gravity and the times of the frames"
+        f"{name}: another rig, as it seems: {size}, and no single change of the file reduces this much. "
+        "Check lengths, masses, gravity and the times of the frames"
     )
 
 
 def _moving_pieces(prepared: Prepared) -> list[tuple[int, float, float]]:
-    """Run, from and to of short windows, spread over those of the fit's that move more than the median."""
+    """Run, start and end of short windows, spread over those of the fit's that move more than the median."""
     windows = prepared.windows
     interval = max(trace.interval for trace in prepared.traces)
     length = min(windows.length, max(PART * prepared.period, FRAMES * interval))
     known = windows.weight > 0
     mean = np.sum(windows.theta * known, axis=1) / np.maximum(known.sum(axis=1), 1)
     moved = np.sum(known * (windows.theta - mean[:, None]) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
-    moved = np.where(windows.lengths > length * (1 - 1e-6), moved, -1.0)  # what is left of a window tells too little
+    moved = np.where(windows.lengths > length * (1 - 1e-6), moved, -1.0)  # the rest of a window is too short
     moving = np.flatnonzero((moved >= np.median(moved[moved >= 0])) & (moved >= 0))
     some = moving[np.unique(np.linspace(0, len(moving) - 1, SHORT).round().astype(int))]
     return [(int(windows.run[k]), float(windows.begin[k]), float(windows.begin[k]) + length) for k in some]
 
 
 def _misfit(prepared: Prepared, traces: list[Trace], pieces: Sequence[tuple[int, float, float]]) -> tuple[float, float]:
-    """Chi-square per sample of the median short window, by its own start, and its root as a part of the motion's size;
-    infinite where none can be run."""
+    """Chi-square per sample of the median short window, by its own start, and its root relative to the motion's size;
+    infinite if none can be run."""
     at = replace(prepared, traces=[without_spikes(trace) for trace in traces])
     try:
         windows = at.cut(min(end - begin for _, begin, end in pieces), pieces)
@@ -305,12 +305,12 @@ def _misfit(prepared: Prepared, traces: list[Trace], pieces: Sequence[tuple[int,
 
 
 def _mean_without_outliers(square: np.ndarray) -> float:
-    """Mean of squares (k,) but for the largest, which may be outliers."""
+    """Mean of squares (k,) without the largest, which may be outliers."""
     return float(np.sort(square)[: int(np.ceil(COUNTED * len(square)))].mean())
 
 
 def _apply_change(trace: Trace, change: Change) -> Trace:
-    """A trace in the model's convention, changed as its file counts the angles."""
+    """A trace in the model's convention, changed in the convention of its file."""
     at = Convention(trace.convention.zero or "horizontal", trace.convention.sign or 1, "rad")
     raw = at.sign * in_model(trace.theta, replace(at, sign=1))
     return replace(trace, theta=in_model(change.apply(raw), at), se=None)
@@ -320,11 +320,11 @@ def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
     """Shifts of one column, or of all, that bring the mean directions of a free line to those at rest."""
     model, trace = prepared.simulator.model, prepared.traces[0]
     if model.end_held:
-        return  # frames that do not close were looked at before
+        return  # open frames were handled before
     at = trace.convention
     mean = np.angle(np.nanmean(np.exp(1j * trace.theta), axis=0))
     off = wrap_angle(resting_angles(model) - mean) * (-at.sign if at.zero == "down" else at.sign or 1)
-    for part in (0.7, 1.0, 1.3):  # the mean of a few swings is not that at rest
+    for part in (0.7, 1.0, 1.3):  # the mean of a few swings differs from the angle at rest
         for j, by in enumerate(off):
             yield shift(j, part * float(by))
         yield shift(None, part * float(np.mean(off)))

@@ -1,4 +1,4 @@
-"""Load cases of a site: runs kept one by one and resumed, utilisation of parts and anchors, a report of one page."""
+"""Load cases of a site: resumable runs, utilisation of parts and anchors, and a one-page report."""
 
 from fitting.cases.assess import assess
 from fitting.cases.page import write_page

@@ -1,4 +1,4 @@
-"""Utilisation of parts and anchors over all load cases, from the runs that are kept."""
+"""Utilisation of parts and anchors over all load cases, from the stored runs."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from fitting.cases.tally import Found
 from fitting.site import Anchor, Case, Part, Site, Storm
 
 SCHEMA = 1
-#: Share of an anchor's mean load below which a load has no direction.
+#: Fraction of an anchor's mean load below which a load has no defined direction.
 LOADED = 0.01
 
 
 class Runs:
-    """The runs of a site that are kept, load case by load case; one at a time is in memory."""
+    """The stored runs of a site, load case by load case; only one is in memory at a time."""
 
     def __init__(self, site: Site, folder: str | Path, dt: float) -> None:
         self.site, self.store = site, Store(folder, site, dt)
@@ -31,7 +31,7 @@ class Runs:
         self.held = [point.name for point in site.scene.points if point.kind == "fixed"]
 
     def of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[dict[str, Any]]]:
-        """Good runs of a load case, and a row for every other one."""
+        """Successful runs of a load case, and a row for every other run."""
         good, bad = [], []
         for seed in self.site.seeds if seeds is None else seeds:
             found = self.store.read(Case(storm, seed))
@@ -46,18 +46,18 @@ class Runs:
         return good, bad
 
     def maxima(self, runs: Sequence[Found]) -> dict[str, np.ndarray]:
-        """Largest tension (seeds,) [N] of each line."""
+        """Maximum tension (seeds,) [N] of each line."""
         return {w.name: np.array([run["largest"][w.links].max() for run in runs]) for w in self.lines}
 
 
 def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Everything the report says, as plain values.
+    """All content of the report, as plain values.
 
-    The utilisation of a part in a case is that of its worst line, `factor * characteristic load / capacity`; its error
-    is that of the load by chance, and `step` that of the worst case by its step (see `fitting.cases.steps`).
+    The utilisation of a part in a case is that of its worst line, `factor * characteristic load / capacity`. Its error
+    is the sampling error of the load; `step` is the step error of the worst case (see `fitting.cases.steps`).
 
     Args:
-        step: errors by part, as `step_errors` gives them.
+        step: errors by part, from `step_errors`.
     """
     runs = Runs(site, folder, dt)
     rows: dict[str, list[dict[str, Any]]] = {part.name: [] for part in site.parts}
@@ -115,7 +115,7 @@ def _labels(site: Site, storm: Storm) -> dict[str, Any]:
 
 
 def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
-    """Largest excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
+    """Maximum excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
     found: dict[str, Any] = {"broken": sum(len(run["broken"]) for run in good)}
     index = {line.name: i for i, line in enumerate(runs.lines)}
     if site.exclusion is not None:
@@ -132,7 +132,7 @@ def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found
 def _part_row(
     site: Site, part: Part, storm: Storm, maxima: dict[str, np.ndarray], runs: Runs, good: Sequence[Found]
 ) -> dict[str, Any]:
-    """A part in a case, by its worst line."""
+    """A part in one case, represented by its worst line."""
     factor, run = part.factor[storm.kind], site.run_of(storm)
     found = [characteristic(maxima[name], run) for name in part.lines]
     share = np.array([load["value"] for load in found]) * factor / part.capacity
@@ -192,7 +192,7 @@ def _part(part: Part, rows: list[dict[str, Any]], site: Site, step: dict[str, An
 
 
 def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, Any]:
-    """Damage of a year over the intact cases: hours of a sea state, spread evenly over its cases."""
+    """Damage of a year over the intact cases: the hours of a sea state, distributed evenly over its cases."""
     if part.curve is None:
         return {"skipped": "no curve given"}
     if any(row["damage_per_hour"] is None for row in rows):
@@ -215,7 +215,7 @@ def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, An
 
 
 def _exclusion(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
-    """The case that carries nodes farthest."""
+    """The case with the largest excursion of nodes."""
     if site.exclusion is None:
         return None
     rows = [case for case in cases if "excursion_m" in case]
@@ -245,7 +245,7 @@ def _backbone(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
 
 
 def _passes(found: dict[str, Any]) -> bool:
-    """Whether every limit holds in every case, nothing failed, and enough seeds and small enough steps say so."""
+    """Whether every limit holds in every case, no run failed, and seeds and step size suffice for the conclusion."""
     parts = [part["worst"]["utilisation"] for part in found["parts"] if part["worst"] is not None]
     anchors = [a["worst"]["utilisation"] for a in found["anchors"] if a["worst"] and a["worst"]["utilisation"]]
     exclusion = [] if found["exclusion"] is None else [found["exclusion"]["utilisation"]]
@@ -259,12 +259,12 @@ def _passes(found: dict[str, Any]) -> bool:
 
 
 def anchor_of(site: Site, name: str) -> Anchor | None:
-    """What holds a point, None where the site does not say."""
+    """The anchor of a point, None if the site does not define one."""
     return next((anchor for anchor in site.anchors if name in anchor.points), None)
 
 
 def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray]) -> dict[str, Any]:
-    """A held point in a case: loads, uplift and utilisation, each the characteristic value of the seeds' maxima.
+    """A fixed point in one case: loads, uplift and utilisation, each the characteristic value of the seeds' maxima.
 
     Args:
         loads: horizontal and upward loads (k, 2) [N] of each seed.
@@ -287,14 +287,14 @@ def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray])
 
 
 def _uplift(load: np.ndarray) -> float:
-    """Largest angle [deg] of loads (k, 2) over the horizontal, of those that have a direction."""
+    """Maximum angle [deg] above the horizontal of loads (k, 2), among those that have a direction."""
     size = np.hypot(*load.T)
     loaded = size >= max(LOADED * size.mean(), 1e-12)
     return float(np.degrees(np.arctan2(load[loaded, 1], load[loaded, 0]).max())) if loaded.any() else 0.0
 
 
 def anchor_found(site: Site, name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """A held point over all cases: its rows, the worst of them, and the uplift beside what is allowed [deg]."""
+    """A fixed point over all cases: its rows, the worst of them, and the uplift with its limit [deg]."""
     anchor = anchor_of(site, name)
     by = (lambda row: row["total_n"]["value"]) if anchor is None else (lambda row: row["utilisation"])
     return {

@@ -1,4 +1,4 @@
-"""Characteristic load of a load case from the largest values of its seeds, with what chance leaves open."""
+"""Characteristic load of a load case from the maxima of its seeds, with its sampling error."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from dropper_jax.report.extremes import storm_extreme
 from fitting.site.sections import RunValues
 
-#: Fewer seeds are no final check.
+#: Minimum number of seeds for a final check.
 ENOUGH = 10
 
 
 def characteristic(maxima: np.ndarray, run: RunValues) -> dict[str, Any]:
-    """Mean of the seeds' maxima (seeds,), or the most probable largest value of a storm.
+    """Mean of the seeds' maxima (seeds,), or the most probable maximum of a storm.
 
-    The mean's standard error is `s/sqrt(n)`; the interval of either is that of a Gumbel distribution (see
-    `report.extremes.storm_extreme`), and the standard error of the most probable value half of an interval of 68 %.
+    The standard error of the mean is `s/sqrt(n)`. The interval of either is that of a Gumbel distribution (see
+    `report.extremes.storm_extreme`). The standard error of the most probable value is half of a 68 % interval.
 
     Returns:
-        {value, error, interval, seeds, kind}: error None with one seed, interval None with fewer than three seeds or
-        where there is no distribution; `kind` is what was computed.
+        {value, error, interval, seeds, kind}: error: None with one seed; interval: None with fewer than three seeds
+        or without a distribution; `kind` is the computed quantity.
     """
     maxima = np.asarray(maxima, float)
     n, counted = len(maxima), run.duration - run.skip

@@ -1,4 +1,4 @@
-"""What a reader of the report must know before trusting it, one line each."""
+"""Warnings of the report, one line each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fitting.site import Site
 
 
 def flags_of(found: dict[str, Any], site: Site) -> list[str]:
-    """Lines about seeds, steps, limits that are passed or not decided, and runs that failed."""
+    """Lines about seeds, steps, limits that are exceeded or undecided, and failed runs."""
     notes = []
     if found["failed"]:
         rows = found["failed"]
@@ -22,7 +22,7 @@ def flags_of(found: dict[str, Any], site: Site) -> list[str]:
             f"{first['seed']} ({first['status']}{at}{why}): their cases are not assessed with all seeds"
         )
     if found["seeds"] < ENOUGH:
-        notes.append(f"{found['seeds']} seeds: no final check, which takes at least {ENOUGH}")
+        notes.append(f"{found['seeds']} seeds: not a final check, which needs at least {ENOUGH}")
     for part in found["parts"]:
         notes += _part(part)
     for case in found["cases"]:
@@ -31,15 +31,15 @@ def flags_of(found: dict[str, Any], site: Site) -> list[str]:
     for anchor in found["anchors"]:
         worst = anchor["worst"]
         if anchor["anchor"] is None:
-            notes.append(f"point {anchor['point']}: held, but no [[anchor]] says how much it holds")
+            notes.append(f"point {anchor['point']}: fixed, but without an [[anchor]] that gives its capacity")
         elif worst is not None:
             notes += _limit(f"anchor {anchor['point']}", worst)
         allowed = anchor["allowed_uplift_deg"]
         if allowed is not None and anchor["uplift_deg"] is not None and anchor["uplift_deg"] > allowed:
-            notes.append(f"anchor {anchor['point']}: uplift of {anchor['uplift_deg']:.3g} deg, {allowed:g} are allowed")
+            notes.append(f"anchor {anchor['point']}: uplift {anchor['uplift_deg']:.3g} deg; allowed: {allowed:g} deg")
     zone = found["exclusion"]
     if zone is not None and zone["utilisation"] > 1.0:
-        notes.append(f"exclusion: {zone['value']:.3g} m in case {zone['case']}, {zone['allowed_m']:g} m are allowed")
+        notes.append(f"exclusion: {zone['value']:.3g} m in case {zone['case']}; allowed: {zone['allowed_m']:g} m")
     if found["backbone"] is not None and not found["backbone"]["holds"]:
         own = found["backbone"]
         notes.append(
@@ -54,11 +54,11 @@ def _part(part: dict[str, Any]) -> list[str]:
         return [f"part {part['part']}: no run to assess it by"]
     notes = _limit(f"part {part['part']}", worst)
     if step is None:
-        notes.append(f"part {part['part']}: the error of its step is not known")
+        notes.append(f"part {part['part']}: step error unknown")
     elif "skipped" in step:
-        notes.append(f"part {part['part']}: the error of its step is not known: {step['skipped']}")
+        notes.append(f"part {part['part']}: step error unknown: {step['skipped']}")
     elif step["relative"] > UNRESOLVED:
-        notes.append(f"part {part['part']}: the step errs by {step['relative']:.0%} of its largest load: not resolved")
+        notes.append(f"part {part['part']}: step error {step['relative']:.0%} of its maximum load: not resolved")
     return notes
 
 

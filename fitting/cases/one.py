@@ -1,4 +1,4 @@
-"""One run of a load case, from its scene to the arrays that are kept."""
+"""One run of a load case, from its scene to the stored arrays."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 
 
 class Runner:
-    """Runs of one site with one step: what cases share is found once.
+    """Runs of one site with one step; shared results of cases are computed once.
 
-    Cases share one compiled program, each run on its own: side by side in one batch (`dropper_jax.lanes`) a step of
-    such a system costs more than by itself (dropper-farm-2 in a storm: 2.7 ms against 1.2 to 2.2), for there the
-    means for steps that resist are gone through in every step.
+    Cases share one compiled program, and each run is separate. In a batch (`dropper_jax.lanes`), a step of such a
+    system costs more: dropper-farm-2 in a storm needs 2.7 ms instead of 1.2 to 2.2. The reason is that the fallback
+    solvers for steps that do not converge then run in every step.
     """
 
     def __init__(self, site: Site, dt: float | None = None) -> None:
@@ -40,14 +40,14 @@ class Runner:
 
     def __call__(self, case: Case) -> Found:
         """Arrays of a run: those of `Tally`, `status`, `failed_at` [s], `message`, `broken` (time [s] of the break),
-        `rest` (n,) [N] and `depth` (lines, 2) [m], least and largest depth below the level, of the pose at rest."""
+        `rest` (n,) [N] and `depth` (lines, 2) [m], the minimum and maximum depth below the level, both at rest."""
         try:
             return self._run(case)
         except SceneError as error:
             return {"status": np.array(STATUS.index("invalid_input")), "message": np.array(str(error))}
 
     def scene(self, case: Case) -> Scene:
-        """The scene of a case, its mussels in the masses and diameters."""
+        """The scene of a case, with the mussels in masses and diameters."""
         key = case.storm.still
         if key not in self._scenes:
             self._scenes[key] = overgrown(self.base.with_values(self.site.still_changes(case.storm)))
@@ -81,7 +81,7 @@ class Runner:
         return {**tally.collect(), **info, **more}
 
     def _start(self, scene: Scene, model: Model, storm: Storm) -> tuple[State, np.ndarray, np.ndarray]:
-        """The state at the start, places of all nodes in still water, and tensions at rest (n,) [N]."""
+        """The state at the start, positions of all nodes in still water, and tensions at rest (n,) [N]."""
         key = storm.still
         if key not in self._starts:
             start = initial_state(model, scene.start)
@@ -89,14 +89,14 @@ class Runner:
             if self.site.exclusion is not None and model.sea.current is not None:
                 still = equilibrium(dataclasses.replace(model, sea=dataclasses.replace(model.sea, current=None)))
                 if still.status != "ok":
-                    raise SceneError(f"exclusion: no pose in still water: {still.message}")
+                    raise SceneError(f"exclusion: no equilibrium in still water: {still.message}")
                 positions = still.positions
             self._starts[key] = start, np.asarray(positions), np.asarray(start.tension)
         return self._starts[key]
 
 
 def _nodes(model: Model, r: np.ndarray, t: np.ndarray) -> jax.Array:
-    """All nodes (k, nodes, 3) [m], line after line, of saved free nodes."""
+    """All nodes (k, nodes, 3) [m], line by line, from saved free nodes."""
     return jax.vmap(lambda free, time: model.nodes(free, model.ends(time)))(r, np.asarray(t, model.dtype))
 
 

@@ -1,4 +1,4 @@
-"""The report of load cases: one page of Markdown with a picture, and one CSV of every part in every case."""
+"""The report of load cases: one Markdown page with a picture, and a CSV file of every part in every case."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dropper_jax.base.json_values import jsonable
 from dropper_jax.plots import style
 from dropper_jax.report.sections import table
 
-#: Load cases in the page's table; the CSV has all.
+#: Number of load cases in the page's table; the CSV has all.
 MOST = 12
 LABELS = ("case", "sea_state", "direction_deg", "current", "level_m", "month", "state")
 COLUMNS = (
@@ -31,7 +31,7 @@ COLUMNS = (
         "damage_per_hour",
     ),
 )
-#: Bars of parts that hold and of those that do not, and dots of cases with whole and with broken lines.
+#: Bars of parts within and beyond their limits, and dots of cases with intact and with broken lines.
 HOLDS, WEAK = "#C9DAEA", "#F0C9B0"
 INTACT, BROKEN = style.CYCLE[0], style.CYCLE[1]
 
@@ -101,7 +101,7 @@ def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
 
 
 def _label(case: dict[str, Any]) -> str:
-    """The label of a case, whose end says what breaks, with the time of the break."""
+    """The label of a case; its end names the line that breaks and the time of the break."""
     return case["name"] if case["break_s"] is None else f"{case['name']} at {case['break_s']:g} s"
 
 
@@ -170,7 +170,7 @@ def _fatigue_cells(part: dict[str, Any]) -> list[str]:
 
 
 def _worst_cases(found: dict[str, Any], storms: dict[int, Any]) -> str:
-    """The cases that use parts most."""
+    """The cases with the highest utilisation."""
     by_case: dict[int, tuple[float, str]] = {}
     for part in found["parts"]:
         for row in part["cases"]:
@@ -207,7 +207,7 @@ def _csv(found: dict[str, Any]) -> str:
 
 @style.plot_style()
 def draw_utilisation(found: dict[str, Any], path: Path) -> Path:
-    """A row for each part and each held point that an anchor holds: dots are cases, bars reach to the worst one."""
+    """A row for each part and each fixed point with an anchor: dots are cases, bars extend to the worst one."""
     rows = [(part["part"], part["cases"], part["worst"], part["step"]) for part in found["parts"]]
     rows += [(f"anchor {a['point']}", a["cases"], a["worst"], None) for a in found["anchors"] if a["anchor"]]
     rows = [row for row in rows if row[2] is not None]

@@ -1,4 +1,4 @@
-"""All runs of a site: here, over the cores of this machine, or over the workers of a Dask cluster; resumable."""
+"""All runs of a site: on the cores of this machine, or on the workers of a Dask cluster; resumable."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from fitting.cases.tally import Found
 from fitting.site import Case, Site, read_site
 from fitting.sweep.cluster import done_on
 
-#: How often a worker looks whether the process that started it still lives [s].
+#: Interval at which a worker checks that its parent process is still alive [s].
 WATCH = 2.0
 
 
 class CasesStopped(RuntimeError):
-    """Runs that could not go on (a full disk, a worker that died); what was kept is whole, the same call goes on."""
+    """Runs stopped early (full disk, dead worker); finished runs are complete, and the same call resumes."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Done:
-    """What a call did: runs in all, those that were there before, wall time [s] of the others."""
+    """Result of a call: total number of runs, those found in the folder, wall time [s] of the others."""
 
     runs: int
     resumed: int
@@ -48,16 +48,16 @@ def run_cases(
     scheduler: Any = None,
     progress: Progress | None = None,
 ) -> Done:
-    """Run what is not kept yet.
+    """Run all cases that are not stored yet.
 
     Args:
-        folder: where runs are kept, one file each; killed at any moment, the same call goes on.
-        cases: all of the site where left out; dt: step [s], the site's where left out.
+        folder: stores the runs, one file each; after a kill at any moment, the same call resumes.
+        cases: default: all of the site; dt: step [s], default: the site's.
         workers: processes of this machine, each with one compiled program.
         scheduler: a Dask client or the address of a scheduler, whose workers run the cases.
 
     Raises:
-        CasesStopped: the disk or the workers refuse; what was run is kept.
+        CasesStopped: writing failed or a worker died; finished runs are kept.
     """
     cases = list(site.cases if cases is None else cases)
     dt = site.prepared().run.dt if dt is None else dt
@@ -77,7 +77,7 @@ def run_cases(
             say((kept + i) / len(cases), f"{kept + i} of {len(cases)} runs, {left:.0f} s left")
     except OSError as error:
         raise CasesStopped(
-            f"{store.folder}: cannot be written: {error.strerror or error}; the same call goes on"
+            f"{store.folder}: cannot be written: {error.strerror or error}; the same call resumes"
         ) from None
     return Done(len(cases), kept, time.perf_counter() - started)
 
@@ -90,18 +90,18 @@ def _here(site: Site, todo: list[Case], dt: float) -> Iterator[tuple[Case, Found
 
 @lru_cache(maxsize=2)
 def _runner(identity: str, dt: float) -> Runner:
-    """One for all runs of a worker."""
+    """The runner shared by all runs of a worker."""
     return Runner(read_site(json.loads(identity)), dt)
 
 
 def run_one(identity: str, dt: float, number: int, seed: int) -> Found:
-    """A run on a worker: the load case of that number of the site with these values."""
+    """One run on a worker: the load case with this number, of the site with these values."""
     runner = _runner(identity, dt)
     return runner(Case(runner.site.storms[number], seed))
 
 
 def _local(site: Site, todo: list[Case], dt: float, workers: int) -> Iterator[tuple[Case, Found]]:
-    """Over processes of this machine, as they finish."""
+    """Results from processes of this machine, as they finish."""
     identity = json.dumps(site.portable())
     with ProcessPoolExecutor(
         workers, mp_context=get_context("spawn"), initializer=_watch, initargs=(os.getpid(),)
@@ -110,14 +110,14 @@ def _local(site: Site, todo: list[Case], dt: float, workers: int) -> Iterator[tu
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()
-        except RuntimeError as error:  # a worker that died takes the pool with it
-            raise CasesStopped(f"a worker ended: {error or type(error).__name__}; the same call goes on") from None
+        except RuntimeError as error:  # the pool ends when a worker dies
+            raise CasesStopped(f"a worker ended: {error or type(error).__name__}; the same call resumes") from None
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _watch(parent: int) -> None:
-    """End with the process that started this one, however that ended."""
+    """End this process when its parent ends, for any reason."""
 
     def watch_parent() -> None:
         while os.getppid() == parent:

@@ -1,4 +1,4 @@
-"""Error of the largest loads by the step: the worst case of every part again with halved steps."""
+"""Step error of the maximum loads: the worst case of every part is repeated with halved steps."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def step_errors(
 ) -> dict[str, Any]:
     """Error of the load of each part in its worst case, by runs with half the step (and a quarter, `halvings` = 2).
 
-    With q the mean over the first `step_seeds` seeds of the worst line's maxima, one halving: `2 |q(h) - q(h/2)|`, the
-    error of a scheme of first order, as contact and slack leave of one of second; two: as in
-    `study.load_errors.load_errors`, with the order that the three show.
+    Let q be the mean over the first `step_seeds` seeds of the worst line's maxima. With one halving the error is
+    `2 |q(h) - q(h/2)|`, that of a scheme of first order: contact and slack reduce one of second order to this. With two
+    halvings it follows `study.load_errors.load_errors`, with the observed order.
 
     Returns:
         by part {value_n, error_n, relative, by_step} or {skipped}.

@@ -1,7 +1,7 @@
-"""Runs of load cases on disk: one file each, named by all that it was computed from, whole or not there.
+"""Runs of load cases on disk: one file each, written atomically, with a name derived from all of its inputs.
 
-A run that is asked for again, after a stop or beside new sea states, seeds or states, is found by that name. Factors,
-capacities and anchors are no part of it: they may change without a new run.
+The name identifies a run that is requested again, after a stop or together with new sea states, seeds or states.
+Factors, capacities and anchors are not part of it: they may change without a new run.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dropper_jax.base.files import atomic_write
 from fitting.cases.tally import Found
 from fitting.site import Case, Site
 
-#: Changes where files of before cannot be used any more.
+#: Increased when older files can no longer be used.
 FORMAT = 2
 RUNS = "runs"
 
@@ -61,15 +61,15 @@ class Store:
         return self.folder / f"{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"
 
     def read(self, case: Case) -> Found | None:
-        """Arrays of a run; None where it is not there."""
+        """Arrays of a run; None if it is not stored."""
         try:
             with self.path(case).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 return dict(arrays)
-        except (OSError, ValueError, zipfile.BadZipFile, EOFError):  # a damaged one is made again
+        except (OSError, ValueError, zipfile.BadZipFile, EOFError):  # a damaged file is computed again
             return None
 
     def has(self, case: Case) -> bool:
-        """Whether a run is there, without its arrays."""
+        """Whether a run is stored, without reading its arrays."""
         return zipfile.is_zipfile(self.path(case)) if self.path(case).exists() else False
 
     def write(self, case: Case, found: Found) -> None:

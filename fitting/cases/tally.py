@@ -1,4 +1,4 @@
-"""Loads of one run, piece by piece: extremes of every link, series of every held point, cycles of chosen links."""
+"""Loads of one run, chunk by chunk: extremes of every link, series of every fixed point, cycles of chosen links."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.report.fatigue import ROUNDING, cycles
 from dropper_jax.scene import line_slices, whole_lines
 
-#: Arrays of a run by name.
+#: Stored arrays of a run by name.
 Found = dict[str, np.ndarray]
 
 
 class Tally:
-    """What is kept of a run.
+    """Statistics of a run.
 
     Args:
         scene: with its lines.
-        skip: time at the start that counts for nothing [s].
-        positions: (nodes, 3) [m] from which excursions count.
+        skip: time at the start that is not counted [s].
+        positions: (nodes, 3) [m], the origin of excursions.
         curved: lines whose cycles are counted, those with a fatigue curve.
     """
 
@@ -39,7 +39,7 @@ class Tally:
         self.series: dict[str, list[np.ndarray]] = {name: [] for name in self.curved}
 
     def add(self, t: np.ndarray, positions: np.ndarray, tension: np.ndarray, largest: np.ndarray) -> None:
-        """Samples at times t (k,) [s]: nodes (k, nodes, 3) [m], tension and its largest since the last (k, n) [N]."""
+        """Samples at times t (k,) [s]: nodes (k, nodes, 3) [m], tension and its maximum since the last (k, n) [N]."""
         counts = t > self.skip
         if not counts.any():
             return
@@ -57,7 +57,7 @@ class Tally:
             self.series[name].append(tension[:, links].astype(np.float32))
 
     def _held_loads(self, positions: np.ndarray, tension: np.ndarray) -> np.ndarray:
-        """Horizontal and upward pull (k, held, 2) [N] of the lines on held points: `sum T d/|d|`, d from the point."""
+        """Horizontal and upward force (k, held, 2) [N] of lines on fixed points: `sum T d/|d|`, d from the point."""
         total = np.zeros((len(tension), len(self.held), 3))
         for point, node, inner, link in self.ends:
             along = positions[:, inner] - positions[:, node]
@@ -66,7 +66,7 @@ class Tally:
         return np.stack([np.hypot(total[..., 0], total[..., 1]), total[..., 2]], axis=-1)
 
     def collect(self) -> Found:
-        """Arrays of the whole run; cycles are left out where the package that counts them is not there."""
+        """Arrays of the whole run; cycles are omitted if the package that counts them is not installed."""
         counted = {}
         for name, parts in self.series.items():
             whole = np.concatenate(parts) if parts else np.zeros((0, 1), np.float32)
@@ -86,7 +86,7 @@ class Tally:
 
 
 def _ends(scene: Scene, held: Sequence[str]) -> list[tuple[int, int, int, int]]:
-    """Line ends at held points: number of the point, node there, next node, link between them."""
+    """Line ends at fixed points: number of the point, node there, next node, link between them."""
     found = []
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         first, last = where.nodes.start, where.nodes.stop - 1
@@ -96,7 +96,7 @@ def _ends(scene: Scene, held: Sequence[str]) -> list[tuple[int, int, int, int]]:
 
 
 def _cycles(name: str, tension: np.ndarray) -> Found:
-    """Rainflow cycles of the link whose tension varies most and of that with the largest: rows of range and count."""
+    """Rainflow cycles of the links with the most varying and the highest tension: rows of range and count."""
     found = {}
     picked = {int(np.argmax(tension.std(axis=0))), int(np.argmax(tension.max(axis=0)))} if len(tension) else set()
     for i, link in enumerate(sorted(picked)):

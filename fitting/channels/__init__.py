@@ -1,1 +1,1 @@
-"""Fits to any named channel of measurement: angles, places in space or in a film, tensions, depths; of any scene."""
+"""Fits of any scene to any channel of measurement: angles, positions in space or in a film, tensions, depths."""

@@ -13,8 +13,8 @@ from dropper_jax.base.read import read_text
 from fitting.channels.channel import Channel, Context, SavedMotion
 from fitting.channels.place import Where, line_of, link_of
 
-#: What angle: in the x-z plane from the horizontal, positive downwards; in it from straight down, positive towards +x;
-#: from +x towards +y.
+#: Definitions of an angle: in the x-z plane from the horizontal, positive downwards; in that plane from straight down,
+#: positive towards +x; from +x towards +y.
 ANGLES = ("horizontal", "down", "azimuth")
 
 

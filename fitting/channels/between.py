@@ -1,12 +1,12 @@
-"""What several runs say together of a parameter that each has for itself: mean, spread between runs, error of the mean.
+"""Combine the estimates of several runs for a parameter that each run has separately: mean, spread, error of the mean.
 
-Run r has `p_r = mu + u_r`, u_r of variance tau^2, estimated as `b_r` with errors of covariance C (they share what the
-runs share). With `V = C + tau^2 I`, tau^2 by restricted maximum likelihood,
+Run r has `p_r = mu + u_r`, with u_r of variance tau^2. Its estimate is `b_r`; the covariance C of the estimates
+includes the parameters that runs share. With `V = C + tau^2 I`, and tau^2 by restricted maximum likelihood,
 
     mu = 1'V^-1 b/(1'V^-1 1),      se^2 = (b - mu)'V^-1 (b - mu)/(n - 1)/(1'V^-1 1),
 
-and intervals by Student's t with n - 1 degrees of freedom (Hartung and Knapp 2001): with few runs the variance between
-them is itself uncertain. Where the errors of runs differ tenfold such intervals cover 84 % instead of 90 %.
+and intervals use Student's t with n - 1 degrees of freedom (Hartung and Knapp 2001): with few runs the variance between
+them is itself uncertain. If the errors of runs differ by a factor ten, such intervals cover 84 % instead of 90 %.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from scipy.special import stdtrit
 
 @dataclass(frozen=True)
 class Between:
-    """A parameter over runs.
+    """A parameter over several runs.
 
     Attributes:
         name: its path.
         values, errors: of the runs (n,).
-        mean, std_error, low, high: of the mean, with 90 %.
+        mean, std_error, low, high: of the mean, with a 90 % interval.
         spread: tau, the standard deviation between runs.
     """
 
@@ -44,7 +44,7 @@ def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float 
     n = len(values)
     own = np.sqrt(np.diag(covariance))
     ones, eye = np.ones(n), np.eye(n)
-    # sizes, so that the search has its footing whatever the unit
+    # a typical size, so that the search works in any unit
     top = float(np.var(values, ddof=1) + np.max(own**2)) or 1.0
 
     def solve_variance(variance: float) -> tuple[float, float, float, float]:

@@ -1,4 +1,4 @@
-"""What every channel is: a name, columns of a file with a unit, and a function of the motion."""
+"""Base of all channels: a name, columns of a file with a unit, and a function of the motion."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class SavedMotion(NamedTuple):
     """A motion at saved times.
 
     Attributes:
-        nodes: of all lines, both ends of each included (S + 1, N, 3) [m], the start first.
+        nodes: of all lines, both ends of each included (S + 1, N, 3) [m], including the start.
         middle: the same at the times of the tensions (S, N, 3) [m].
         tension: of the links (S, n) [N].
     """
@@ -29,23 +29,23 @@ class SavedMotion(NamedTuple):
 
 @dataclass(frozen=True)
 class Channel(ABC):
-    """Static: it shapes the compiled program.
+    """Static: part of the compiled program's key.
 
     Attributes:
         name: of the channel.
         columns: of the file.
         unit: of the columns.
-        camera: number of the camera whose clock stamps it; None: the scene's own time.
+        camera: number of the camera whose clock gives the time stamps; None: the scene's own time.
     """
 
     kind: ClassVar[str]
-    #: Unit in SI of what it measures.
+    #: SI unit of the measured quantity.
     measures: ClassVar[str]
-    #: Whether its values belong to the times of tensions.
+    #: Whether its values are at the times of tensions.
     of_tension: ClassVar[bool] = False
-    #: Whether whole turns mean nothing.
+    #: Whether values that differ by whole turns are equal.
     turns: ClassVar[bool] = False
-    #: Keys of its table beside those of all channels.
+    #: Keys of its table in addition to those of all channels.
     KEYS: ClassVar[tuple[str, ...]] = ()
 
     name: str
@@ -59,16 +59,16 @@ class Channel(ABC):
         """The channel of a table; `common` are the fields of every channel.
 
         Raises:
-            SceneError: a place that the scene has not, columns that do not fit.
+            SceneError: a position that the scene does not have, or columns that do not fit.
         """
 
     @abstractmethod
     def see(self, motion: SavedMotion) -> jax.Array:
-        """What a perfect sensor shows (times, columns) [SI]."""
+        """Output of a perfect sensor (times, columns) [SI]."""
 
 
 class Context(NamedTuple):
-    """What a channel is made with: the scene, projections of the cameras (3, 4) by number, its path for errors."""
+    """Context for making a channel: the scene, projections of the cameras (3, 4) by number, its path for errors."""
 
     scene: SceneData
     projections: tuple[tuple[tuple[float, ...], ...], ...]

@@ -1,4 +1,4 @@
-"""What was measured: runs with the samples of every channel, the sensors behind them, the cameras."""
+"""Measured data: runs with the samples of every channel, their sensors, and the cameras."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fitting.channels.channel import Channel
 
 @dataclass(frozen=True)
 class CameraSpec:
-    """`[[camera]]`: its projection (3, 4), and its clock: stamp t is taken at `rate t - delay` of the scene's time."""
+    """`[[camera]]`: its projection (3, 4) and its clock: stamp t is taken at `rate t - delay` of the scene's time."""
 
     name: str
     matrix: tuple[tuple[float, ...], ...]
@@ -22,10 +22,10 @@ class CameraSpec:
 
 @dataclass(frozen=True)
 class Sensor:
-    """A channel with what is believed of its sensor: `measured(t) = offset + gain * true(t - delay)` [SI].
+    """A channel and its assumed sensor: `measured(t) = offset + gain * true(t - delay)` [SI].
 
     Attributes:
-        noise: deviation [SI]; a share of the value where `relative`; None: told by the samples.
+        noise: standard deviation [SI], or a fraction of the value if `relative`; None: estimated from the samples.
     """
 
     channel: Channel
@@ -38,7 +38,7 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One run: times (k,) [s] and values (k, m) [SI] of every channel, NaN where missing, and its own scene values."""
+    """One run: times (k,) [s] and values (k, m) [SI] of every channel, NaN if missing, and its own scene values."""
 
     name: str
     t: tuple[np.ndarray, ...]

@@ -1,4 +1,4 @@
-"""Entries of the tables in a channels file: names, numbers, units, columns; each refused with its path."""
+"""Entries of the tables in a channels file: names, numbers, units, columns; errors give the path of the entry."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def tables_of(source: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
 def check_once(names: Sequence[str], section: str) -> None:
     for i, name in enumerate(names):
         if name in names[:i]:
-            raise SceneError(f"{section}.{i}: {name!r} is there twice; allowed: every name once")
+            raise SceneError(f"{section}.{i}: duplicate name {name!r}; names must be unique")
 
 
 def name_of(table: Mapping[str, Any], path: str, default: str | None = None) -> str:
@@ -29,7 +29,7 @@ def name_of(table: Mapping[str, Any], path: str, default: str | None = None) -> 
         raise SceneError(f"{path}.name: missing; needed: a name without a point")
     name = read_text(table.get("name", default), f"{path}.name")
     if not name.strip() or ("name" in table and "." in name):
-        raise refuse(f"{path}.name", name, "cannot stand in the path of a parameter", "a name without a point")
+        raise refuse(f"{path}.name", name, "cannot be used in the path of a parameter", "a name without a point")
     return name.replace(".", "_")
 
 
@@ -50,7 +50,7 @@ def unit_of(table: Mapping[str, Any], path: str, key: str, measures: str) -> str
         raise SceneError(f"{path}.{key}: missing; needed: {', '.join(fitting)}")
     unit = read_text(table[key], f"{path}.{key}")
     if unit not in fitting:
-        raise SceneError(f"{path}.{key}: {unit!r} does not measure this; allowed: {', '.join(fitting)}")
+        raise SceneError(f"{path}.{key}: {unit!r} is not a unit of this quantity; allowed: {', '.join(fitting)}")
     return unit
 
 

@@ -1,12 +1,12 @@
-"""Errors of a fit to channels, and which parameters its channels do not determine.
+"""Errors of a fit to channels, and the parameters that its channels do not determine.
 
-White residuals of known size give the covariance `S^-1`; where neighbours still correlate, the scatter of blocks of
-scores tells it (`estimate.sandwich`). A parameter that keeps its sign is *not determined* where no channel feels it:
+White residuals of known size give the covariance `S^-1`; if neighbours remain correlated, the scatter of blocks of
+scores gives it (`estimate.sandwich`). A parameter of fixed sign is *not determined* if no channel is sensitive to it:
 with
 
     s = RMS(p dy/dp)/RMS(y) of a tension,      RMS(p dy/dp)/std(y) of other channels,
 
-an error of calibration of 1 % of the channel moves it by 1 %/s, whatever the number of samples says.
+a calibration error of 1 % of the channel changes it by 1 %/s, for any number of samples.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from fitting.estimate.problem import Solution
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
 from fitting.parameters.target import ModelPlace
 
-#: Largest sensitivity of the most sensitive channel at which a parameter is not determined.
+#: Sensitivity of the most sensitive channel up to which a parameter is not determined.
 INSENSITIVE = 0.05
-#: Standard error over the prior's beyond which the prior alone tells a parameter.
+#: Ratio of the standard error to that of the prior above which only the prior determines a parameter.
 PRIOR_ALONE = 0.95
 
 
@@ -32,7 +32,7 @@ class Errors(Uncertainty):
     Attributes:
         sensitivity: s of every parameter and channel (p, c).
         determined: `yes`, `no`, `prior` or `upper bound` (p,).
-        why: in words, where it is not `yes`.
+        why: the reason, unless it is `yes`.
     """
 
     sensitivity: np.ndarray
@@ -68,15 +68,15 @@ def _verdict(point: Solution, i: int, se: float, sensitivity: np.ndarray) -> tup
         return "yes", ""
     if p.prior is not None:
         alone = se >= PRIOR_ALONE * p.prior[1]
-        return ("prior", "its prior alone tells it") if alone else ("yes", "")
+        return ("prior", "determined by its prior only") if alone else ("yes", "")
     if p.low < 0:
         return "yes", ""
     most, reach = float(sensitivity.max(initial=0.0)), quantile(0.95) * se
     bound = "upper bound", f"below {max(value, 0.0) + reach:.3g} {p.unit} with 95 %"
-    if isinstance(p.where, ModelPlace) and p.low == 0 and value < reach:  # it may as well not be there
+    if isinstance(p.where, ModelPlace) and p.low == 0 and value < reach:  # it is compatible with zero
         return bound
     if value > 0 and most <= INSENSITIVE:
         name = point.problem.data.sensors[int(sensitivity.argmax())].channel.name
-        moves = f"1 % of channel {name!r} is {1 / most:.0f} % of it" if most > 1e-6 else "no channel feels it"
+        moves = f"1 % of channel {name!r} is {1 / most:.0f} % of it" if most > 1e-6 else "no channel is sensitive to it"
         return "no", f"{moves} (d ln y/d ln p = {most:.2g})"
     return bound if value < reach else ("yes", "")

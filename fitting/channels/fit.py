@@ -1,4 +1,4 @@
-"""`fit_channels`: from named channels of measurement and a scene to parameters with honest errors."""
+"""`fit_channels`: from named channels of measurement and a scene to calibrated parameters with error estimates."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
 from fitting.estimate.scene_fit import Intervals
 from fitting.parameters.parameter import Bounds, Priors, StartValues
 
-#: Growth of the derivatives from the middle of a run to its end above which it is called chaotic.
+#: Growth of the derivatives from the middle of a run to its end above which the motion counts as chaotic.
 CHAOTIC = 10.0
-#: Growth of derivatives above which the step is taken to be too long.
+#: Growth of derivatives above which the step counts as too long.
 UNSTABLE = 1e3
 
 
@@ -59,34 +59,34 @@ def fit_channels(
 
         minimise 1/2 sum ((offset + gain y(t) - measured)/sigma)^2 + priors
 
-    by Levenberg and Marquardt's method with exact derivatives; sigma of every channel is told anew by the residuals.
+    by the Levenberg-Marquardt method with exact derivatives; sigma of every channel is re-estimated from the residuals.
 
     Args:
-        data: the data's file (`reading`), the same as plain values, or what `read_data` made of it.
+        data: the data's file (`reading`), the same as plain values, or the result of `read_data`.
         scene: packaged name, TOML file, plain values or a `Scene`; its values are the start values.
-        free: paths (see `free`); default: what the scene's `[fit]` leaves open, else its damping.
-        own: those of them that each run has for itself; their mean and spread over the runs are told too.
+        free: paths (see `free`); default: those listed in the scene's `[fit]`, otherwise its damping.
+        own: those of them that each run has separately; their mean and spread over the runs are reported too.
         start, bounds, priors: by name: start value; (low, high); (mean, standard deviation).
         dt: time step [s]; default: the scene's.
         integrator: scheme; default: the scene's.
-        huber, student: robust losses, as `fit`.
-        iterations: most evaluations of each descent.
-        check_step: whether half the step is tried, to tell (and mend) how far the step moves the estimates.
-        profile, bootstrap, posterior: intervals by these too, as `fit`.
+        huber, student: robust losses, as for `fit`.
+        iterations: maximum evaluations of each descent.
+        check_step: whether half the step is tried, to report (and correct) the shift of the estimates by the step.
+        profile, bootstrap, posterior: intervals by these methods too, as for `fit`.
         progress: called with (fraction, text).
 
     Raises:
-        SceneError: for anything the caller can mend, in one line.
+        SceneError: for any invalid input, in one line.
     """
     started, progress = time.perf_counter(), progress or silent
     if iterations < 1:
-        raise SceneError(f"iterations: {iterations} is none; allowed: at least 1")
+        raise SceneError(f"iterations: {iterations} is too small; allowed: at least 1")
     asked = Intervals(profile, bootstrap, posterior)
     scene = load_scene(scene)
     changed = {"run.dt": dt, "run.integrator": integrator}
     scene = scene.with_values({key: value for key, value in changed.items() if value is not None})
     problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
-    asked.profile_names(scene, problem.parameters)  # refuses names before anything is run
+    asked.profile_names(scene, problem.parameters)  # rejects unknown names before anything runs
     loss = loss_of(huber, student)
     progress(0.0, "first run")
     point = first_point(problem, initial_loss(loss))
@@ -98,7 +98,7 @@ def fit_channels(
     if check_step and point.status == "ok":
         say = lambda share, text: progress(0.7 + 0.25 * share, text)  # noqa: E731
         again = lambda ahead: settle_noise(replace(ahead, iterations=0), iterations, say)  # noqa: E731
-        point = refine(point, say, again, sure=0.0)  # saved states between which cubics go are as far apart as before
+        point = refine(point, say, again, sure=0.0)  # the interval of saved states, used by the cubics, stays the same
     result = ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
     result.between = over_runs(result, own)
     result.warnings = warnings_of(result)
@@ -109,7 +109,7 @@ def fit_channels(
 
 
 def over_runs(result: ChannelFit, own: Sequence[str]) -> tuple[Any, ...]:
-    """Mean and spread of every parameter that runs have for themselves."""
+    """Mean and spread of every parameter that runs have separately."""
     problem = result.solution.problem
     runs = [run.name for run in problem.data.runs]
     names = [p.name for p in problem.parameters]
@@ -122,7 +122,7 @@ def over_runs(result: ChannelFit, own: Sequence[str]) -> tuple[Any, ...]:
 
 
 def warnings_of(result: ChannelFit) -> list[str]:
-    """What to beware of, one line each."""
+    """Warnings, one line each."""
     found, point, e = [], result.solution, result.errors
     for p, kind, why in zip(result.parameters, e.determined, e.why, strict=True):
         if kind == "no":
@@ -140,25 +140,27 @@ def warnings_of(result: ChannelFit) -> list[str]:
             )
     if e.blocks:
         worst = point.problem.data.sensors[int(np.abs(e.correlation_1).argmax())].channel.name
-        found.append(f"channel {worst}: residuals are no noise; errors come from {e.blocks} blocks of time")
+        found.append(f"channel {worst}: residuals are correlated; errors come from {e.blocks} blocks of time")
     grown = growth(point.evaluation)
     if grown > CHAOTIC:
-        found.append(f"the motion is chaotic: derivatives grow {grown:.2g} times in half the run; cut it shorter")
+        found.append(f"the motion is chaotic: derivatives grow {grown:.2g} times in half the run. Use shorter runs")
     bias = None if result.step_bias is None else float(np.nanmax(np.abs(result.step_bias), initial=0.0))
     if bias is not None and bias > LARGEST_BIAS:
-        found.append(f"the step of {point.problem.dt:g} s moves the estimates by {bias:.2g} standard errors; take less")
+        found.append(
+            f"the step of {point.problem.dt:g} s shifts the estimates by {bias:.2g} standard errors. Use a smaller dt"
+        )
     return found
 
 
 def scales_of(problem: Problem, e: Evaluation) -> tuple[tuple[np.ndarray, ...], ...]:
-    """By what the channels' sizes of noise count."""
+    """Scales of the channels' noise."""
     return tuple(
         tuple(scale_of(s, shown) for s, shown in zip(problem.data.sensors, run, strict=True)) for run in e.shown
     )
 
 
 def floors_of(problem: Problem) -> np.ndarray:
-    """Least noise of each channel (c,) that is believed: its sensor's rounding, `resolution/sqrt(12)`."""
+    """Minimum noise of each channel (c,): the rounding of its sensor, `resolution/sqrt(12)`."""
     fit = problem.scenes[0].fit
     found = []
     for sensor in problem.data.sensors:
@@ -168,24 +170,24 @@ def floors_of(problem: Problem) -> np.ndarray:
 
 
 def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
-    """Where the fit starts.
+    """The start of the fit.
 
     Raises:
-        SceneError: the start values' run does not solve, also with steps that are halved where they resist.
+        SceneError: the run at the start values does not solve, also with halved steps where needed.
     """
     values = problem.values
     e = problem.evaluate(values)
     if e.failed and not e.unstable:
         problem = replace(problem, retries=True)
         e = problem.evaluate(values)
-    # a step may leave ringing that stays small, of which the derivatives are a chaotic motion's
+    # a step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion
     while (e.unstable or not e.failed) and growth(e) > UNSTABLE and problem.halved < MOST_HALVED:
         problem = problem.finer()
         e = problem.evaluate(values)
     if e.failed:
-        hint = ", --integrator generalized_alpha (which lets stiff lines not ring)" if e.unstable else ""
+        hint = ", --integrator generalized_alpha (which damps the ringing of stiff lines)" if e.unstable else ""
         raise SceneError(
-            f"start: the run at the start values fails, {e.failed}; allowed: a smaller --dt{hint}, other values"
+            f"start: the run at the start values fails, {e.failed}. Try a smaller --dt{hint}, or other values"
         )
     noise = first_noise(problem.data, floors_of(problem))
     problem = replace(problem, loss=loss, noise=noise, scales=scales_of(problem, e))
@@ -193,7 +195,7 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
 
 
 def settle_noise(point: Solution, iterations: int, progress: Progress = silent) -> Solution:
-    """Fit and noise at their common fixed point."""
+    """Alternate fit and noise estimate up to their common fixed point."""
     floors, turn = floors_of(point.problem), 0
 
     def descend(point: Solution) -> Solution:
@@ -214,15 +216,15 @@ def settle_noise(point: Solution, iterations: int, progress: Progress = silent) 
     found.iterations += point.iterations
     if found.status != "ok":
         return update_noise(found)[0]
-    # sizes of several channels that are 3 % off move estimates by 0.02 standard errors against each other
+    # errors of 3 % of the noise of several channels move estimates by 0.02 standard errors relative to each other
     found = fit_with_noise(found, update_noise, descend, same=0.01)
-    ended = descend(found)  # nothing where the last noise moves no parameter
+    ended = descend(found)  # no steps if the last noise moves no parameter
     ended.iterations += found.iterations
     return ended
 
 
 def growth(e: Evaluation) -> float:
-    """How much larger derivatives are in the last fifth of the samples than in the middle one; inf where not finite."""
+    """Ratio of the derivatives in the last fifth of the samples to those in the middle one; inf if not finite."""
     most = 0.0
     for run in e.slopes:
         for slopes in run:

@@ -1,7 +1,8 @@
 """Free parameters of a fit to channels: numbers of the scene or its model, of the start, of sensors and of cameras.
 
-Paths beside those of scenes: `start.velocities.3.1`, `channel.NAME.offset`, `.gain` and `.delay`, `camera.NAME.delay`
-and `.rate`. `measured(t) = offset + gain * true(rate t - delay of the camera - delay of the channel)`.
+Paths in addition to those of scenes: `start.velocities.3.1`, `channel.NAME.offset`, `.gain` and `.delay`,
+`camera.NAME.delay` and `.rate`. `measured(t) = offset + gain * true(rate t - delay of the camera - delay of the
+channel)`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from fitting.parameters.of_scene import find_parameters, scene_parameter
 from fitting.parameters.parameter import Parameter, check_once
 from fitting.parameters.target import Direction
 
-#: Fields of a start that are numbers, and their units.
+#: Numeric fields of a start, and their units.
 STARTS = {
     "polar": "rad",
     "azimuth": "rad",
@@ -35,7 +36,7 @@ STARTS = {
     "velocities": "m/s",
     "release_force": "N",
 }
-#: How far a free delay may go from where it starts [s], and a free rate, as a share.
+#: Maximum change of a free delay from its start value [s], and of a free rate, relative.
 DELAY_RANGE, RATE_RANGE = 0.5, 0.02
 
 
@@ -50,10 +51,10 @@ class SetupPlace:
 
 
 def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "free") -> tuple[Parameter, ...]:
-    """The parameters of these names, where they start and between which bounds.
+    """The parameters of these names, with start values and bounds.
 
     Raises:
-        SceneError: a name of nothing that can be free, or twice the same.
+        SceneError: a name that cannot be free, or a duplicate one.
     """
     found: list[Parameter] = []
     model = build_model(scene)
@@ -69,7 +70,7 @@ def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "fre
             found += find_parameters(scene, model, full_names(scene, [name], option), option)
     for p in found:
         if not isinstance(p.where, SetupPlace) and type(p.where).__name__ not in ("ModelPlace", "Direction"):
-            raise SceneError(f"{option}: {p.name!r} is of traces of angles; allowed: channel.NAME.offset and the like")
+            raise SceneError(f"{option}: {p.name!r} is for traces of angles. Use channel.NAME.offset and the like")
     check_once([p.name for p in found], option)
     return tuple(found)
 
@@ -105,7 +106,7 @@ def _split(
     words = name.split(".")
     if len(words) < 3 or words[1] not in names:
         label = words[1] if len(words) > 1 else name
-        raise SceneError(f"{option}: {name!r}: {label!r} is no {kind}; {nearest(label, names)}")
+        raise SceneError(f"{option}: {name!r}: {label!r} is not a {kind}; {nearest(label, names)}")
     if words[2] not in fields:
         raise SceneError(f"{option}: {name!r} does not exist; allowed: {kind}.{words[1]} and {', '.join(fields)}")
     return names.index(words[1]), words[2], words[3:]
@@ -151,7 +152,7 @@ def _of_camera(data: Data, name: str, option: str) -> Parameter:
 
 
 class Placed(NamedTuple):
-    """A run's numbers at given values of its parameters, and how each parameter moves them."""
+    """A run's numbers at given values of its parameters, and the direction of each parameter."""
 
     setup: Setup
     tangents: Setup
@@ -160,8 +161,8 @@ class Placed(NamedTuple):
 def setup_with_directions(scene: Scene, data: Data, parameters: Sequence[Parameter], values: np.ndarray) -> Placed:
     """The setup of a run at these values (k,), and its directions (k, ...) there.
 
-    Numbers that the model follows along no straight line (EA with a damping ratio, lengths) are put into the scene
-    anew, and their directions taken there.
+    Numbers that do not affect the model linearly (EA with a damping ratio, lengths) are set in the scene, which is
+    then built again, and their directions are taken there.
     """
     written = {p.name: float(v) for p, v in zip(parameters, values, strict=True) if isinstance(p.where, Direction)}
     scene = scene.with_values(written) if written else scene
@@ -187,7 +188,7 @@ def setup_with_directions(scene: Scene, data: Data, parameters: Sequence[Paramet
 
 
 def first_setup(scene: Scene, data: Data) -> Setup:
-    """The setup as the scene and the data's file have it."""
+    """The setup with the values of the scene and the data's file."""
     dtype = jnp.dtype(scene.run.dtype)
     array = lambda x: jnp.asarray(x, dtype)  # noqa: E731
     start = {key: array(getattr(scene.start, key)) for key in STARTS if getattr(scene.start, key) is not None}
@@ -200,13 +201,13 @@ def first_setup(scene: Scene, data: Data) -> Setup:
 
 
 def replace_model(setup: Setup, model: Model) -> Setup:
-    """A direction that moves the model alone."""
+    """A direction that changes only the model."""
     still = jax.tree.map(jnp.zeros_like, setup)
     return still._replace(model=model)
 
 
 def set_parameter(setup: Setup, p: Parameter, value: Any) -> Setup:
-    """The setup with a parameter's value in place; differentiable."""
+    """The setup with a parameter's value set; differentiable."""
     where = p.where
     if not isinstance(where, SetupPlace):
         return setup._replace(model=where.set_in(setup.model, value))

@@ -1,7 +1,7 @@
-"""One uninterrupted run as every channel sees it, with exact derivatives by directions through all of its numbers.
+"""One uninterrupted run as observed by every channel, with exact derivatives in directions of all of its numbers.
 
-Everything that a parameter may move stands in one pytree (`Setup`). The host says how each parameter moves it
-(`tangents`, one more axis in front), so that one compiled program serves every choice of free parameters:
+All numbers that a parameter may change are in one pytree (`Setup`). The host specifies how each parameter changes it
+(`tangents`, with one more axis in front), so that one compiled program serves every choice of free parameters:
 
     y(e) = channels(run(setup + sum_i e_i tangents_i)),      values y(0), derivatives dy/de at 0 by forward mode
 """
@@ -24,7 +24,7 @@ from fitting.channels.channel import Channel, SavedMotion
 
 
 class Reading(NamedTuple):
-    """Of one channel's sensor: offset (m,) [SI], gain () [-], delay () [s]."""
+    """Sensor of one channel: offset (m,) [SI], gain () [-], delay () [s]."""
 
     offset: jax.Array
     gain: jax.Array
@@ -32,7 +32,7 @@ class Reading(NamedTuple):
 
 
 class Clock(NamedTuple):
-    """Of one camera: a stamp t is taken at `rate t - delay` of the scene's time."""
+    """Clock of one camera: a stamp t is taken at `rate t - delay` of the scene's time."""
 
     delay: jax.Array
     rate: jax.Array
@@ -42,7 +42,7 @@ class Setup(NamedTuple):
     """All numbers of a run.
 
     Attributes:
-        model: what moves.
+        model: the model with its parameters.
         start: fields of the scene's start, by name.
         readings: one per channel.
         clocks: one per camera.
@@ -56,7 +56,7 @@ class Setup(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """What is static of a run: scheme, kind of start, channels, and how many states are saved."""
+    """Static settings of a run: scheme, kind of start, channels, and number of saved states."""
 
     stepper: Stepper
     start: str
@@ -68,7 +68,7 @@ class Plan:
 
 
 def begin(plan: Plan, setup: Setup, near: State) -> State:
-    """The start, which follows the model: a static pose settles from the one next to it, angles keep their values."""
+    """The start, which follows the model: a static pose is solved from a nearby one, angles keep their values."""
     model, given = setup.model, setup.start
     if plan.start == "static":
         return settle(model, near, nodal_loads(model, plan.release_nodes, given.get("release_force")))
@@ -96,7 +96,7 @@ def at_times(y: jax.Array, first: jax.Array, spacing: jax.Array, t: jax.Array) -
 def observe_channels(
     plan: Plan, setup: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
 ) -> tuple[tuple[jax.Array, ...], State, jax.Array]:
-    """What the channels show at the stamps `times`, (k, m) each [SI]; the start; the first failed step (-1: none)."""
+    """Channel values at the stamps `times`, (k, m) each [SI]; the start; the first failed step (-1: none)."""
     model = setup.model
     s = begin(plan, setup, near)
     _, run = integrate(plan.stepper, model, s, dt, plan.saves * plan.every, plan.every)
@@ -118,7 +118,7 @@ def observe_channels(
 
 
 def shift_setup(setup: Setup, tangents: Setup, e: jax.Array) -> Setup:
-    """The setup after so much (k,) of each direction."""
+    """The setup after a step (k,) along each direction."""
     return jax.tree.map(lambda a, d: a + jnp.tensordot(e, d, 1), setup, tangents)
 
 
@@ -126,7 +126,7 @@ def shift_setup(setup: Setup, tangents: Setup, e: jax.Array) -> Setup:
 def differentiate_channels(
     plan: Plan, setup: Setup, tangents: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
 ) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...], State, jax.Array]:
-    """What the channels show, its derivatives (k, m, directions), the start, and the first failed step."""
+    """Channel values, their derivatives (k, m, directions), the start, and the first failed step."""
     directions = jax.tree.leaves(tangents)[0].shape[0]
 
     def of(e: jax.Array) -> Any:
@@ -141,5 +141,5 @@ def differentiate_channels(
 def simulate_channels(
     plan: Plan, setup: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
 ) -> tuple[tuple[jax.Array, ...], State, jax.Array]:
-    """What the channels show, without derivatives."""
+    """Channel values without derivatives."""
     return observe_channels(plan, setup, near, dt, times)

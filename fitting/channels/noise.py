@@ -1,14 +1,14 @@
-"""Noise of channels, told by the residuals: a size for each, and how much of it a sample hands on to the next.
+"""Noise of channels, estimated from the residuals: its size for each channel, and its correlation between samples.
 
 With r residuals of a channel and X their derivatives, restricted maximum likelihood of white noise has a fixed point
 
-    sigma^2 = sum r^2/(N - tr),      tr = trace of X (X' V^-1 X)^-1 X' V^-1 over the channel's samples
+    sigma^2 = sum r^2/(N - tr),      tr = trace of X (X' V^-1 X)^-1 X' V^-1 over the channel's samples.
 
-and noise that remembers, `phi = exp(-decay dt)`, is taken where neighbours correlate and what it leaves is white:
+Correlated noise, `phi = exp(-decay dt)`, is used if neighbours correlate and its innovations are white:
 
     u_i = (r_i - phi r_{i-1})/sqrt(1 - phi^2)
 
-A misfit of the model is no noise: no memory leaves it white, and standard errors then come from blocks of scores.
+A misfit of the model differs from noise: no memory makes it white, and standard errors then come from blocks of scores.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.sandwich import hat_diagonal
 from fitting.traces.trace import noise_by_differences
 
-#: Least size of a sensor's relative noise, as a share of the channel's root mean square: a reading of 0 is not exact.
+#: Minimum size of a sensor's relative noise, as a fraction of the channel's RMS: a reading of 0 is not exact.
 RELATIVE_FLOOR = 0.05
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Sizes (c,) [SI, or shares of the value where relative] of the channels, and rates at which their noises forget
-    themselves (c,) [1/s], infinite where they are white."""
+    """Sizes (c,) [SI, or fractions of the value if relative] of the channels' noise, and its decay rates (c,) [1/s],
+    infinite for white noise."""
 
     size: np.ndarray
     decay: np.ndarray
 
     def lag_correlation(self, interval: np.ndarray) -> np.ndarray:
-        """Share of a sample's noise in the next one (c,)."""
+        """Correlation of the noise of neighbouring samples (c,)."""
         return np.exp(-self.decay * interval)
 
     def max_relative_difference(self, other: Noise) -> float:
-        """Largest relative difference of two noises' sizes; infinite where one remembers and the other does not."""
+        """Maximum relative difference of two noises' sizes; infinite if only one has memory."""
         same = np.array_equal(np.isfinite(self.decay), np.isfinite(other.decay))
         return float(np.abs(np.log(self.size / other.size)).max()) if same else np.inf
 
@@ -63,11 +63,10 @@ class Rows:
 
 
 class Evaluation(NamedTuple):
-    """Of every run and channel (k, m): what was to be seen [SI], and its derivatives by all parameters (k, m, p).
+    """Predictions of every run and channel (k, m) [SI], and their derivatives by all parameters (k, m, p).
 
-    `near` are the runs' starts, next to which the next ones are looked for; `failed` names a step that did not solve,
-    or, where `unstable`, derivatives that grew out of all numbers. `rows` are residuals in units of the noise, where
-    that is known.
+    `near` are the runs' starts, from which the next ones are solved. `failed` describes a step that did not solve, or,
+    if `unstable`, derivatives that overflow. `rows` are residuals in units of the noise, if that is known.
     """
 
     shown: tuple[tuple[np.ndarray, ...], ...]
@@ -84,7 +83,7 @@ class Evaluation(NamedTuple):
 
     @property
     def residual(self) -> np.ndarray:
-        """(1, N, 1), infinite where a run failed."""
+        """(1, N, 1), infinite if a run failed."""
         return np.full((1, 1, 1), np.inf) if self.rows is None else self.rows.residual[None, :, None]
 
     @property
@@ -94,13 +93,13 @@ class Evaluation(NamedTuple):
 
 
 def first_noise(data: Data, floors: np.ndarray) -> Noise:
-    """What the data's file says of each channel, else what differences of high order say."""
+    """Noise of each channel from the data's file, otherwise from differences of high order."""
     sizes = [s.noise if s.noise is not None else _difference_noise(data, c) for c, s in enumerate(data.sensors)]
     return Noise(np.maximum(sizes, floors), np.full(len(sizes), np.inf))
 
 
 def _difference_noise(data: Data, channel: int) -> float:
-    """Deviation of white noise on a smooth motion, by differences of high order."""
+    """Standard deviation of white noise on a smooth motion, by differences of high order."""
     values = [run.values[channel] for run in data.runs]
     sizes = np.concatenate([noise_by_differences(y) for y in values])
     level = max(float(np.nanmax(np.abs(y))) for y in values)
@@ -110,14 +109,14 @@ def _difference_noise(data: Data, channel: int) -> float:
 
 
 def scale_of(sensor: Sensor, shown: np.ndarray) -> np.ndarray:
-    """By what a channel's size of noise counts, as `shown`: 1, or the value where the noise is a share of it."""
+    """Scale of a channel's noise at `shown`: 1, or the value if the noise is a fraction of it."""
     if not sensor.relative:
         return np.ones_like(shown)
     return np.maximum(np.abs(shown), RELATIVE_FLOOR * np.sqrt(np.mean(shown**2)))
 
 
 def rows_of(data: Data, e: Evaluation, noise: Noise, scales: tuple[tuple[np.ndarray, ...], ...]) -> Rows:
-    """All samples as rows of unit noise; memory taken out."""
+    """All samples as rows of unit noise; correlation removed."""
     parts: list[tuple[np.ndarray, ...]] = []
     column = 0
     for number, run in enumerate(data.runs):
@@ -147,10 +146,10 @@ def lag_one(rows: Rows, channel: int, residual: np.ndarray) -> tuple[float, floa
 
 
 def _size_of(r: np.ndarray, loss: Loss) -> float:
-    """Sum of squares of residuals, of a robust loss of what does not stand out, consistent for normal ones.
+    """Sum of squares of residuals, with a robust loss for outliers, consistent for normal residuals.
 
-    Squares of slopes over `Loss.spread` tell no size by Student's loss, whose slope returns to zero: the smaller the
-    size is taken, the less is left. Weight times square, which stays, is taken there.
+    With Student's loss, squares of slopes over `Loss.spread` do not determine the size, because the slope returns to
+    zero: a smaller assumed size leaves a smaller sum. There, weight times square is used, which does not decrease.
     """
     if not isinstance(loss, StudentT):
         score = loss.weights(r) * r
@@ -169,7 +168,7 @@ def estimate_noise(
     floors: np.ndarray,
     loss: Loss = LEAST_SQUARES,
 ) -> Noise:
-    """The noise that the residuals of a fit tell, from the noise it was made with."""
+    """The noise estimated from the residuals of a fit, starting from the noise used in the fit."""
     rows = rows_of(data, e, noise, scales)
     weights = loss.weights(rows.residual)
     used = np.bincount(rows.channel, hat_diagonal(np.sqrt(weights)[:, None] * rows.jacobian, information))
@@ -189,7 +188,7 @@ def estimate_noise(
 
 
 def _memory(rows: Rows, channel: int) -> tuple[float, float] | None:
-    """Memory [1/s] and sum of the squared innovations of a channel; None where it leaves no white noise."""
+    """Memory [1/s] and sum of the squared innovations of a channel; None if the innovations are not white."""
     mine = rows.channel == channel
     r, t, column = rows.raw[mine], rows.t[mine], rows.column[mine]
     follows = column[1:] == column[:-1]

@@ -1,4 +1,4 @@
-"""Places of nodes in the picture of a camera."""
+"""Positions of nodes in the picture of a camera."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from fitting.channels.position import position_at
 
 
 def projection(position: np.ndarray, look_at: np.ndarray, focal: float, centre: np.ndarray) -> np.ndarray:
-    """The matrix P (3, 4) of a pinhole camera that stands upright: `(u w, v w, w) = P (x, y, z, 1)`, v downwards.
+    """The matrix P (3, 4) of an upright pinhole camera: `(u w, v w, w) = P (x, y, z, 1)`, v downwards.
 
     Args:
         position, look_at: (3,) [m].
         focal: [px].
-        centre: picture's point (2,) [px] that looks at `look_at`.
+        centre: point of the picture (2,) [px] that shows `look_at`.
     """
     ahead = (look_at - position) / np.linalg.norm(look_at - position)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
@@ -35,7 +35,7 @@ def projection(position: np.ndarray, look_at: np.ndarray, focal: float, centre: 
 
 @dataclass(frozen=True)
 class Pixel(Channel):
-    """Place (u, v) [px] of a node in the picture of a pinhole camera of projection P."""
+    """Position (u, v) [px] of a node in the picture of a pinhole camera of projection P."""
 
     kind: ClassVar[str] = "pixel"
     measures: ClassVar[str] = "px"

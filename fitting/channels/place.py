@@ -1,4 +1,4 @@
-"""Where on a scene's lines a sensor sits: a line's node, link, end or length along it, or a point of the scene."""
+"""Position of a sensor on a scene's lines: a line's node, link, end or length along it, or a point of the scene."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dropper_jax.scene import SceneData, WholeLine, whole_lines
 
 
 class Node(NamedTuple):
-    """A place between nodes `first` and `second` of all nodes, `share` of the way [-]."""
+    """A position between nodes `first` and `second` of all nodes, at the fraction `share` [-]."""
 
     first: int
     second: int
@@ -19,7 +19,7 @@ class Node(NamedTuple):
 
 
 class Where(NamedTuple):
-    """What a channel's table says of the place of its sensor; what it does not say is None."""
+    """Entries of a channel's table that give the position of its sensor; missing ones are empty."""
 
     line: str | None = None
     link: int | None = None
@@ -30,7 +30,7 @@ class Where(NamedTuple):
 
 
 def line_of(scene: SceneData, name: str | None, path: str) -> WholeLine:
-    """The line of that name as it was written; of a scene of one line it needs no name.
+    """The line of this name as specified; a scene with one line needs no name.
 
     Raises:
         SceneError: no such line.
@@ -40,15 +40,15 @@ def line_of(scene: SceneData, name: str | None, path: str) -> WholeLine:
         return lines[0]
     known = [line.name for line in lines]
     if name not in known:
-        raise SceneError(f"{path}.line: {name!r} is no line of the scene; {nearest(str(name), known)}")
+        raise SceneError(f"{path}.line: {name!r} is not a line of the scene; {nearest(str(name), known)}")
     return lines[known.index(name)]
 
 
 def node_of(scene: SceneData, where: Where, path: str) -> Node:
-    """The place of a sensor that sits on a node, at a point, or so far along a line.
+    """The position of a sensor on a node, at a point, or at a length along a line.
 
     Raises:
-        SceneError: no place or more than one, a node, point or length that the line has not.
+        SceneError: no position or more than one; a node, point or length that the line does not have.
     """
     _one_of(where, ("node", "end", "at", "point"), path)
     if where.point is not None:
@@ -63,16 +63,16 @@ def node_of(scene: SceneData, where: Where, path: str) -> Node:
     number = where.node if where.end is None else _end(where.end, 0, line.spec.links, path)
     if not 0 <= number <= line.spec.links:
         raise SceneError(
-            f"{path}.node: {number} is outside of line {line.name!r}; allowed: 0 (its first point) to {line.spec.links}"
+            f"{path}.node: {number} is outside line {line.name!r}; allowed: 0 (its first point) to {line.spec.links}"
         )
     return Node(int(line.nodes[number]), int(line.nodes[number]), 0.0)
 
 
 def link_of(scene: SceneData, where: Where, path: str) -> int:
-    """Number, from 0 among all links, of the link that a sensor sits on.
+    """Number, from 0 among all links, of the link that carries a sensor.
 
     Raises:
-        SceneError: no place or more than one, a link or length that the line has not.
+        SceneError: no position or more than one; a link or length that the line does not have.
     """
     _one_of(where, ("link", "end", "at"), path)
     line = line_of(scene, where.line, path)
@@ -83,12 +83,12 @@ def link_of(scene: SceneData, where: Where, path: str) -> int:
     else:
         number = where.link if where.end is None else _end(where.end, 1, line.spec.links, path)
     if not 1 <= number <= line.spec.links:
-        raise SceneError(f"{path}.link: {number} is outside of line {line.name!r}; allowed: 1 to {line.spec.links}")
+        raise SceneError(f"{path}.link: {number} is outside line {line.name!r}; allowed: 1 to {line.spec.links}")
     return line.links.start + number - 1
 
 
 def ends_at(scene: SceneData, point: str, path: str) -> tuple[tuple[int, int, int], ...]:
-    """Of every line that ends at a point: its node there, the next one, and the link between.
+    """For every line that ends at a point: its node there, the next one, and the link between.
 
     Raises:
         SceneError: no such point.
@@ -104,7 +104,7 @@ def ends_at(scene: SceneData, point: str, path: str) -> tuple[tuple[int, int, in
                 found.append((int(line.nodes[node]), int(line.nodes[node - 1]), line.links.start + node - 1))
     if not found:
         known = [p.name for p in scene.points]
-        raise SceneError(f"{path}.point: {point!r} is no point of the scene; {nearest(point, known)}")
+        raise SceneError(f"{path}.point: {point!r} is not a point of the scene; {nearest(point, known)}")
     return tuple(found)
 
 
@@ -115,21 +115,21 @@ def _point(scene: SceneData, point: str, path: str) -> Node:
 
 def _end(end: str, first: int, last: int, path: str) -> int:
     if end not in ("from", "to"):
-        raise SceneError(f"{path}.end: {end!r} is no end of a line; allowed: from, to")
+        raise SceneError(f"{path}.end: {end!r} is not an end of a line; allowed: from, to")
     return first if end == "from" else last
 
 
 def _inside(at: float, length: float, line: str, path: str) -> None:
     if not 0 <= at <= length:
-        raise SceneError(f"{path}.at: {at:g} m is outside of line {line!r}; allowed: 0 to {length:g} m")
+        raise SceneError(f"{path}.at: {at:g} m is outside line {line!r}; allowed: 0 to {length:g} m")
 
 
 def _one_of(where: Where, keys: tuple[str, ...], path: str) -> None:
-    """Refuse a place that is not told, told twice, or told in a way that this kind does not know."""
+    """Reject a position that is missing, given twice, or given by a key that this kind does not support."""
     given = [key for key in ("link", "node", "end", "at", "point") if getattr(where, key) is not None]
     wrong = [key for key in given if key not in keys]
     if wrong:
-        raise SceneError(f"{path}.{wrong[0]}: does not place this kind of sensor; allowed: {', '.join(keys)}")
+        raise SceneError(f"{path}.{wrong[0]}: not a position for this kind of sensor; allowed: {', '.join(keys)}")
     if len(given) != 1:
-        what = "says nothing of its place" if not given else f"is placed twice, by {' and '.join(given)}"
+        what = "position missing" if not given else f"position given twice, by {' and '.join(given)}"
         raise SceneError(f"{path}: {what}; allowed: one of {', '.join(keys)}")

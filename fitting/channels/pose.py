@@ -1,4 +1,4 @@
-"""The problem that data and a scene pose: what is free in which run, its priors and bounds."""
+"""The problem of a fit to channels: free parameters of each run, priors and bounds, from data and a scene."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fitting.parameters.naming import default_free, full_names
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 from fitting.parameters.priors import rig_priors
 
-#: Sections of paths that are not of the scene's model.
+#: Sections of paths that do not belong to the scene's model.
 OF_DATA = ("start", "channel", "camera")
 
 
@@ -36,7 +36,7 @@ def pose(
     """The problem of these data and this scene.
 
     Raises:
-        SceneError: names, channels, places or numbers that do not fit together.
+        SceneError: names, channels, positions or numbers that do not fit together.
     """
     names = [name.strip() for name in (default_free(scene) if free is None else free)]
     mine = [name.strip() for name in own]
@@ -44,7 +44,7 @@ def pose(
     scene = with_effects(scene, full_names(scene, known)) if known else scene
     data = source if isinstance(source, Data) else read_data(source, scene)
     if mine and len(data.runs) < 2:
-        raise SceneError(f"own: {mine[0]!r} of one run alone; allowed: with 2 runs or more")
+        raise SceneError(f"own: {mine[0]!r}: there is only one run. Use it with 2 runs or more")
     scenes = []
     for run in data.runs:
         try:
@@ -52,13 +52,13 @@ def pose(
         except SceneError as error:
             raise SceneError(f"run {run.name!r}: {error}") from None
     if len({(s.run.dt, s.run.integrator, s.run.save_every) for s in scenes}) > 1:
-        raise SceneError("run.scene: runs with other steps or schemes cannot be fitted together; allowed: one [run]")
+        raise SceneError("run.scene: runs with other steps or schemes cannot be fitted together. Use one [run]")
     _check_program(scenes, data)
     shared = find_free(scenes[0], data, [n for n in names if n not in mine])
     split = find_free(scenes[0], data, mine, "own")
     for p in split:
         if p.name in [q.name for q in shared]:
-            raise SceneError(f"own: {p.name!r} is shared too; allowed: one of the two")
+            raise SceneError(f"own: {p.name!r} is also shared; allowed: one of the two")
     if not shared and not split:
         raise SceneError("free: nothing is free; allowed: paths of parameters")
     parameters, known_together = rig_priors(scenes[0], build_model(scenes[0]), shared)
@@ -72,7 +72,7 @@ def pose(
         parameters += [replace(p, name=f"{p.name}@{run.name}") for p in split]
         plain.append((*shared, *split))
         of_run.append((*range(len(shared)), *range(first, first + len(split))))
-    if split:  # priors of several are of the shared alone
+    if split:  # joint priors apply only to shared parameters
         wide = lambda a: np.concatenate([a, np.zeros(len(parameters) - len(a))])  # noqa: E731
         together = tuple(replace(c, share=wide(c.share)) for c in known_together.common)
         massive = None if known_together.massive is None else wide(known_together.massive)
@@ -90,12 +90,12 @@ def pose(
 
 
 def _path(scene: Scene, name: str, option: str) -> str:
-    """The path of a name that may be short."""
+    """The full path of a name that may be short."""
     return name if name.split(".")[0] in OF_DATA else full_names(scene, [name], option)[0]
 
 
 def _check_program(scenes: Sequence[Scene], data: Data) -> None:
-    """Refuse runs that end before anything is seen."""
+    """Reject runs that end before the first samples."""
     spacing = scenes[0].run.dt * scenes[0].run.save_every
     for run in data.runs:
         last = max(float(t[-1]) for t in run.t)

@@ -1,4 +1,4 @@
-"""Places of nodes and points in space, and depths."""
+"""Positions of nodes and points in space, and depths."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AXES = ("x", "y", "z")
 
 
 def position_at(nodes: jax.Array, node: Node) -> jax.Array:
-    """Where the sensor is (times, 3) [m]."""
+    """Position of the sensor (times, 3) [m]."""
     first = nodes[:, node.first]
     return first if node.share == 0 else first + node.share * (nodes[:, node.second] - first)
 
@@ -50,7 +50,7 @@ class Position(Channel):
 
 @dataclass(frozen=True)
 class Depth(Channel):
-    """Depth `-z` [m] below the mean surface, as a pressure sensor shows it over the mean of a wave."""
+    """Depth `-z` [m] below the mean surface, as measured by a pressure sensor averaged over a wave."""
 
     kind: ClassVar[str] = "depth"
     measures: ClassVar[str] = "m"

@@ -1,4 +1,4 @@
-"""The least-squares problem of a fit to channels: runs, free parameters, and residuals with exact derivatives."""
+"""Least-squares problem of a fit to channels: runs, free parameters, and residuals with exact derivatives."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from fitting.estimate.noise import correlates
 from fitting.estimate.problem import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
 
-#: Saved states beyond the last sample, which cubics through four rows need.
+#: Number of saved states after the last sample, needed by cubics through four rows.
 BEYOND = 3
-#: Largest derivative that can be squared and summed.
+#: Maximum derivative whose square can be summed without overflow.
 LARGEST = 1e100
-#: Largest factor by which one step may change a number that keeps its sign.
+#: Maximum factor by which one step may change a number of fixed sign.
 FACTOR = 3.0
-#: Most halvings of the step for its bias.
+#: Maximum number of halvings of the step for its bias.
 MOST_HALVED = 2
 
 
 def step_bounds(problem: Residuals, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """By how much one step may change the parameters (p,), both ways."""
+    """Maximum change of the parameters in one step (p,), in both directions."""
     low = np.array([p.low for p in problem.parameters]) - values
     high = np.array([p.high for p in problem.parameters]) - values
     for i, p in enumerate(problem.parameters):
@@ -49,15 +49,15 @@ def step_bounds(problem: Residuals, values: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def is_axial_stiffness(p: Parameter) -> bool:
-    """Whether a motion follows the inverse of a parameter: an axial stiffness, by the stretch that it leaves."""
+    """Whether the motion depends on the inverse of a parameter: an axial stiffness acts through the stretch."""
     return p.name.split("@")[0].rstrip(".0123456789").endswith(".EA") and p.low >= 0
 
 
 def apply_step(problem: Residuals, values: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """The parameters after a step: `p + dp`, of stiffnesses the same of their inverse, `p/(1 - dp/p)`.
+    """The parameters after a step: `p + dp`, and for stiffnesses the same step of their inverse, `p/(1 - dp/p)`.
 
-    A stiffness that hardly shows is far off to first order: Newton's step from 1e8 N would end below zero, that of the
-    compliance ends where the stretch asks.
+    A stiffness with little effect is far from linear: Newton's step from 1e8 N would end below zero, while that of the
+    compliance ends at the required stretch.
     """
     found = values + step
     for i, p in enumerate(problem.parameters):
@@ -68,19 +68,19 @@ def apply_step(problem: Residuals, values: np.ndarray, step: np.ndarray) -> np.n
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Problem(Residuals):
-    """Whole runs and the channels that saw them: one block of residuals without unknowns of its own.
+    """Whole runs and their channels: one block of residuals without unknowns of its own.
 
     Attributes:
-        data: what was measured.
-        scenes: of each run, its own values in place.
-        parameters: all of them, those that runs share and those of one run.
+        data: the measured data.
+        scenes: of each run, with its own values.
+        parameters: all of them, shared ones and those of single runs.
         of_run: numbers of the parameters of each run, in the order of its directions.
-        near: a start of each run to look from.
-        halved: how often the scene's step is halved.
-        retries: whether steps that resist are halved and tried again.
+        near: a start of each run from which the next one is solved.
+        halved: number of halvings of the scene's step.
+        retries: whether steps that do not converge are halved and tried again.
         noise: of the channels; None before the first run.
-        scales: by what their sizes count, by run and channel, held while the parameters move, or large values would be
-            shunned.
+        scales: scales of the noise, by run and channel, constant while the parameters change; otherwise large values
+            would be avoided.
     """
 
     freedoms: ClassVar[int] = 0
@@ -103,17 +103,17 @@ class Problem(Residuals):
 
     @property
     def samples(self) -> int:
-        """Measured values in all."""
+        """Total number of measured values."""
         return sum(int(np.isfinite(y).sum()) for run in self.data.runs for y in run.values)
 
     @property
     def sample_mask(self) -> np.ndarray:
-        """Everywhere: there are no rows of missing samples (1, N, 1)."""
+        """Ones: there are no rows of missing samples (1, N, 1)."""
         return np.ones((1, self.samples, 1), bool)
 
     @property
     def order(self) -> int:
-        """Of the scene's scheme."""
+        """Order of the scene's scheme."""
         return self.plan(0).stepper.integrator.order
 
     @property
@@ -123,11 +123,11 @@ class Problem(Residuals):
 
     @property
     def held_mask(self) -> np.ndarray:
-        """Which parameters are held, or have no room (p,)."""
+        """Which parameters are fixed, or have an empty interval (p,)."""
         return super().held_mask | np.array([not p.low < p.high for p in self.parameters], bool)
 
     def step_bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how much one step may change the parameters (p,), both ways: by a factor where they keep their sign."""
+        """Maximum change of the parameters in one step (p,), in both directions: by a factor if the sign is fixed."""
         return tuple(np.where(self.held_mask, 0.0, end) for end in step_bounds(self, values))
 
     def after_step(self, values: np.ndarray, dp: np.ndarray) -> np.ndarray:
@@ -139,7 +139,7 @@ class Problem(Residuals):
         return starts
 
     def timing(self) -> Timing:
-        """When the samples of all channels were taken."""
+        """Times of the samples of all channels."""
         ends = np.array([(min(t[0] for t in run.t), max(t[-1] for t in run.t)) for run in self.data.runs])
         rows = [
             (run.t[c][known], np.full(int(known.sum()), number))
@@ -148,18 +148,18 @@ class Problem(Residuals):
             for known in np.isfinite(y).T
         ]
         t, run = (np.concatenate(part)[None] for part in zip(*rows, strict=True))
-        # the last sample belongs to the piece before it
+        # the last sample belongs to the previous piece
         duration = float(np.diff(ends).sum()) * (1 + 1e-6)
         return Timing(t, run, np.ones_like(run, bool), ends[:, 0], duration, len(ends))
 
     def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
-        """Correlation of neighbours in each channel (c,); whether that of any is real."""
+        """Correlation of neighbours in each channel (c,); whether any of them is significant."""
         force = (point.weights * point.evaluation.residual).ravel()
         rho, sure = np.array([lag_one(point.evaluation.rows, c, force) for c in range(len(self.data.sensors))]).T
         return rho, correlates(np.abs(rho), sure)
 
     def failure(self, evaluation: Evaluation) -> str:
-        """The step that did not solve."""
+        """The step that did not converge."""
         return evaluation.failed
 
     def with_rows(self, e: Evaluation) -> Evaluation:
@@ -170,11 +170,11 @@ class Problem(Residuals):
 
     @property
     def values(self) -> np.ndarray:
-        """Where the parameters start (p,)."""
+        """Start of the parameters (p,)."""
         return np.array([p.value for p in self.parameters])
 
     def plan(self, run: int) -> Plan:
-        """What is static of a run; the same for all, so that runs of one kind share a program."""
+        """Static settings of a run, the same for all, so that runs of one kind share a program."""
         scene = self.scenes[run]
         start = scene.start
         return Plan(
@@ -193,7 +193,7 @@ class Problem(Residuals):
         return equal_steps(build_model(scene), scene.run, track_work=False, reverse=False, **more)
 
     def _saves(self) -> int:
-        """Saved states that reach beyond the last sample of the longest run, delays and rates at their bounds."""
+        """Number of saved states beyond the last sample of the longest run, with delays and rates at their bounds."""
         late = max(float(t[-1]) for run in self.data.runs for t in run.t)
         delays = [p.low for p in self.parameters if isinstance(p.where, SetupPlace) and p.where.field == "time"]
         rates = [p.high for p in self.parameters if isinstance(p.where, SetupPlace) and p.where.field == "rate"]
@@ -204,14 +204,14 @@ class Problem(Residuals):
         return max(int(np.ceil(late / spacing - 1e-9)) + BEYOND, 5)
 
     def evaluate(self, values: np.ndarray, starts: Sequence[State] | None = None) -> Evaluation:
-        """What all runs show at these values (p,), with derivatives."""
+        """Predictions of all runs at these values (p,), with derivatives."""
         near = self.near if starts is None else starts
         shown, slopes, started, failed, unstable = [], [], [], "", False
         for run, scene in enumerate(self.scenes):
             mine = list(self.of_run[run])
             try:
                 at = setup_with_directions(scene, self.data, self.plain[run], values[mine])
-            except SceneError as error:  # such as a pose that does not exist
+            except SceneError as error:  # such as a static pose that does not exist
                 return Evaluation((), (), tuple(near), f"{self.data.runs[run].name}: {error}")
             dt = jnp.asarray(self.dt, at.setup.model.dtype)
             times = self._pad_stamps(run, dt.dtype)
@@ -239,7 +239,7 @@ class Problem(Residuals):
         return tuple(found)
 
     def _spread(self, slope: np.ndarray, mine: list[int]) -> np.ndarray:
-        """Derivatives by all parameters, from those by a run's own."""
+        """Derivatives by all parameters, from those by a run's own parameters."""
         full = np.zeros((*slope.shape[:2], len(self.parameters)))
         full[..., mine] = slope
         return full
@@ -253,6 +253,6 @@ def first_near(scene: Scene) -> State:
     """The scene's own start.
 
     Raises:
-        SceneError: a static pose that is not found.
+        SceneError: no static pose is found.
     """
     return initial_state(build_model(scene), scene.start)

@@ -1,4 +1,4 @@
-"""The file of a fit to channels: what was measured, by which sensor and where, in which files; runs and cameras.
+"""The file of a fit to channels: measured quantities, sensors, their positions, data files, runs and cameras.
 
 [[run]]
 file = "monday.csv"                  # a column t [s] and those of the channels; or a list of files
@@ -10,7 +10,7 @@ column = "load_cell"
 unit = "kN"
 line = "backbone"
 end = "from"                         # or link = 3, at = 12.5 [m], node = 4, point = "anchor", by kind
-noise = 1.0                          # as first believed; the residuals tell it anew
+noise = 1.0                          # first estimate; it is estimated again from the residuals
 noise_unit = "%"
 
 [[camera]]
@@ -20,7 +20,7 @@ look_at = [0.0, 0.0, -0.5]
 focal = 1500.0                       # [px]
 centre = [960.0, 540.0]              # [px]
 
-[[motion]]                           # a held point that moves as measured
+[[motion]]                           # a fixed point that moves as measured
 point = "left"
 columns = ["left_x", "left_y", "left_z"]
 unit = "mm"
@@ -47,12 +47,12 @@ def read_data(source: str | Path | Mapping[str, Any], scene: SceneData, folder: 
     """The data of a file, or of the same as plain values.
 
     Args:
-        source: the TOML file or its table; in a table a run's `file` may also be columns by name, `t` among them.
-        scene: what was measured.
-        folder: where the runs' files are; default: beside the file.
+        source: the TOML file or its table; in a table a run's `file` may also be columns by name, including `t`.
+        scene: the measured scene.
+        folder: location of the runs' files; default: that of the file.
 
     Raises:
-        SceneError: one line with the path, the value and what is allowed.
+        SceneError: one line with the path, the value and the allowed range.
     """
     if not isinstance(source, Mapping):
         folder, source = folder or Path(source).parent, parse_file(Path(source))
@@ -83,4 +83,4 @@ def parse_file(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path.name}: is no TOML: {error}") from None
+        raise SceneError(f"{path.name}: is not valid TOML: {error}") from None

@@ -1,4 +1,4 @@
-"""What a fit to channels gives back: numbers with errors, what is not determined, the fitted scene."""
+"""Result of a fit to channels: numbers with errors, undetermined parameters, the fitted scene."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from fitting.estimate.problem import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.parameters.fitted import fitted_scene
 
-#: What is said of a parameter by how it is determined.
+#: Remark for each way in which a parameter is determined.
 VERDICTS = {"yes": "", "no": "not determined", "prior": "by its prior alone", "upper bound": "upper bound"}
 
 
 @dataclass(kw_only=True)
 class ChannelFit(SceneFit):
-    """A scene fitted to channels: what every fit has (`SceneFit`), and what channels add.
+    """A scene fitted to channels: the content of every fit (`SceneFit`), and that of channels.
 
     Attributes:
-        between: parameters that each run has for itself, over the runs.
+        between: parameters that each run has separately, over the runs.
         seconds: wall time.
     """
 
@@ -35,7 +35,7 @@ class ChannelFit(SceneFit):
 
     @property
     def errors(self) -> Errors:
-        """Of the parameters, with what determines them."""
+        """Estimates of the parameters, and what determines them."""
         return self.uncertainty
 
     @property
@@ -44,18 +44,18 @@ class ChannelFit(SceneFit):
         return self.solution
 
     def note(self, i: int) -> str:
-        """What is to be said of a parameter, by its number."""
+        """Remark on a parameter, by its number."""
         return ", ".join(filter(None, (VERDICTS[self.errors.determined[i]], super().note(i))))
 
     def fitted_scene(self, run: int = 0) -> Scene:
-        """The scene of a run with the fitted values in it; what runs have of their own is that run's."""
+        """The scene of a run with the fitted values, including the run's own ones."""
         problem = self.solution.problem
         mine = list(problem.of_run[run])
         at = setup_with_directions(problem.scenes[run], problem.data, problem.plain[run], self.values[mine])
         return fitted_scene(problem.scenes[run], at.setup.model, problem.plain[run], self.values[mine])
 
     def channels(self) -> list[dict[str, Any]]:
-        """Of every channel: kind, unit, samples, root mean square of the residuals, noise told, correlation left."""
+        """Of every channel: kind, unit, samples, RMS of the residuals, estimated noise, remaining correlation."""
         point, found = self.solution, []
         noise = point.problem.noise
         for c, sensor in enumerate(point.problem.data.sensors):
@@ -84,7 +84,7 @@ class ChannelFit(SceneFit):
         return found
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values with the keys of the command line's JSON; what is not finite is None."""
+        """Plain values with the keys of the command line's JSON; values that are not finite become null."""
         e, names = self.errors, [s.channel.name for s in self.solution.problem.data.sensors]
         table = self.estimates()
         for row, determined, why, felt in zip(table.values(), e.determined, e.why, e.sensitivity, strict=True):

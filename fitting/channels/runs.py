@@ -1,4 +1,4 @@
-"""Runs of a channels file: `[[run]]` with its samples, `[[motion]]` of held points that move as measured."""
+"""Runs of a channels file: `[[run]]` with its samples, `[[motion]]` of fixed points that move as measured."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fitting.channels.data import Run, Sensor
 from fitting.channels.entries import columns_of, name_of, number_of, unit_of
 from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
-#: Fewest samples of a channel.
+#: Minimum number of samples of a channel.
 FEWEST = 3
 
 
@@ -32,7 +32,7 @@ def read_columns(path: Path) -> Columns:
     """The columns of a CSV file; lines that begin with # are comments.
 
     Raises:
-        SceneError: a file that cannot be read, no column t, a cell that is no number, times that do not increase.
+        SceneError: a file that cannot be read, no column t, a cell that is not a number, times that do not increase.
     """
     table = read_csv(path, "t and those that the channels name")
     refuse_twice(table.file, table.names)
@@ -43,12 +43,12 @@ def read_columns(path: Path) -> Columns:
 
 
 def read_motion(table: Mapping[str, Any], path: str, scene: SceneData) -> tuple[str, tuple[str, ...], str]:
-    """A held point that moves as measured, its columns and their unit."""
+    """A fixed point that moves as measured, its columns and their unit."""
     check_keys(table, ("point", "columns", "unit"), path)
     held = [point.name for point in scene.points if point.kind == "fixed"]
     if table.get("point") not in held:
         raise SceneError(
-            f"{path}.point: {table.get('point')!r} is not a held point; {nearest(str(table.get('point')), held)}"
+            f"{path}.point: {table.get('point')!r} is not a fixed point; {nearest(str(table.get('point')), held)}"
         )
     columns = columns_of(table, path)
     if len(columns) != 3:
@@ -78,7 +78,7 @@ def read_run(
         if (np.isfinite(y[keep]).sum(axis=0) < FEWEST).any():
             raise SceneError(f"{path}: channel {sensor.channel.name!r} has fewer than {FEWEST} samples; allowed: more")
         if found.t[keep][0] < 0:
-            raise SceneError(f"{path}: t: {found.t[keep][0]:g} s is before the scene begins; allowed: from 0 s")
+            raise SceneError(f"{path}: t: {found.t[keep][0]:g} s is before the scene starts; allowed: from 0 s")
         times.append(found.t[keep])
         values.append(y[keep])
     own = dict(read_table(table.get("scene", {}), f"{path}.scene"))
@@ -87,7 +87,7 @@ def read_run(
 
 
 def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
-    """The files of a run and its name by default."""
+    """The files of a run and its default name."""
     if isinstance(given, Mapping):
         t = np.asarray(given.get("t", ()), float)
         if t.ndim != 1 or len(t) < 2:
@@ -111,12 +111,12 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
 
 
 def _find(files: Sequence[Columns], columns: Sequence[str], what: str) -> Columns:
-    """The one file that has all of these columns."""
+    """The single file that contains all of these columns."""
     found = [file for file in files if all(name in file.values for name in columns)]
     if len(found) == 1:
         return found[0]
     if found:
-        raise SceneError(f"{what}: {', '.join(columns)} is in {len(found)} files; allowed: in one")
+        raise SceneError(f"{what}: {', '.join(columns)} occurs in {len(found)} files; allowed: in one")
     known = [name for file in files for name in file.values]
     missing = next((name for name in columns if name not in known), columns[0])
     raise SceneError(f"{what}: column {missing!r} is in no file with the others; {nearest(missing, known)}")
@@ -125,7 +125,7 @@ def _find(files: Sequence[Columns], columns: Sequence[str], what: str) -> Column
 def _recorded_motions(
     files: Sequence[Columns], motions: tuple[tuple[str, tuple[str, ...], str], ...], scene: SceneData, path: str
 ) -> dict[str, Any]:
-    """Values of the scene by which held points move as measured."""
+    """Values of the scene that make fixed points move as measured."""
     if not motions:
         return {}
     times, paths = None, []

@@ -34,7 +34,7 @@ def read_camera(table: Mapping[str, Any], path: str) -> CameraSpec:
         position, look_at = (vector_of(table, path, key, 3) for key in ("position", "look_at"))
         ahead = look_at - position
         if np.hypot(ahead[0], ahead[1]) < 1e-9:
-            raise SceneError(f"{path}.look_at: straight above or below the camera; allowed: elsewhere, or `projection`")
+            raise SceneError(f"{path}.look_at: directly above or below the camera. Use another point, or `projection`")
         focal = number_of(table, path, "focal", None, low=0.0, open_low=True)
         if focal is None:
             raise SceneError(f"{path}.focal: missing; needed: focal length [px]")
@@ -55,10 +55,10 @@ def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: 
     names = [camera.name for camera in cameras]
     camera = table.get("camera")
     if camera is not None and camera not in names:
-        raise SceneError(f"{path}.camera: {camera!r} is no camera; {nearest(str(camera), names)}")
+        raise SceneError(f"{path}.camera: {camera!r} is not a camera; {nearest(str(camera), names)}")
     columns, unit = columns_of(table, path), unit_of(table, path, "unit", cls.measures)
     if cls not in (Position, Pixel) and len(columns) != 1:
-        raise SceneError(f"{path}.columns: {len(columns)} columns; allowed: 1, this kind is one number")
+        raise SceneError(f"{path}.columns: {len(columns)} columns; allowed: 1, because this kind is a single number")
     common = {
         "name": name_of(table, path),
         "columns": columns,

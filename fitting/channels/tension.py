@@ -1,4 +1,4 @@
-"""Tensions of links, and what lines pull on a point."""
+"""Tensions of links, and the force of lines on a point."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fitting.channels.place import Where, ends_at, link_of
 
 @dataclass(frozen=True)
 class Tension(Channel):
-    """Tension [N] of a link, or the size `|sum of T d/|d||` of what all lines that end at a point pull on it."""
+    """Tension [N] of a link, or the magnitude `|sum of T d/|d||` of the force of all lines that end at a point."""
 
     kind: ClassVar[str] = "tension"
     measures: ClassVar[str] = "N"

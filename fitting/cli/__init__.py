@@ -1,1 +1,1 @@
-"""Commands of `dropper` that work with traces and batches; nothing heavy is imported before one runs."""
+"""Commands of `dropper` that work with traces and batches; heavy modules are imported only when a command runs."""

@@ -1,4 +1,4 @@
-"""`dropper cases SITE.toml --out FOLDER`: all load cases of a site, utilisation of its parts, a page of report."""
+"""`dropper cases SITE.toml --out FOLDER`: all load cases of a site, utilisation of its parts, a one-page report."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from dropper_jax.cli.options import add_json, add_quiet, output_folder, positive
 from dropper_jax.cli.output import failure_object, listing, print_json, print_line, print_result, progress
 
 name = "cases"
-help = "run the load cases of a site and report how far each part is used"
+help = "run the load cases of a site and report the utilisation of each part"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("site", metavar="SITE.toml", help="the site: scene, sea states, parts; or a packaged one")
     parser.add_argument("--out", metavar="FOLDER", help="runs, and cases.md, cases.csv, cases.json")
-    parser.add_argument("--resume", action="store_true", help="go on with the runs that the folder holds already")
-    parser.add_argument("--list", action="store_true", help="only say which cases there are")
-    parser.add_argument("--print", action="store_true", help="only print the site's file, to keep and edit")
+    parser.add_argument("--resume", action="store_true", help="resume the runs in the folder")
+    parser.add_argument("--list", action="store_true", help="only list the cases")
+    parser.add_argument("--print", action="store_true", help="only print the site's file, to save and edit")
     parser.add_argument("--workers", type=positive_integer, metavar="N", help="processes (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the cases")
     add_json(parser)
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     if out is None and not args.list:
         raise SceneError("--out: missing; needed: a folder for the runs and the report, or --list")
     if out is not None and out.is_dir() and any(out.glob("runs/*.npz")) and not (args.resume or args.list):
-        raise SceneError(f"--out: {args.out!r} holds runs of before; allowed: --resume, or another folder")
+        raise SceneError(f"--out: {args.out!r} already contains runs. Use --resume, or another folder")
 
     from dropper_jax.effects import register_installed
     from fitting.site import read_site
@@ -88,9 +88,9 @@ def _list(site: Any, as_json: bool) -> int:
 
 
 def text(found: dict[str, Any], files: dict[str, Path]) -> str:
-    """The result for people."""
+    """The result as text."""
     storms = {case["case"]: case["name"] for case in found["cases"]}
-    pairs = [("cases", f"{len(found['cases'])}, {found['runs']} runs, {found['resumed']} were there before")]
+    pairs = [("cases", f"{len(found['cases'])}, {found['runs']} runs, {found['resumed']} of them resumed")]
     for part in found["parts"]:
         row = part["worst"]
         worst = "no run" if row is None else f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"

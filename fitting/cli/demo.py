@@ -1,4 +1,4 @@
-"""What `dropper demo` shows of calibration (entry-point group `dropper.demo`): the packaged example."""
+"""Calibration part of `dropper demo` (entry-point group `dropper.demo`): the packaged example."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ title = "calibrating synthetic traces of scenarios A, B and C"
 
 
 def run_part(folder: Path, progress: Progress | None) -> DemoPart:
-    """The calibration as a part of `dropper demo`."""
+    """The calibration part of `dropper demo`."""
     from dropper_jax.cli.demo import DemoPart
     from fitting.report.example import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows
     from fitting.report.report import markdown

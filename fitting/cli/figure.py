@@ -1,4 +1,4 @@
-"""`dropper figure NAME... --plot DIR`: the sources' figures, from runs of their scenes; without a name, a list."""
+"""`dropper figure NAME... --plot DIR`: figures of the sources, from runs of their scenes; without a name, a list."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="source and number, such as paper-6 or thesis-8.27, or all; none: lists them",
     )
     parser.add_argument("--plot", default=".", metavar="DIR", help="folder for the pictures (default: this one)")
-    parser.add_argument("--traces", metavar="FILE.csv", help="measured angles to lay over the thesis' figures")
+    parser.add_argument("--traces", metavar="FILE.csv", help="measured angles to draw on the thesis' figures")
     add_quiet(parser)
     add_json(parser)
 
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
         return OK
     chosen = list(known.values()) if "all" in args.names else [figure_of(name) for name in dict.fromkeys(args.names)]
     if len(chosen) > 1 and target.suffix:
-        raise SceneError(f"--plot: {args.plot!r} is one file for {len(chosen)} figures; allowed: a folder")
+        raise SceneError(f"--plot: {args.plot!r} is one file for {len(chosen)} figures. Use a folder")
     measured = _read_measured(args.traces) if args.traces else None
 
     from dropper_jax.run.simulate import simulate

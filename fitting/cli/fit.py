@@ -33,28 +33,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--free",
         metavar="NAMES",
-        help="parameters, such as b_l,line.0.inertia,release.time (default: what [fit] leaves open, else damping)",
+        help="parameters, such as b_l,line.0.inertia,release.time (default: those listed in [fit], else damping)",
     )
     parser.add_argument(
-        "--start", action="append", default=[], metavar="NAME=VALUE", help="where a free parameter starts"
+        "--start", action="append", default=[], metavar="NAME=VALUE", help="start value of a free parameter"
     )
     parser.add_argument(
-        "--bounds", action="append", default=[], metavar="NAME=LOW:HIGH", help="hold a free parameter between"
+        "--bounds", action="append", default=[], metavar="NAME=LOW:HIGH", help="bounds of a free parameter"
     )
     parser.add_argument(
         "--prior",
         action="append",
         default=[],
         metavar="NAME=MEAN+-SD",
-        help="what is known of a free parameter beforehand, such as line.0.inertia=1.1e-4+-1e-6",
+        help="prior of a free parameter, such as line.0.inertia=1.1e-4+-1e-6",
     )
     parser.add_argument(
-        "--own", metavar="NAMES", help="of channels: parameters that each run has for itself; tells mean and spread"
+        "--own", metavar="NAMES", help="of channels: parameters fitted separately for each run; reports mean and spread"
     )
     parser.add_argument("--until", type=number, metavar="T", help="fit only samples before this time [s]")
-    parser.add_argument("--held-out", metavar="LO:HI,...", help="score these stretches [s], do not fit them")
+    parser.add_argument("--held-out", metavar="LO:HI,...", help="score these stretches [s] without fitting them")
     parser.add_argument(
-        "--rest", metavar="LO:HI,...", help="stretches [s] in which the line hangs at rest: their poses are fitted too"
+        "--rest", metavar="LO:HI,...", help="stretches [s] in which the line is at rest: their poses are fitted too"
     )
     parser.add_argument("--method", choices=METHODS, default="shooting", help="estimator (default: shooting)")
     parser.add_argument("--optimizer", metavar="NAME", help="of --method gradient: lbfgs (default), adam or sgd")
@@ -62,13 +62,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--learning-rate",
         type=number,
         metavar="RATE",
-        help="of --method gradient: part of the predicted distance of a step (default: lbfgs 1, adam 0.3, sgd 0.5)",
+        help="of --method gradient: fraction of the predicted distance per step (default: lbfgs 1, adam 0.3, sgd 0.5)",
     )
     parser.add_argument(
         "--steps",
         type=int,
         metavar="N",
-        help="of --method gradient: most steps over separate windows, and at each gap weight (default: 100)",
+        help="of --method gradient: maximum steps over separate windows, and at each gap weight (default: 100)",
     )
     parser.add_argument("--window", type=number, metavar="S", help="length of a window [s] (default: from the motion)")
     parser.add_argument(
@@ -81,13 +81,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_convention(parser)
     parser.add_argument("--huber", type=number, metavar="K", help="robust loss beyond K standard deviations")
-    parser.add_argument("--student", action="store_true", help="outliers pull ever less (Student's t, 4 degrees)")
+    parser.add_argument("--student", action="store_true", help="Student's t loss with 4 degrees, for outliers")
     parser.add_argument(
-        "--iterations", type=int, default=40, help="most iterations over separate windows (default: 40)"
+        "--iterations", type=int, default=40, help="maximum iterations over separate windows (default: 40)"
     )
-    parser.add_argument("--static-start", action="store_true", help="every run is let go at t = 0 as [start] says")
-    parser.add_argument("--advice", action="store_true", help="look for what else may be wrong: lengths, roll, clock")
-    parser.add_argument("--auto-free", action="store_true", help="free what gains most by it, as long as that gains")
+    parser.add_argument("--static-start", action="store_true", help="release every run at t = 0 as defined in [start]")
+    parser.add_argument("--advice", action="store_true", help="test what else may be wrong: lengths, roll, clock")
+    parser.add_argument("--auto-free", action="store_true", help="add free parameters while the fit improves")
     parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")
     parser.add_argument(
         "--profile", nargs="?", const="", metavar="NAMES", help="intervals by profile likelihood too (default: of all)"
@@ -99,12 +99,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--posterior", nargs="?", const=200, type=int, metavar="DRAWS", help="sample the posterior (default: 200 draws)"
     )
     parser.add_argument(
-        "--sampler", choices=SAMPLERS, default="importance", help="of the posterior; nuts samples window starts too"
+        "--sampler", choices=SAMPLERS, default="importance", help="of the posterior; nuts also samples window starts"
     )
     parser.add_argument(
-        "--accept-misfit", action="store_true", help="exit code 0 also where the model misses the trace (misfit)"
+        "--accept-misfit", action="store_true", help="exit code 0 even if the model misses the trace (misfit)"
     )
-    parser.add_argument("--plot", metavar="DIR", help="write the pictures of the fit alone")
+    parser.add_argument("--plot", metavar="DIR", help="write only the pictures of the fit")
     add_out(parser)
     parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
     add_quiet(parser)
@@ -113,7 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_convention(parser: argparse.ArgumentParser) -> None:
     """--zero, --sign, --unit."""
-    parser.add_argument("--zero", help="where the traces' angles are zero: horizontal or down")
+    parser.add_argument("--zero", help="zero direction of the traces' angles: horizontal or down")
     parser.add_argument("--sign", help="1 or -1")
     parser.add_argument("--unit", help="rad or deg")
 
@@ -131,10 +131,10 @@ def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
     if any(name.lower().endswith(".toml") for name in args.traces):
         if plot:
-            raise SceneError("--plot: is for traces of angles; allowed: --report for channels, which draws every run")
+            raise SceneError("--plot: only for traces of angles. Use --report for channels, which draws every run")
         return fit_to_channels(args, scene, free, start, bounds, priors)
     if args.own is not None:
-        raise SceneError("--own: is for channels named in a TOML file; allowed: without it for traces of angles")
+        raise SceneError("--own: only for channels named in a TOML file. Omit it for traces of angles")
 
     from fitting.calibration.fit import fit
 
@@ -186,7 +186,7 @@ def run(args: argparse.Namespace) -> int:
 
 #: Options of `--method gradient`.
 OF_DESCENT = ("optimizer", "learning_rate", "steps")
-#: Options that mean nothing in a fit to channels, and their values where they are not given.
+#: Options without a meaning in a fit to channels, and their values if not given.
 OF_TRACES = {
     **dict.fromkeys(
         (
@@ -211,9 +211,9 @@ def fit_to_channels(
     """Fit to the channels that a TOML file names."""
     for key, default in OF_TRACES.items():
         if getattr(args, key) != default:
-            raise SceneError(f"--{key.replace('_', '-')}: is for traces of angles; allowed: without it for channels")
+            raise SceneError(f"--{key.replace('_', '-')}: only for traces of angles. Omit it for channels")
     if len(args.traces) > 1:
-        raise SceneError(f"DATA: {len(args.traces)} files; allowed: one TOML file, which names its runs")
+        raise SceneError(f"DATA: {len(args.traces)} files; allowed: one TOML file, which lists its runs")
 
     from fitting.channels.fit import fit_channels
     from fitting.report.channels import between_rows, channel_rows, summary, write_channel_report
@@ -270,14 +270,14 @@ def _pairs(option: str, texts: list[str]) -> list[tuple[str, str]]:
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
-            raise SceneError(f"--{option}: {text!r} names no value; allowed: NAME={ALLOWED[option]}")
+            raise SceneError(f"--{option}: {text!r} has no value; allowed: NAME={ALLOWED[option]}")
         if name in [known for known, _ in found]:
             raise SceneError(f"--{option}: {name!r} is given twice; allowed: every parameter once")
         found.append((name, value))
     return found
 
 
-#: What stands behind the name.
+#: Form of the text after the name.
 ALLOWED = {"start": "VALUE", "bounds": "LOW:HIGH", "prior": "MEAN+-SD"}
 
 
@@ -292,10 +292,10 @@ def _number(option: str, name: str, text: str) -> float:
 
 
 def _bounds(name: str, text: str) -> tuple[float | None, float | None]:
-    """Ends of `LOW:HIGH`; one that is left out stays as the scene's fields declare it."""
+    """Ends of `LOW:HIGH`; an omitted one keeps the value declared by the scene's fields."""
     low, colon, high = text.partition(":")
     if not colon:
-        raise SceneError(f"--bounds: {name}={text!r} is no range; allowed: NAME=LOW:HIGH, one end may be left out")
+        raise SceneError(f"--bounds: {name}={text!r} is not a range; allowed: NAME=LOW:HIGH, one end may be omitted")
     return tuple(_number("bounds", name, end) if end.strip() else None for end in (low, high))
 
 
@@ -314,7 +314,7 @@ def _check_numbers(args: argparse.Namespace) -> None:
 
 
 def text(result: FitResult) -> str:
-    """The result for people."""
+    """The result as text."""
     from fitting.calibration.decision import verdict
     from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 

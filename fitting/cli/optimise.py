@@ -1,4 +1,4 @@
-"""`dropper optimise SITE.toml`: the design that meets a site's limits at least cost, found by exact derivatives."""
+"""`dropper optimise SITE.toml`: the design that meets a site's limits at minimum cost, found by exact derivatives."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from fitting.optimise.run import Optimum
 
 name = "optimise"
-help = "design a farm: least material, load or motion within a site's limits"
+help = "design a farm: minimum material, load or motion within a site's limits"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("site", metavar="SITE.toml", help="the site, with [[variable]] and [objective]")
-    parser.add_argument("--state", metavar="FILE.json", help="keep the search here; goes on with one that is there")
+    parser.add_argument("--state", metavar="FILE.json", help="save the search here; resumes an existing one")
     add_plot(parser, "layout and utilisation, before and after,")
     add_out(parser)
     parser.add_argument("--picture", metavar="FILE.png", help=argparse.SUPPRESS)
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         from fitting.optimise.picture import design_picture
 
         design_picture(site, found, drawn)
-    message = "" if found.feasible else "no design that was found meets all constraints on whole runs"
+    message = "" if found.feasible else "none of the designs found meets all constraints on whole runs"
     status = "ok" if found.feasible else "not_converged"
     plain = {"schema": 1, "status": status, "site": site.name, **found.to_json()}
     deliver(args.json, plain, text(found), out)
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def text(found: Optimum) -> str:
-    """The design for people: before, after, what is active, what it hangs on."""
+    """The design as text: before, after, active constraints, sensitivity to assumptions."""
     from dropper_jax.cli.output import table
     from fitting.optimise.run import ACTIVE, HELD
 
@@ -79,19 +79,19 @@ def text(found: Optimum) -> str:
         (f"objective ({found.of})", f"{found.objective[0]:.5g}", f"{found.objective[1]:.5g}", f"{-found.gain:+.1%}")
     ]
     known = found.held >= HELD
-    limits = [("constraint, met up to 1", "before", "after", "1 % more of it gives")]
+    limits = [("constraint, limit 1", "before", "after", "effect of 1 % more of it")]
     for label, (a, b) in found.constraints.items():
         price = found.prices.get(label) if known else None
         price_text = f"{price:+.3g}" if price is not None else "active" if b >= ACTIVE else ""
         limits.append((label, f"{a:.3f}", f"{b:.3f}", price_text))
     assumed = [("1 % more of", "objective")]
-    assumed += [(n, f"{c:+.3g}" if known else "not known: no optimum") for n, c in found.assumptions.items()]
-    apart = "windows and whole runs were not compared, for the start is the best"
+    assumed += [(n, f"{c:+.3g}" if known else "unknown: no optimum") for n, c in found.assumptions.items()]
+    apart = "windows and whole runs were not compared, because the start is the best design"
     if found.residual == found.residual:  # a number
-        apart = f"windows and whole runs differed by up to {found.residual:.1%} of a limit before they were renewed"
+        apart = f"windows and whole runs differed by up to {found.residual:.1%} of a limit before the last update"
     end = (
         f"constraints of whole runs, {found.characteristic}; derivatives checked to {found.check:.1e}; {apart}; "
-        f"constraints and bounds hold {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, "
+        f"constraints and bounds balance {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, "
         f"{found.runs} evaluations"
     )
     return "\n\n".join([table([*head, *rows]), table(limits), table(assumed), end])

@@ -1,4 +1,4 @@
-"""`dropper plan SCENE... --free NAMES`: which release, how long and with which camera tells most."""
+"""`dropper plan SCENE... --free NAMES`: which release, duration and camera determine the parameters best."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from dropper_jax.cli.output import progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 name = "plan"
-help = "which release, duration and camera would tell the parameters best, before anything is measured"
+help = "plan an experiment: which release, duration and camera determine the parameters best"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenes", nargs="+", metavar="SCENE", help="packaged names or TOML files, released differently")
     parser.add_argument("--free", required=True, metavar="NAMES", help="parameters that the fit would free")
-    parser.add_argument("--for", dest="wanted", metavar="NAMES", help="those to rank by (default: all)")
+    parser.add_argument("--for", dest="wanted", metavar="NAMES", help="parameters to rank by (default: all)")
     parser.add_argument("--duration", default="8,16,48", metavar="S,...", help="of the traces [s] (default: 8,16,48)")
     parser.add_argument("--noise", default="0.005", metavar="RAD,...", help="of the angles [rad] (default: 0.005)")
     parser.add_argument("--rate", default="60", metavar="HZ", help="frames per second (default: 60)")
     parser.add_argument(
         "--gap-weight",
         metavar="W",
-        help="how far the rig follows its model, as a fit reports it (default: what a fit of the right model chooses)",
+        help="model error of the rig, as a fit reports it (default: the value expected for a correct model)",
     )
     add_out(parser)
     add_quiet(parser)

@@ -1,4 +1,4 @@
-"""`dropper season SITE.toml`: mussels month by month, the floats that carry them, and a schedule of least handling."""
+"""`dropper season SITE.toml`: monthly mussel weight, the floats that carry it, and a schedule of minimum handling."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dropper_jax.cli.output import listing, print_result, progress
 from dropper_jax.cli.outputs import add_plot, picture, plot_folder
 
 name = "season"
-help = "floats that carry the mussels of each month, and how the farm then lies"
+help = "floats that carry the mussels of each month, and the resulting farm geometry"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def text(found: dict[str, Any]) -> str:
-    """The result for people."""
+    """The result as text."""
     pairs = [
         (
             row["month"],

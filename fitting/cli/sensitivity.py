@@ -1,4 +1,4 @@
-"""`dropper sensitivity SCENE --of QUANTITY --to NAMES`: what a quantity depends on, locally and over ranges."""
+"""`dropper sensitivity SCENE --of QUANTITY --to NAMES`: local and global sensitivity of a quantity to parameters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fitting.sensitivity import Global, Local, Study
 
 name = "sensitivity"
-help = "how much a quantity depends on parameters: exact derivatives, Sobol indices, Morris screening"
+help = "sensitivity of a quantity to parameters: exact derivatives, Sobol indices, Morris screening"
 
 #: Signals and statistics of `fitting.sensitivity`, which imports JAX.
 SIGNALS = ("tension", "angle", "excursion", "x", "y", "z", "period", "energy")
@@ -26,7 +26,7 @@ OF = (
     f"SIGNAL[.NUMBER].STATISTIC, such as tension.3.max; signals: {', '.join(SIGNALS)}; "
     f"statistics: {', '.join(STATISTICS)}"
 )
-#: Options that stand for a value of the scene.
+#: Options that set a value of the scene.
 OVERRIDES = ("integrator", "dt", "duration")
 
 
@@ -40,12 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=LO:HI",
-        help="range of a parameter (default: 20 %% each way)",
+        help="range of a parameter (default: +-20 %%)",
     )
     parser.add_argument("--samples", type=int, default=64, help="size of a global study (default: 64)")
     parser.add_argument("--seed", type=int, default=0, help="of a global study")
     parser.add_argument(
-        "--check", action="store_true", help="compute local derivatives by reverse mode too, and the growth of errors"
+        "--check", action="store_true", help="also compute derivatives by reverse mode, and the growth of errors"
     )
     add_plot(parser, "a tornado picture")
     add_out(parser)

@@ -34,15 +34,15 @@ if TYPE_CHECKING:
 name = "sweep"
 help = "run a grid of cases in batches and keep the results in a Zarr folder"
 
-#: Options that stand for a value of the scene.
+#: Options that set a value of the scene.
 OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
 #: Quantities of `fitting.sweep`, which imports JAX.
 DEFAULT_QUANTITIES = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
-#: Most values of one path.
+#: Maximum number of values of one path.
 MOST_VALUES = 10_000_000
-#: Tables of a scene whose values are no parameters of a fit.
+#: Tables of a scene whose values cannot be parameters of a fit.
 NOT_FITTED = ("start", "point", "sea")
-#: Most cases of the table of scores.
+#: Maximum number of cases in the table of scores.
 MOST_ROWS = 15
 HOST_COUNT = "xla_force_host_platform_device_count"
 SPACINGS = {"linear": "linspace", "log": "geomspace"}
@@ -53,32 +53,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     vary = "values of a path, lo:hi:n, lo:hi:n:log or a,b,c (may be given several times)"
     parser.add_argument("--vary", action="append", default=[], metavar="NAME=LO:HI:N", help=vary)
     parser.add_argument(
-        "--listed", action="store_true", help="values go together, row by row: no grid, a list of cases"
+        "--listed", action="store_true", help="pair values row by row instead of combining them in a grid"
     )
     parser.add_argument("--seeds", type=int, default=0, metavar="K", help="K realisations of a random sea")
-    parser.add_argument("--out", required=True, metavar="FOLDER.zarr", help="results; a part that is there is kept")
-    parser.add_argument("--plot", metavar="DIR", help="write a picture of every quantity over what is varied")
+    parser.add_argument("--out", required=True, metavar="FOLDER.zarr", help="results; an existing part is resumed")
+    parser.add_argument("--plot", metavar="DIR", help="write a picture of every quantity over the varied inputs")
     parser.add_argument(
         "--quantities",
         metavar="NAMES",
-        help=f"what to keep: {', '.join(DEFAULT_QUANTITIES)} (default: all; with --trace none)",
+        help=f"quantities to save: {', '.join(DEFAULT_QUANTITIES)} (default: all; with --trace none)",
     )
-    parser.add_argument("--traces", action="store_true", help="also keep positions and tensions at every saved time")
+    parser.add_argument("--traces", action="store_true", help="also save positions and tensions at every saved time")
     parser.add_argument(
-        "--trace", metavar="FILE.csv", help="measured angles: every case runs over their span and has a score"
-    )
-    parser.add_argument(
-        "--parts", metavar="T1,T2", help="with --trace: where its head and middle end [s] (default: 24 %% and 50 %%)"
+        "--trace", metavar="FILE.csv", help="measured angles: every case runs over their span and gets a score"
     )
     parser.add_argument(
-        "--fit", action="store_true", help="with --trace: also fit what is varied to it, as `dropper fit` does"
+        "--parts", metavar="T1,T2", help="with --trace: end times of head and middle [s] (default: 24 %% and 50 %%)"
+    )
+    parser.add_argument(
+        "--fit", action="store_true", help="with --trace: also fit the varied inputs to it, like `dropper fit`"
     )
     add_convention(parser)
     parser.add_argument("--chunk", type=int, help="cases advanced together on a device (default: 64; with --trace 8)")
     parser.add_argument("--devices", type=int, help="devices of this machine (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the chunks")
     parser.add_argument(
-        "--mix-versions", action="store_true", help="go on with a part made with other versions of JAX or dropper-jax"
+        "--mix-versions", action="store_true", help="resume a part made with other versions of JAX or dropper-jax"
     )
     add_run_values(parser, OVERRIDES)
     add_quiet(parser)
@@ -157,11 +157,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _parts(args: argparse.Namespace) -> list[float] | None:
-    """Times of `--parts`; options of a trace without one are refused."""
+    """Times of `--parts`; options that need a trace are rejected without one."""
     given = {"--parts": args.parts, "--fit": args.fit, "--zero": args.zero, "--sign": args.sign, "--unit": args.unit}
     for option, value in given.items():
         if value and not args.trace:
-            raise SceneError(f"{option}: is given without a trace; needed: --trace FILE.csv")
+            raise SceneError(f"{option}: requires --trace FILE.csv")
     try:
         return None if args.parts is None else [float(x) for x in args.parts.split(",")]
     except ValueError:
@@ -169,7 +169,7 @@ def _parts(args: argparse.Namespace) -> list[float] | None:
 
 
 def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
-    """The fit of what is varied to the same trace, and one run at its values."""
+    """The fit of the varied inputs to the same trace, and one run at its values."""
     from fitting.calibration.fit import fit
     from fitting.sweep.against_trace import FittedScore
 
@@ -180,7 +180,7 @@ def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedS
 
 
 def use_cores(count: int | None) -> None:
-    """One host device per core, unless the environment says how many; jax must not have begun to work."""
+    """One host device per core, unless the environment sets the number; JAX must not have been initialised."""
     if HOST_COUNT in os.environ.get("XLA_FLAGS", ""):
         return
     if count is not None and count < 1:
@@ -190,8 +190,8 @@ def use_cores(count: int | None) -> None:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
         jax.config.update("jax_num_cpu_devices", count or cores)
-    except RuntimeError:  # jax is at work in this process already: what exists is used
-        print_line("warning: the number of devices cannot be changed any more in this process")
+    except RuntimeError:  # JAX is already initialised in this process: the existing devices are used
+        print_line("warning: JAX is already initialised; the number of devices is unchanged")
 
 
 def _values(option: str) -> tuple[str, np.ndarray]:
@@ -221,17 +221,17 @@ def _values(option: str) -> tuple[str, np.ndarray]:
 
 
 def text(found: dict[str, Any]) -> str:
-    """The result for people."""
+    """The result as text."""
     counts = ", ".join(f"{count} {status}" for status, count in found["counts"].items() if count)
     pairs = [
         ("scene", found["scene"]),
-        ("cases", f"{found['cases']} of {found['steps_per_case']} steps, {found['resumed']} were there before"),
+        ("cases", f"{found['cases']} of {found['steps_per_case']} steps, {found['resumed']} of them resumed"),
         ("ended", counts),
-        ("wall time", f"{found['compile_s']:.2f} s until compiled, {found['run_s']:.2f} s run and saved"),
+        ("wall time", f"{found['compile_s']:.2f} s compilation, {found['run_s']:.2f} s run and saving"),
         ("speed", f"{found['steps_per_s'] / 1e6:.2f} million steps per second"),
     ]
     if found["vmapped"]:
-        pairs.append(("by vmap", f"{', '.join(found['vmapped'])}: between two moves of the cases' axis"))
+        pairs.append(("by vmap", f"{', '.join(found['vmapped'])}: needs two transposes of the cases' axis"))
     parts = [listing(pairs)]
     if "trace" in found:
         parts.append(_score_table(found["trace"]))
@@ -252,7 +252,7 @@ def _score_table(trace: dict[str, Any]) -> str:
     named = ", ".join(f"{part} {low:.4g} to {high:.4g} s" for part, (low, high) in spans.items())
     notes = [f"RMS angle error and distance of amplitude spectra [mrad], {named}"]
     if len(cases) > MOST_ROWS:
-        notes.append(f"{len(cases) - MOST_ROWS} more cases; --json has all")
+        notes.append(f"{len(cases) - MOST_ROWS} more cases; use --json to see all")
     if fit:
         notes.append(f"last row: the fit ({fit['status']})")
     return table(rows) + "\n\n" + "; ".join(notes)

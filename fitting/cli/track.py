@@ -23,13 +23,13 @@ help = "angle traces from a video of a chain with a circle on every node"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("video", metavar="VIDEO", help="what OpenCV reads: MP4, AVI, MOV, ...")
+    parser.add_argument("video", metavar="VIDEO", help="a format that OpenCV reads: MP4, AVI, MOV, ...")
     parser.add_argument(
         "--nodes", type=int, required=True, metavar="N", help="markers, both ends included: 8 for a chain of 7 links"
     )
-    parser.add_argument("--out", metavar="FILE.csv", help="angles as `dropper fit` reads them (default: VIDEO's name)")
+    parser.add_argument("--out", metavar="FILE.csv", help="angles for `dropper fit` (default: VIDEO's name)")
     parser.add_argument(
-        "--positions", metavar="FILE.csv", help="also write the nodes' places and whether they were seen"
+        "--positions", metavar="FILE.csv", help="also write the nodes' positions and whether they were detected"
     )
     parser.add_argument("--overlay", metavar="FILE", help="contact sheet (.png) or video (.mp4, .avi) to check by eye")
     lens = parser.add_argument_group("lens and scale")
@@ -42,17 +42,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     lens.add_argument("--level", action="store_true", help="first and last marker are at the same height")
     look = parser.add_argument_group("markers")
     look.add_argument("--radius", type=number, metavar="PX", help="of the circles [pixel] (default: found)")
-    look.add_argument("--marker", choices=("bright", "dark"), help="circles against their rim (default: found)")
+    look.add_argument("--marker", choices=("bright", "dark"), help="circles relative to their rim (default: found)")
     look.add_argument("--first", choices=("auto", "left", "right", "top"), default="auto", help="which end is node 0")
     look.add_argument(
         "--start",
         nargs="+",
         metavar="X,Y",
-        help="places of all nodes in the first frame [pixel], in order",
+        help="positions of all nodes in the first frame [pixel], in order",
     )
-    parser.add_argument("--fps", type=number, help="frames per second, where the file is wrong")
-    parser.add_argument("--begin", type=number, default=0.0, metavar="T", help="take the video from here [s]")
-    parser.add_argument("--end", type=number, metavar="T", help="take the video to here [s]")
+    parser.add_argument("--fps", type=number, help="frames per second, if the file is wrong")
+    parser.add_argument("--begin", type=number, default=0.0, metavar="T", help="use the video from here [s]")
+    parser.add_argument("--end", type=number, metavar="T", help="use the video up to here [s]")
     add_quiet(parser)
     add_json(parser)
 
@@ -101,12 +101,12 @@ def run(args: argparse.Namespace) -> int:
         write_overlay(tracked, args.video, overlay)
     print_result(args.json, {**tracked.to_json(), "out": str(out)}, text(tracked, out))
     if tracked.status != "ok":
-        print_line(f"error: {tracked.message}; what came before is in {out}")
+        print_line(f"error: {tracked.message}; the earlier part is in {out}")
     return OK if tracked.status == "ok" else FAILED
 
 
 def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
-    """Show the orders that the film allows; no trace is written."""
+    """Draw the orders that are compatible with the film; no trace is written."""
     from fitting.tracking.alternatives import SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
@@ -147,9 +147,9 @@ def pixel(text: str) -> tuple[float, float]:
 
 
 def write_positions(tracked: Tracked, path: Path) -> Path:
-    """Time, places and whether each node was seen: t, x_0, z_0, seen_0, ...; places of unseen nodes are bridged.
+    """Time, positions and whether each node was detected: t, x_0, z_0, seen_0, ...; other positions are bridged.
 
-    The last column tells whether the frame is marked: nodes swapped, jumped or left the lengths of their links.
+    The last column shows whether the frame is marked: nodes swapped, jumped or violated the lengths of their links.
     """
     from dropper_jax.base.files import atomic_write
 
@@ -166,7 +166,7 @@ def write_positions(tracked: Tracked, path: Path) -> Path:
 
 
 def text(tracked: Tracked, out: Path) -> str:
-    """The result for people."""
+    """The result as text."""
     found = tracked.to_json()
     bridged = sum(found["bridged"])
     pairs = [

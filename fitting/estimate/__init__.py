@@ -1,1 +1,1 @@
-"""Estimators: windows of traces simulated with derivatives, and what finds the parameters that fit them."""
+"""Estimators: windows of traces simulated with derivatives, and the optimisation of the parameters that fit them."""

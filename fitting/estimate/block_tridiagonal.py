@@ -1,4 +1,4 @@
-"""Cholesky of block-tridiagonal matrices, as windows joined in a row give them."""
+"""Cholesky factorisation of block-tridiagonal matrices, as they result from windows joined in a row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What running all windows gives: angles, residuals, both ends, and their derivatives."""
+"""Results of running all windows: angles, residuals, both ends, and their derivatives."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from fitting.estimate.windows import Starts
 
-#: Times the median over windows with samples beyond which a window's derivative is taken for none. A joint that is
-#: just about to stick has none (measured: 1e20), and one such window would hold all parameters fast; chaos makes 400 at
-#: most.
+#: Ratio to the median over windows with samples above which a window's derivative counts as undefined. A joint that is
+#: just about to stick has no derivative (measured: 1e20), and one such window would block all parameters; chaos reaches
+#: 400 at most.
 WILD = 1e4
 
 
@@ -18,7 +18,7 @@ class Evaluation(NamedTuple):
     """All windows at one point; derivatives are by the chart coordinates z (m angles, m rates) and the parameters.
 
     Attributes:
-        theta: simulated angles less the camera's offset (K, S, n) [rad].
+        theta: simulated angles minus the camera's offset (K, S, n) [rad].
         residual: (simulated - measured)/sigma (K, S, n), 0 where there is no sample.
         jacobian: of `residual` (K, S, n, 2 m + k).
         start, end: angles and rates at both ends of each window (K, 2 n).
@@ -37,13 +37,13 @@ class Evaluation(NamedTuple):
 
     @property
     def starts(self) -> Starts:
-        """The starts as the simulator closed them."""
+        """The starts after closure by the simulator."""
         n = self.start.shape[1] // 2
         return Starts(self.start[:, :n], self.start[:, n:])
 
 
 def drop_wild(e: Evaluation) -> Evaluation:
-    """The evaluation with no derivative, and one failed step more, where a window's is beyond all measure."""
+    """The evaluation, with zero derivative and one more failed step for windows whose derivative is undefined."""
     size = np.abs(e.jacobian).max(axis=(1, 2, 3), initial=0.0)
     moving = size[size > 0]  # windows without samples have no derivative
     wild = ~(size <= WILD * max(float(np.median(moving)) if len(moving) else 0.0, 1e-300))

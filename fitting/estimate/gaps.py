@@ -1,9 +1,9 @@
-"""Gaps between windows that follow each other, and the normal equations of windows joined by them.
+"""Gaps between consecutive windows, and the normal equations of windows joined by them.
 
     1/2 sum |r_k|^2 + 1/2 sum |N' (end_k - start_{k+1})/(w c_k s)|^2,   s = 0.1 rad and 1 rad/s
 
-with c_k the root of window k's length over the mean length, so that a window that is split allows no more process
-noise, couples neighbours only: a block tridiagonal matrix in the starts, bordered by the parameters.
+with c_k the root of the ratio of window k's length to the mean length, so that splitting a window does not allow more
+process noise. Only neighbours are coupled: a block-tridiagonal matrix in the starts, bordered by the parameters.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Gaps(NamedTuple):
 
 
 def gaps(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> Gaps:
-    """Scaled gaps between windows that follow each other."""
+    """Scaled gaps between consecutive windows."""
     left = np.flatnonzero(windows.follows) - 1
     right = left + 1
     n, m2 = evaluation.start.shape[1] // 2, simulator.freedoms
@@ -64,7 +64,7 @@ class Joined(NamedTuple):
 
 
 def join(normal: Normal, g: Gaps, weight: float, offset: np.ndarray) -> Joined:
-    """The normal equations with gaps, each moved by its multiplier `offset` (g, m2), of this weight."""
+    """The normal equations with gaps of this weight, each shifted by its multiplier `offset` (g, m2)."""
     A, B, gz = normal.A.copy(), normal.B.copy(), normal.gz.copy()
     below = np.zeros((len(A) - 1, *A.shape[1:]))
     value, before, after, shared = ((x / weight) for x in (g.value + offset, g.before, g.after, g.shared))
@@ -90,6 +90,6 @@ def eliminate_joined(system: Joined, damping: float, prior: Prior, low: np.ndarr
     factor = Factor(A, system.below)
     solved = factor.solve(np.concatenate([normal.B, normal.gz[..., None]], axis=2))
     step, slope = reduce_step(normal, solved, damping, prior, low, high)
-    # at the exact minimum of the damped model: decrease = -(slope)/2, plus what the damping holds back
+    # at the exact minimum of the damped model: decrease = -(slope)/2, plus the part withheld by the damping
     held = damping * (float(np.sum(diagonal * step.dz**2)) + float(np.diag(step.information) @ step.dp**2))
     return step._replace(predicted=-0.5 * slope + 0.5 * held, log_determinant=factor.log_determinant)

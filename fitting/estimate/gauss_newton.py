@@ -1,4 +1,4 @@
-"""Joint Gauss-Newton over window starts z_k and shared parameters p, the starts eliminated by a Schur complement.
+"""Joint Gauss-Newton over window starts z_k and shared parameters p, with starts eliminated by a Schur complement.
 
     minimise  1/2 sum_k |W_k r_k(z_k, p)|^2 + prior
 
@@ -19,52 +19,52 @@ from fitting.estimate.normal_equations import Normal, Step, eliminate, normal_bl
 from fitting.estimate.problem import Problem, Residuals, Solution
 from fitting.estimate.windows import Starts
 
-#: Converged when the next step would move the parameters by less than this part of their standard errors (squared).
+#: Converged if the next step would move the parameters by less than this fraction of their standard errors (squared)
 STEP_TOLERANCE = 1e-4
 #: and would lower chi-square by less than this.
 DECREASE_TOLERANCE = 1e-2
-#: The same for the step that is left where it does not lower the cost: dry friction's switches make the cost rough
-#: (measured double pendulum: jumps of 1e-8 to 1e-4 of the cost, steps of 0.015 to 0.083 standard errors left; three
-#: links with dry joints: 0.12). As far off as the time step may move the estimate, 0.3 standard errors.
+#: The same for a remaining step that does not lower the cost: switching of dry friction makes the cost non-smooth.
+#: Measured double pendulum: jumps of 1e-8 to 1e-4 of the cost, remaining steps of 0.015 to 0.083 standard errors; three
+#: links with dry joints: 0.12. The limit is the permitted shift by the time step, 0.3 standard errors.
 ROUGH_TOLERANCE = 0.3**2
-#: Damping beyond which no step is worth trying.
+#: Maximum damping: larger values make steps too short to be useful.
 LARGEST_DAMPING = 1e8
 
 
 def nearly_there(moved: float, decrease: float, samples: int) -> bool:
-    """Whether a step that does not lower the cost says that the cost is rough, not that the step was too long.
+    """Whether a step that does not lower the cost indicates a non-smooth cost, not a step that is too long.
 
     Args:
-        moved: how far the step would go, in standard errors, squared.
-        decrease: of chi-square that it promises. Window starts that are far off promise more than the deviation of
-            chi-square itself, about the root of the samples, whatever the parameters do: they may be held.
+        moved: length of the step, in standard errors, squared.
+        decrease: predicted decrease of chi-square. Window starts that are far off predict more than the standard
+            deviation of chi-square itself, about the root of the samples, even if the parameters are fixed.
     """
     return moved < ROUGH_TOLERANCE and decrease < np.sqrt(samples)
 
 
 class Separate:
-    """Cost and steps of windows that do not know of each other."""
+    """Cost and steps of independent windows."""
 
-    #: Damping of the first step, and what is missed where it does not converge.
+    #: Damping of the first step, and the message if the descent does not converge.
     damping = 1e-3
     goal = "no convergence"
-    #: How near to its minimum a solution has converged: the parameters' next step in standard errors, squared, and what
-    #: it would take off chi-square.
+    #: Convergence limits at the minimum: the parameters' next step in standard errors, squared, and its decrease of
+    #: chi-square.
     close = STEP_TOLERANCE
 
     def little(self) -> float:
-        """What the last step may leave of chi-square: well below its own deviation."""
+        """Permitted remaining decrease of chi-square: well below its own standard deviation."""
         return DECREASE_TOLERANCE * float(np.sqrt(self.problem.samples))
 
     def __init__(self, problem: Residuals) -> None:
         self.problem = problem
 
     def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
-        """What is minimised; infinite where the motion is not finite."""
+        """The objective; infinite if the motion is not finite."""
         return self.problem.data_cost(evaluation) + self.problem.prior(values).cost
 
     def unit(self, evaluation: Evaluation, cost: float) -> float:
-        """Variance of the noise in units of the assumed one, as many times larger as samples repeat each other."""
+        """Variance of the noise in units of the assumed one, multiplied by the memory of the samples."""
         return 2 * cost / max(self.problem.samples, 1) * self.problem.memory
 
     def system(self, evaluation: Evaluation, values: np.ndarray) -> Normal | Joined:
@@ -74,7 +74,7 @@ class Separate:
     def solve(
         self, system: Normal | Joined, values: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
     ) -> Step | None:
-        """The damped step of parameters that may change by low to high (k,); None where the equations are singular."""
+        """The damped step with parameter changes between low and high (k,); None if the equations are singular."""
         try:
             return self.eliminate(system, damping, self.problem.prior(values), low, high)
         except LinAlgError:
@@ -83,11 +83,11 @@ class Separate:
     eliminate = staticmethod(eliminate)
 
     def record(self, cost: float, values: np.ndarray) -> dict[str, Any]:
-        """A line of the history."""
+        """A row of the history."""
         return {"cost": cost, "values": values.tolist(), "loss": 2 * cost / max(self.problem.samples, 1)}
 
     def remaining_gain(self, newton: Step, evaluation: Evaluation, cost: float) -> tuple[float, float]:
-        """What a full step would do: the move in standard errors, squared, and the decrease of chi-square."""
+        """Effect of a full step: the move in standard errors, squared, and the decrease of chi-square."""
         unit = max(self.unit(evaluation, cost), 1e-12)
         return float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
 
@@ -123,12 +123,12 @@ def fit_windows(
     """Fit all window starts and the parameters together.
 
     Args:
-        values: where the parameters start (k,).
-        starts: where the windows start.
-        iterations: most evaluations.
+        values: start of the parameters (k,).
+        starts: start of the windows.
+        iterations: maximum evaluations.
 
     Returns:
-        The best point found; `status` says whether it converged.
+        The best point found; `status` shows whether it converged.
     """
     values = np.asarray(values, float)
     begin = first_solution(problem, values, problem.evaluate(values, starts))
@@ -136,10 +136,10 @@ def fit_windows(
 
 
 def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations: int) -> tuple[Starts, Evaluation]:
-    """Fit the start of every window alone, the parameters (k,) held.
+    """Fit the start of every window alone, with fixed parameters (k,).
 
-    Levenberg and Marquardt's method with a damping of its own for each window, so that one on a wrong branch holds no
-    other up.
+    The Levenberg-Marquardt method with a separate damping for each window, so that one on a wrong branch does not slow
+    the others.
 
     Returns:
         The starts and their evaluation.
@@ -168,23 +168,23 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
     return starts, evaluation
 
 
-#: Most evaluations when a solution goes on with other noise.
+#: Maximum evaluations when a solution continues with other noise.
 CONTINUED = 12
 
 
 def continue_windows(point: Solution, iterations: int = CONTINUED, progress: Progress = silent) -> Solution:
-    """Go on from a solution of separate windows with its own problem, whose noise may have changed."""
+    """Continue from a solution of separate windows with its own problem, whose noise may have changed."""
     return descend(Separate(point.problem), point, iterations, progress=progress)
 
 
 def descend(
     objective: Separate, begin: Solution, iterations: int, *, count: int = 0, progress: Progress = silent
 ) -> Solution:
-    """Levenberg and Marquardt's method, or the problem's own descent, from a point that is evaluated already.
+    """The Levenberg-Marquardt method, or the problem's own descent, from a point that is already evaluated.
 
     Args:
-        begin: the point; its information is returned where the end has none.
-        count: evaluations made before, of `iterations`.
+        begin: the point; its information is returned if the end has none.
+        count: number of earlier evaluations, part of `iterations`.
     """
     problem = objective.problem
     gradient = problem.descent is not None and not problem.held_mask.all()
@@ -193,7 +193,7 @@ def descend(
 
 
 class Point(NamedTuple):
-    """Parameters (k,), what running the blocks gave there, the cost, and its normal equations where it is finite."""
+    """Parameters (k,), the evaluation there, the cost, and its normal equations if it is finite."""
 
     values: np.ndarray
     evaluation: Evaluation
@@ -202,28 +202,28 @@ class Point(NamedTuple):
 
 
 class Mover(Protocol):
-    """How a descent goes from a point to the next one.
+    """How a descent moves from a point to the next one.
 
     Attributes:
-        count: evaluations made.
-        why: reason for which it ended; empty where no step lowers the cost.
+        count: number of evaluations.
+        why: reason for the end; empty if no step lowers the cost.
     """
 
     count: int
     why: str
 
     def report(self, point: Point, progress: Progress) -> None:
-        """Tell where the descent is."""
+        """Report the progress of the descent."""
 
     def is_minimum(self, moved: float, decrease: float) -> bool:
-        """Whether so little is left (`Separate.remaining_gain`) that the point is the minimum."""
+        """Whether the remaining gain (`Separate.remaining_gain`) is small enough for the point to be the minimum."""
 
     def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
         """The next point, by the full step from this one, or None."""
 
 
 class DampedSteps:
-    """Levenberg and Marquardt's steps: every one lowers the cost."""
+    """Levenberg-Marquardt steps: every one lowers the cost."""
 
     def __init__(self, objective: Separate, iterations: int, count: int) -> None:
         self.objective, self.iterations, self.count = objective, iterations, count
@@ -253,7 +253,7 @@ class DampedSteps:
                 gain = (point.cost - cost) / max(step.predicted, 1e-300)
                 self.damping = max(self.damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
                 return Point(values, evaluation, cost, objective.system(evaluation, values))
-            if near:  # a smooth cost would have fallen
+            if near:  # a smooth cost would have decreased
                 break
             self.damping = max(10 * self.damping, 1e-3)
         if near or self.damping >= LARGEST_DAMPING:
@@ -263,7 +263,7 @@ class DampedSteps:
 
 
 def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progress = silent) -> Solution:
-    """The lowest point that a mover finds from one that is evaluated already; it has converged where it has arrived."""
+    """The lowest point that a mover finds from one that is already evaluated; converged if the mover has arrived."""
     problem, history, known = objective.problem, list(begin.history), begin
     best = Point(begin.values, begin.evaluation, objective.cost(begin.evaluation, begin.values), None)
     status, message, point = "not_converged", "the simulation of the start values is not finite", best
@@ -284,7 +284,7 @@ def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progr
         following = mover.move(point, newton, near)
         if following is None:
             status = "ok" if near and not mover.why else status
-            far = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
+            far = f"no step lowers the cost; the minimum of its model is {np.sqrt(moved):.2g} standard errors away"
             message = mover.why or far
             break
         point = following

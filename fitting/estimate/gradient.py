@@ -1,17 +1,17 @@
-"""Gradient descent that works: optax on the parameters, the window starts eliminated inside.
+"""Gradient descent with preconditioning: optax on the parameters, with the window starts eliminated inside.
 
 Variable projection (Golub and Pereyra 1973): L(p) = min over starts z of the loss, with gradient g = P' r at that
 minimum (the envelope theorem). Starts follow the parameters by one Gauss-Newton step each time, and g is corrected for
-what is left of theirs, so that a step needs one run of all windows. The loss is that of the default method: windows
-that are separate or joined by weighted gaps, priors, poses at rest.
+the remaining slope of the starts, so that a step needs one run of all windows. The loss is that of the default method:
+windows that are separate or joined by weighted gaps, priors, poses at rest.
 
-Parameters descend in coordinates x = L' p with S = L L', the information of the point where the coordinates were made:
-one unit is one standard error (in units of the assumed noise) in every direction. Damping coefficients that stand in
-for each other, whose plain gradients are all along one direction, are apart there. Coordinates are made again, and the
-optimizer starts from scratch, where the information has changed several times or a bound is met.
+Parameters descend in coordinates x = L' p with S = L L', the information at the point where the coordinates were made.
+One unit is one standard error (in units of the assumed noise) in every direction. This separates damping coefficients
+with similar effects, whose plain gradients are nearly parallel. Coordinates are made again, and the optimizer restarts
+from scratch, if the information has changed several times or a bound is met.
 
-Descent stops where g' S^-1 g < 0.05^2: no combination of parameters is farther than 0.05 standard errors from the
-minimum. Each component alone below 0.05 stops half a standard error away where b_l and b_q correlate by -0.99.
+Descent stops when g' S^-1 g < 0.05^2: no combination of parameters is farther than 0.05 standard errors from the
+minimum. Each component alone below 0.05 would stop half a standard error away if b_l and b_q correlate by -0.99.
 """
 
 from __future__ import annotations
@@ -35,51 +35,51 @@ from fitting.estimate.normal_equations import Normal, Step, bounded_step, choles
 from fitting.estimate.problem import Problem
 from fitting.estimate.windows import Starts, Windows
 
-#: Optimizers by name, without their learning rates. The gradients are exact, so that short memories do: on quadratic
-#: bowls whose information is up to 3 times off adam needs 13 steps from 5 standard errors to 0.05, with its usual
-#: memories (0.9, 0.999) 40.
+#: Optimizers by name, without their learning rates. The gradients are exact, so short memories suffice: on quadratic
+#: bowls whose information is wrong by up to a factor 3, adam needs 13 steps from 5 standard errors to 0.05, and 40 with
+#: its usual memories (0.9, 0.999).
 OPTIMIZERS: dict[str, optax.GradientTransformation] = {
     "lbfgs": optax.scale_by_lbfgs(memory_size=8, scale_init_precond=False),
     "adam": optax.scale_by_adam(b1=0.5, b2=0.9),
     "sgd": optax.identity(),
 }
-#: Learning rates where none is given: of L-BFGS the first trial of its line search, of adam the first step in parts of
-#: the distance that the information predicts, of plain gradient steps the part of that distance that each goes.
+#: Default learning rates: of L-BFGS the first trial of its line search, of adam the first step as a fraction of the
+#: distance predicted by the information, of plain gradient steps the fraction of that distance for each step.
 RATES = {"lbfgs": 1.0, "adam": 0.3, "sgd": 0.5}
 LOSSES, SETTINGS = ("angles", "spectrum"), ("optimizer", "learning_rate", "steps", "horizon", "loss")
-#: Distance to the minimum, in standard errors, at which descent has arrived.
+#: Distance to the minimum, in standard errors, at which descent has converged.
 ARRIVED = 0.05
-#: The same on the way through the gap weights, as a part of what Gauss-Newton steps may leave there: their last step
-#: leaves far less, and the evidence must be theirs to choose the same weight.
+#: The same on the way through the gap weights, as a fraction of the limit for Gauss-Newton steps. Their last step gets
+#: much closer, and the evidence must agree with theirs to choose the same weight.
 INTERMEDIATE = 0.25
 #: Steps of adam from one start of its cosine decay to the next (Loshchilov and Hutter 2017).
 CYCLE = 20
-#: Least distance along a coordinate, as a part of that along all of them.
+#: Minimum distance along a coordinate, as a fraction of that along all of them.
 LEAST_PART = 0.1
-#: Change of the information, in any direction, from which on coordinates are made again.
+#: Change of the information, in any direction, above which coordinates are made again.
 CHANGED = 4.0
-#: Growth of the loss, over the larger of its first value and 1 per sample, that is divergence.
+#: Growth of the loss, relative to the larger of its first value and 1 per sample, that counts as divergence.
 GROWN = 10.0
-#: Trials of a line search, the factor from one to the next, and the part of the predicted decrease that is enough.
+#: Trials of a line search, the factor between them, and the fraction of the predicted decrease that suffices.
 TRIALS, SHORTER, ENOUGH = 12, 0.4, 1e-4
-#: Least damping of the starts' steps.
+#: Minimum damping of the starts' steps.
 LEAST_DAMPING = 1e-9
 #: Step, in standard errors, below which a parameter stays on its bound.
 STAYS = 1e-6
-#: Share of chi-square by which amplitude spectra join the loss.
+#: Ratio of chi-square to the number of samples below which amplitude spectra join the loss.
 SPECTRUM_FLOOR = 1e-9
 
 
 @dataclass(frozen=True)
 class GradientDescent:
-    """Descent by optax: what `--method gradient` gives to every stage of a fit.
+    """Descent by optax: used by `--method gradient` in every stage of a fit.
 
     Attributes:
         optimizer: `lbfgs` (with a backtracking line search), `adam` (cosine decay with restarts), `sgd`, or a gradient
             transformation of optax with its own learning rate.
-        learning_rate: see `RATES`; None takes those.
-        steps: most steps of each stage: over separate windows, and at every gap weight.
-        horizon: parts of each window that count, one after another, before the whole windows do.
+        learning_rate: see `RATES`; None uses those.
+        steps: maximum steps of each stage: over separate windows, and at every gap weight.
+        horizon: fractions of each window that are fitted in turn before the whole windows.
         loss: `angles`, or `spectrum`, which starts with amplitude spectra, whose basin is wide, and ends with angles.
         note: called with the loss of every step.
     """
@@ -100,7 +100,7 @@ class GradientDescent:
         if rate is not None and not (np.isfinite(rate) and rate > 0):
             raise SceneError(f"learning_rate: {rate:g} is not positive; allowed: > 0, such as {self.usual_rate:g}")
         if rate is not None and not isinstance(self.optimizer, str):
-            raise SceneError("learning_rate: is part of a transformation of optax; allowed: with an optimizer's name")
+            raise SceneError("learning_rate: is part of a transformation of optax. Use it with an optimizer's name")
         if self.steps < 1:
             raise SceneError(f"steps: {self.steps} is not positive; allowed: at least 1")
         if not all(0 < part <= 1 for part in self.horizon):
@@ -108,7 +108,7 @@ class GradientDescent:
 
     @property
     def usual_rate(self) -> float:
-        """The learning rate where none is given."""
+        """The default learning rate."""
         return RATES.get(self.name, 1.0)
 
     @property
@@ -119,13 +119,13 @@ class GradientDescent:
     def first_stages(
         self, problem: Problem, values: np.ndarray, starts: Starts
     ) -> tuple[np.ndarray, Starts, list[dict[str, Any]]]:
-        """Parameters, starts and history after the descent over spectra and early parts of windows, where asked for."""
+        """Parameters, starts and history after the descent over spectra and early parts of windows, if requested."""
         parts = [part for part in self.horizon if part < 1.0]
         stages: list[Separate] = [Spectrum(problem)] if self.loss == "spectrum" else []
         stages += [Separate(replace(problem, windows=problem.windows.early(part))) for part in parts]
         values, history = np.asarray(values, float), []
         for objective in stages:
-            # the starts of a horizon, of spectra too, are those of its angles
+            # the starts at a horizon, also for spectra, are those fitted to its angles
             held = replace(objective.problem, frozen=np.ones(len(values), bool))
             begin = fit_windows(held, values, starts)
             found = minimise(objective, replace(begin, values=values, history=history), self.mover(objective))
@@ -133,15 +133,15 @@ class GradientDescent:
         return values, starts, history
 
     def mover(self, objective: Separate, count: int = 0) -> GradientSteps:
-        """Its steps on an objective, after so many evaluations."""
+        """Its steps on an objective, after this number of evaluations."""
         return GradientSteps(self, objective, count)
 
 
 def descent_of(settings: Mapping[str, Any], progress: Progress = silent) -> tuple[GradientDescent, Progress]:
-    """The descent with these settings, and a progress to which it adds the loss of every step.
+    """The descent with these settings, with a progress function that receives the loss of every step.
 
     Raises:
-        SceneError: a setting that does not exist, or out of its range.
+        SceneError: an unknown setting, or a value out of range.
     """
     last = [0.0]
 
@@ -159,13 +159,13 @@ class GradientSteps:
     """Steps of an optimizer down an objective (`gauss_newton.Mover`).
 
     Attributes:
-        taken: steps made.
+        taken: number of steps.
         damping: of the next step of the starts.
     """
 
     def __init__(self, descent: GradientDescent, objective: Separate, count: int = 0) -> None:
         self.descent, self.objective, self.count, self.taken = descent, objective, count, 0
-        self.why = f"{objective.goal} in {descent.steps} steps of {descent.name}; allow more"
+        self.why = f"{objective.goal} in {descent.steps} steps of {descent.name}. Use more steps"
         self.damping, self.first, self.x = objective.damping, np.inf, None
 
     def report(self, point: Point, progress: Progress) -> None:
@@ -191,7 +191,7 @@ class GradientSteps:
         if self.x is None or self.x.is_outdated(newton, free):
             self.x = Coordinates(self.descent, point.values, newton, free)
         found = self._next(point, newton)
-        if found is None and self.x.taken > 1:  # what it remembers of other steps misleads it
+        if found is None and self.x.taken > 1:  # its memory of earlier steps is misleading
             self.x = Coordinates(self.descent, point.values, newton, free)
             found = self._next(point, newton)
         if found is None:
@@ -204,7 +204,7 @@ class GradientSteps:
         return found
 
     def _next(self, point: Point, newton: Step) -> Point | None:
-        """The next point; None where a line search finds none."""
+        """The next point; None if a line search finds none."""
         objective, problem, nowhere = self.objective, self.objective.problem, 0 * point.values
         direction, (low, high) = self.x.step(point.values, newton.gradient), problem.bounds(point.values)
         span = np.where(direction > 0, high - point.values, low - point.values)
@@ -216,7 +216,7 @@ class GradientSteps:
             return None
         for trial in range(TRIALS if searched else 1):
             self.count += 1
-            # starts follow the parameters; the shorter the step, the more of their own move is held back too
+            # starts follow the parameters; a shorter step also withholds more of their own move
             damping = self.damping * 10.0**trial
             step = objective.solve(point.system, point.values, damping, nowhere, nowhere)
             if step is None:
@@ -233,17 +233,17 @@ class GradientSteps:
         return None
 
     def _divergence(self, last: float) -> str:
-        """What happened to the loss, and what to do."""
+        """The change of the loss, and advice."""
         descent, size = self.descent, f"grew from {self.first:.3g} to {last:.3g}"
         rate, usual = descent.learning_rate, descent.usual_rate
         rate = usual if rate is None else rate
         size = size if np.isfinite(last) else "is not finite"
-        advice = f"take {usual:g}" if rate > usual else "take a smaller one"
-        return f"the loss {size} after {self.taken} steps of {descent.name} with learning rate {rate:g}; {advice}"
+        advice = f"Use {usual:g}" if rate > usual else "Use a smaller one"
+        return f"the loss {size} after {self.taken} steps of {descent.name} with learning rate {rate:g}. {advice}"
 
 
 def _at_bound(values: np.ndarray, newton: Step, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Which parameters (k,) stay on a bound, as the quadratic model has it."""
+    """Which parameters (k,) stay on a bound, according to the quadratic model."""
     size = newton.dp * np.sqrt(np.diag(newton.information))
     return (values <= low) & (size < STAYS) | (values >= high) & (size > -STAYS)
 
@@ -253,9 +253,9 @@ class Coordinates:
 
     Attributes:
         taken: steps since the coordinates were made.
-        distance: to the minimum along each, as the information predicts it. Steps of adam, which are of one size
-            whatever the gradient is, start with parts of it: far off the common direction of b_l and b_q is hundreds
-            of units from the minimum and the other one a few.
+        distance: to the minimum along each, predicted by the information. Steps of adam, which have the same size for
+            any gradient, start with fractions of it: the common direction of b_l and b_q may be hundreds of units from
+            the minimum and the other one only a few.
     """
 
     def __init__(self, descent: GradientDescent, values: np.ndarray, newton: Step, free: np.ndarray) -> None:
@@ -269,18 +269,18 @@ class Coordinates:
         self.state = transform.init(jnp.asarray(self.root.T @ values[free]))
 
     def _slope(self, gradient: np.ndarray) -> np.ndarray:
-        """A gradient by the coordinates."""
+        """A gradient with respect to the coordinates."""
         return solve_triangular(self.root, gradient[self.free], lower=True)
 
     def is_outdated(self, newton: Step, free: np.ndarray) -> bool:
-        """Whether the information, or what is free, is no longer that of these coordinates, or a cycle is over."""
+        """Whether the information or the set of free parameters has changed, or a cycle has ended."""
         if not np.array_equal(free, self.free) or (self.descent.name == "adam" and self.taken == CYCLE):
             return True
         change = eigvalsh(newton.information[np.ix_(free, free)], self.root @ self.root.T)
         return bool(change[0] < 1 / CHANGED or change[-1] > CHANGED)
 
     def step(self, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """The optimizer's step of the parameters (k,); none of those that are not free."""
+        """The optimizer's step of the parameters (k,); zero for parameters that are not free."""
         rate, name = self.descent.learning_rate or RATES.get(self.descent.name), self.descent.name
         at = jnp.asarray(self._slope(gradient)), self.state, jnp.asarray(self.root.T @ values[self.free])
         if name == "optax":
@@ -302,9 +302,9 @@ def _update(name: str, gradient: jax.Array, state: Any, x: jax.Array) -> tuple[j
 
 
 class Spectrum(Separate):
-    """Half the squared distance of amplitude spectra; the starts are where the angles want them.
+    """Half the squared distance of amplitude spectra; the starts are those that the angles determine.
 
-    Per window and link, with x the angles less their mean: `1/2 sum_f (|X_f| - |Y_f|)^2/(S s^2)`, X the simulated and
+    Per window and link, with x the angles minus their mean: `1/2 sum_f (|X_f| - |Y_f|)^2/(S s^2)`, X the simulated and
     Y the measured discrete Fourier transform; blind to the phase, so its basin is wide.
     """
 
@@ -322,7 +322,7 @@ class Spectrum(Separate):
     def solve(
         self, system: Normal, values: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
     ) -> Step | None:
-        """The angles' step with the gradient of the spectra: starts move along, since no envelope theorem holds."""
+        """The angles' step with the gradient of the spectra; starts move too: no envelope theorem holds."""
         step = super().solve(system, values, damping, low, high)
         if step is None:
             return None
@@ -335,7 +335,7 @@ class Spectrum(Separate):
 def spectrum_terms(
     evaluation: Evaluation, windows: Windows, slope: np.ndarray | None = None
 ) -> tuple[float, np.ndarray | None]:
-    """The loss of the spectra and its gradient (k,) from the residuals' slopes (K, S, n, k), where they are given."""
+    """The loss of the spectra and its gradient (k,) from the residuals' slopes (K, S, n, k), if given."""
     known = windows.weight > 0
     count = np.maximum(known.sum(axis=1, keepdims=True), 1)
 

@@ -1,4 +1,4 @@
-"""What a residual costs, in units of its noise: least squares, or a robust loss that lets outliers pull less."""
+"""Loss of residuals in units of their noise: least squares, or a robust loss that reduces the weight of outliers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Loss(Protocol):
 
     @property
     def spread(self) -> float:
-        """Mean square of the slope over normal residuals of deviation 1: what makes a robust scale consistent."""
+        """Mean square of the slope over standard normal residuals: it makes a robust scale consistent."""
 
     def cost(self, residual: np.ndarray) -> float:
         """The sum over all residuals."""
@@ -68,9 +68,9 @@ class Huber:
 
 @dataclass(frozen=True)
 class StudentT:
-    """`nu/2 log(1 + r^2/nu)`, of Student's t with `nu` degrees of freedom: far outliers pull ever less (Lange 1989).
+    """`nu/2 log(1 + r^2/nu)`, of Student's t with `nu` degrees of freedom: outliers lose their weight (Lange 1989).
 
-    It has more than one minimum, so that a fit by it begins where Huber's ends.
+    It may have several minima, so that a fit with it starts at the end of one with Huber's loss.
     """
 
     freedom: float = 4.0
@@ -91,7 +91,7 @@ class StudentT:
         return (1 - share) / (1 + share) ** 2
 
 
-#: Threshold of Huber's loss from which one of Student's begins.
+#: Threshold of the Huber loss with which a fit with Student's loss starts.
 BEFORE_STUDENT = 3.0
 
 
@@ -101,5 +101,5 @@ def loss_of(huber: float | None, student: bool = False) -> Loss:
 
 
 def initial_loss(loss: Loss) -> Loss:
-    """The loss to begin with: one of a single minimum."""
+    """The initial loss: one with a single minimum."""
     return Huber(BEFORE_STUDENT) if isinstance(loss, StudentT) else loss

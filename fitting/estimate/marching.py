@@ -17,8 +17,8 @@ from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import Stepper
 from fitting.traces import planar
 
-#: Error of a step over the shortest link that schemes which hold their own allow: on the lab dropper angles are then
-#: within 5e-5 rad after 3 s, a hundredth of the noise.
+#: Permitted step error relative to the shortest link for schemes with error control: on the lab dropper angles are then
+#: within 5e-5 rad after 3 s, 1 % of the noise.
 ERROR = 1e-4
 
 
@@ -32,12 +32,11 @@ def march(
     steps: jax.Array | int,
     counted: jax.Array | int | None = None,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Angles and rates (room, n) after every step of dt, and how many (sub)steps of the first
-    `counted` (default: all) failed; of no use beyond `steps`.
+    """Angles and rates (room, n) after every step of dt, and the number of failed (sub)steps among the first
+    `counted` (default: all); undefined beyond `steps`.
 
-    Each step is taken in `substeps` parts. Both numbers are traced, so that one program serves every fineness and
-    windows of any length. Schemes that hold their own error are as much more exact, and dt is the interval of what is
-    seen of them.
+    Each step is divided into `substeps` parts. Both numbers are traced, so that one program serves every step size and
+    windows of any length. Schemes with error control become more exact accordingly; their output interval is dt.
     """
     counted = steps if counted is None else counted
     if isinstance(stepper.integrator, ProjectedRungeKutta):
@@ -56,7 +55,7 @@ def march(
         return carry, put(r, carry[0].r, i, 0), put(v, carry[0].v, i, 0)
 
     first = begin(stepper, model, s).state, jnp.zeros((), jnp.int32)
-    # what is not reached stays at the first pose: a link of no length would have no angle, nor a finite derivative
+    # steps that are not reached keep the first pose: a link of zero length would have no angle and no finite derivative
     shelf = lambda a: jnp.broadcast_to(a, (capacity, *a.shape))  # noqa: E731
     (_, bad), r, v = jax.lax.fori_loop(0, steps, full_interval, (first, shelf(first[0].r), shelf(first[0].v)))
     return *jax.vmap(partial(planar.from_nodes, model))(r, v), bad

@@ -1,19 +1,19 @@
-"""Noise of residuals: white, AR(1) or jitter of frames; residuals made white; correlation of neighbours.
+"""Noise of residuals: white, AR(1) or jitter of frames; whitening of residuals; correlation of neighbours.
 
-A channel that keeps `phi = exp(-decay dt)` of its noise from sample to sample (AR(1)), missing samples being longer dt:
+A channel with AR(1) noise keeps `phi = exp(-decay dt)` of it from sample to sample; missing samples give a longer dt:
 
     u_i = (r_i - phi_i r_{i-1})/sqrt(1 - phi_i^2)
 
-The first sample of a window stands for itself, u = r. Where the window follows another one its noise is that of the
-sample before, which belongs to another start: there `u = sqrt((1 - phi)/(1 + phi)) r`, as much as a sample tells of
-what changes slowly, so that windows in a row tell no more than the run that they were cut from.
+The first sample of a window is independent, u = r. If the window follows another one, its noise is correlated with the
+previous sample, which belongs to another start. There `u = sqrt((1 - phi)/(1 + phi)) r`, the information of a sample on
+slowly changing quantities. Windows in a row then carry no more information than the run that they were cut from.
 
-A frame that is taken late moves every link along its rate. With b the links' rates times the deviation of the delay,
-over their noise, the covariance of the frame is 1 + b b', and its inverse root
+A late frame moves every link along its rate. With b the links' rates times the standard deviation of the delay, over
+their noise, the covariance of the frame is 1 + b b', and its inverse root
 
     u = r - (1 - 1/sqrt(1 + b'b)) b (b'r)/(b'b)
 
-Both are linear: derivatives are made white in the same way.
+Both are linear: derivatives are whitened in the same way.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace, smooth
 
-#: Half width [s] of the smoother that tells rates from a trace.
+#: Half width [s] of the smoother that estimates rates from a trace.
 SMOOTH = 0.05
 
 
@@ -36,9 +36,9 @@ class Noise:
     """The noise of R runs of n links.
 
     Attributes:
-        factor: deviation over the one that the traces claim (R, n).
-        decay: rate at which it forgets itself (R, n) [1/s]; infinite where it is white.
-        delay: deviation of the frames' delays (R,) [s].
+        factor: ratio of the standard deviation to the one that the traces claim (R, n).
+        decay: decay rate of its autocorrelation (R, n) [1/s]; infinite for white noise.
+        delay: standard deviation of the frames' delays (R,) [s].
     """
 
     factor: np.ndarray
@@ -47,7 +47,7 @@ class Noise:
 
     @classmethod
     def as_claimed(cls, runs: int, links: int) -> Noise:
-        """What the traces claim."""
+        """The noise claimed by the traces."""
         return cls(np.ones((runs, links)), np.full((runs, links), np.inf), np.zeros(runs))
 
     @property
@@ -56,7 +56,7 @@ class Noise:
         return "correlated" if np.isfinite(self.decay).any() else "jitter" if self.delay.any() else "white"
 
     def apply_to(self, windows: Windows, traces: Sequence[Trace]) -> Windows:
-        """Windows of the claimed noise with this one."""
+        """Windows of the claimed noise with this noise."""
         run = windows.run
         weight = windows.weight / self.factor[run][:, None, :]
         decay = self.decay[run] if np.isfinite(self.decay).any() else None
@@ -64,14 +64,14 @@ class Noise:
         return replace(windows, weight=weight, decay=decay, jitter=jitter)
 
     def max_relative_difference(self, other: Noise) -> float:
-        """Largest relative difference of two noises' parts."""
+        """Maximum relative difference of two noises' parts."""
         share = lambda a, b: np.max(np.abs(np.log((a + 1e-9) / (b + 1e-9))), initial=0.0)  # noqa: E731
         memory = np.max(np.abs(lag_correlation(self.decay) - lag_correlation(other.decay)), initial=0.0)
         return float(max(share(self.factor, other.factor), memory, 0.5 * share(self.delay, other.delay)))
 
 
 def lag_correlation(decay: np.ndarray) -> np.ndarray:
-    """Share of its noise that a sample hands on to one a sixtieth of a second later."""
+    """Correlation of the noise of samples 1/60 s apart."""
     return np.exp(-decay / 60.0)
 
 
@@ -121,7 +121,7 @@ def log_volume(windows: Windows) -> float:
 
 
 def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every sample (K, S, n): which one of its channel comes before (-1: none), phi, and the size that is left."""
+    """For every sample (K, S, n): the previous sample of its channel (-1: none), phi, and the remaining size."""
     known = windows.weight > 0
     slots = np.arange(known.shape[1])[None, :, None]
     last = np.maximum.accumulate(np.where(known, slots, -1), axis=1)
@@ -139,14 +139,14 @@ def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _late(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
-    """b (K, S, n) of every sample that is there, and `(1 - 1/sqrt(1 + b'b))/(b'b)` of its frame (K, S, 1)."""
+    """b (K, S, n) of every existing sample, and `(1 - 1/sqrt(1 + b'b))/(b'b)` of its frame (K, S, 1)."""
     b = np.where(windows.weight > 0, windows.jitter, 0.0)
     square = np.sum(b**2, axis=2, keepdims=True)
     root = np.sqrt(1 + square)
     return b, 1 / (root * (1 + root))  # the same, without the division by b'b
 
 
-#: Largest correlation of neighbouring innovations of noise that is what it is taken for.
+#: Maximum correlation of neighbouring innovations of a noise model that is accepted.
 WHITE = 0.15
 
 
@@ -154,7 +154,7 @@ def lag_one(residual: np.ndarray, known: np.ndarray, follows: np.ndarray | None 
     """Correlation of neighbouring residuals (K, S, n), where both are known, and its standard error for white noise.
 
     Args:
-        follows: whether samples but the first belong to the series of those before them (K, S - 1, n); default: all.
+        follows: whether samples after the first belong to the previous samples' series (K, S - 1, n); default: all.
     """
     both = known[:, 1:] & known[:, :-1]
     both = both if follows is None else both & follows
@@ -164,16 +164,16 @@ def lag_one(residual: np.ndarray, known: np.ndarray, follows: np.ndarray | None 
 
 
 def innovations(values: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """What AR(1) noise adds from sample to sample: `(v_i - phi_i v_(i-1))/sqrt(1 - phi_i^2)`, the first sample whole.
+    """Innovations of AR(1) noise: `(v_i - phi_i v_(i-1))/sqrt(1 - phi_i^2)`, the first sample unchanged.
 
     Args:
         values: residuals or their derivatives (N, ...).
-        share: phi, the part of its noise that each sample hands on to the next (N - 1,).
+        share: phi, the correlation of neighbouring samples (N - 1,).
     """
     share = share.reshape(-1, *[1] * (values.ndim - 1))
     return np.concatenate([values[:1], (values[1:] - share * values[:-1]) / np.sqrt(1 - share**2)])
 
 
 def correlates(correlation: np.ndarray, error: np.ndarray, deviations: float = 5.0, floor: float = 0.1) -> bool:
-    """Whether a positive correlation of neighbours, or any of several, is beyond its standard errors and a floor."""
+    """Whether a positive correlation of neighbours, or any of several, exceeds its standard errors and a floor."""
     return bool(np.any(correlation > np.maximum(deviations * np.asarray(error), floor)))

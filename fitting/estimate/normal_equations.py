@@ -1,4 +1,4 @@
-"""Normal equations of all windows: their blocks, the starts eliminated, and a step of the parameters inside bounds.
+"""Normal equations of all windows: their blocks, elimination of the starts, and a step of the parameters within bounds.
 
     r_k ~ r_k + Z_k dz_k + P_k dp,      A_k = Z'Z,  B_k = Z'P,  C = sum_k P'P
     S dp = -g,   S = C - sum_k B_k' A_k^-1 B_k       (bounds on p: an exact box problem)
@@ -20,8 +20,8 @@ from fitting.estimate.evaluation import Evaluation
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.priors import Common
 
-#: Added to the diagonal of a scaled information matrix, the first that makes it positive definite: eliminating starts
-#: that a stuck joint leaves undetermined costs digits.
+#: Values added to the diagonal of a scaled information matrix; the first that makes it positive definite is used.
+#: Eliminating starts that a stuck joint leaves undetermined loses digits.
 FLOORS = (1e-12, 1e-9, 1e-6, 1e-3, 1.0)
 
 
@@ -44,7 +44,7 @@ class Prior(NamedTuple):
 
 
 def prior_of(parameters: Sequence[Parameter], values: np.ndarray, common: Sequence[Common] = ()) -> Prior:
-    """What the parameters' priors, and those of several of them, add at these values (k,)."""
+    """Contribution of the parameters' priors, single and joint ones, at these values (k,)."""
     rest = np.array(
         [0.0 if p.prior is None else (v - p.prior[0]) / p.prior[1] for p, v in zip(parameters, values, strict=True)]
     )
@@ -74,7 +74,7 @@ def normal_blocks(evaluation: Evaluation, weights: np.ndarray, m2: int) -> Norma
 class Step(NamedTuple):
     """A proposed step: dp (k,), dz (K, m2), the decrease of the cost it predicts, S, its gradient, dz/dp.
 
-    Of joined windows also the log determinant of the starts' matrix, which their evidence takes.
+    For joined windows also the log determinant of the starts' matrix, which their evidence uses.
     """
 
     dp: np.ndarray
@@ -87,7 +87,7 @@ class Step(NamedTuple):
 
 
 def cholesky_root(scaled: np.ndarray) -> np.ndarray:
-    """Lower Cholesky factor of a matrix with diagonal 1; parameters that cannot be told apart leave a rank short."""
+    """Lower Cholesky factor of a matrix with diagonal 1; unidentifiable parameters make it rank deficient."""
     for floor in FLOORS:
         try:
             return cholesky(scaled + floor * np.eye(len(scaled)), lower=True)
@@ -120,10 +120,10 @@ def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray,
 def reduce_step(
     normal: Normal, solved: np.ndarray, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray
 ) -> tuple[Step, float]:
-    """The step with the starts eliminated, its predicted decrease still to be found, and the cost's slope along it.
+    """The step with the starts eliminated, without its predicted decrease, and the cost's slope along it.
 
     Args:
-        solved: the starts' matrix inverse times B and gz (K, m2, k + 1).
+        solved: inverse of the starts' matrix times B and gz (K, m2, k + 1).
     """
     AB, Ag = solved[..., :-1], solved[..., -1]
     information = normal.C + prior.curvature - np.einsum("kij,kil->jl", normal.B, AB)

@@ -3,7 +3,8 @@
     log pi(z, p) = -cost(z, p)/unit,      (z, p) = (z, p)_optimum + L'^-1 y,      L L' = H/unit
 
 with H the Gauss-Newton matrix of the joined windows at the optimum, so that y is nearly standard normal. Unlike
-importance sampling it takes no motion for linear in its starts; it costs an evaluation of all windows a leap.
+importance sampling it does not assume that the motion is linear in its starts. Each leapfrog step costs an evaluation
+of all windows.
 """
 
 from __future__ import annotations
@@ -30,15 +31,15 @@ from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import degrees_of_freedom, uncertainty
 from fitting.traces.planar import chart, wrap
 
-#: Chains, and steps of each that find the length of a leap and are thrown away: y is nearly standard normal already.
+#: Chains, and warm-up transitions of each that find the step size and are discarded: y is already nearly normal.
 CHAINS, WARM_UP = 4, 60
-#: Share of leaps that should be accepted, and length of the first.
+#: Target acceptance rate, and first step size.
 ACCEPTED, FIRST_LEAP = 0.95, 0.1
-#: Windows side by side in one evaluation.
+#: Number of windows in one batched evaluation.
 TOGETHER = 8
-#: Ratio of the chains' spread together to that within each, beyond which they do not agree.
+#: Ratio of the joint spread of the chains to that within each above which they do not agree.
 AGREE = 1.01
-#: Effective draws below which quantiles are rough.
+#: Effective draws below which quantiles are unreliable.
 ENOUGH = 400
 
 
@@ -48,8 +49,8 @@ class Chains(Posterior):
 
     Attributes:
         rhat: R-hat of every parameter (k,).
-        fewest_draws: effective draws of the parameter that has fewest.
-        divergent: leaps whose energy went astray.
+        fewest_draws: minimum of the parameters' effective draws.
+        divergent: transitions with divergent energy.
     """
 
     rhat: np.ndarray | None = None
@@ -69,27 +70,27 @@ class Chains(Posterior):
     def warnings(self) -> list[str]:
         found = []
         if not np.max(self.rhat) <= AGREE:
-            found.append(f"posterior: R-hat is {np.max(self.rhat):.3g}, the chains do not agree (allowed: {AGREE})")
+            found.append(f"posterior: R-hat is {np.max(self.rhat):.3g}, the chains do not agree; allowed: {AGREE}")
         if self.divergent:
-            found.append(f"posterior: {self.divergent} leaps diverged; its tails may be missed")
+            found.append(f"posterior: {self.divergent} divergent transitions; its tails may be undersampled")
         if self.fewest_draws < ENOUGH:
-            found.append(f"posterior: {self.fewest_draws:.0f} effective draws; its quantiles are rough below {ENOUGH}")
+            found.append(f"posterior: {self.fewest_draws:.0f} effective draws; quantiles unreliable below {ENOUGH}")
         return found
 
 
 def nuts(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress = silent) -> Chains:
-    """Sample parameters and starts around a converged solution; `draws` of each of four chains are kept.
+    """Sample parameters and starts around a converged solution; returns `draws` of each of four chains.
 
     Raises:
-        SceneError: blackjax is not installed, nothing is free, or the noise or the starts are of a kind that
-            importance sampling takes and this does not.
+        SceneError: blackjax is not installed, nothing is free, or the noise or the starts are of a kind that only
+            importance sampling supports.
     """
     try:
         import blackjax
         from blackjax.adaptation.step_size import dual_averaging_adaptation
         from blackjax.diagnostics import effective_sample_size, potential_scale_reduction
     except ImportError:
-        raise SceneError("sampler: 'nuts' needs blackjax; pip install 'dropper-jax[posterior]'") from None
+        raise SceneError("sampler: 'nuts' needs blackjax. Use pip install 'dropper-jax[posterior]'") from None
     _check(solution)
     free = np.flatnonzero(~solution.problem.held_mask)
     target = Density(solution, free)
@@ -146,9 +147,9 @@ def _check(solution: Solution) -> None:
         raise SceneError("posterior: no parameter is free; allowed: at least one")
     noise = problem.noise
     if (noise is not None and noise.kind != "white") or problem.loss != LEAST_SQUARES:
-        raise SceneError("sampler: 'nuts' takes white noise and least squares; allowed: importance")
+        raise SceneError("sampler: 'nuts' needs white noise and least squares. Use importance")
     if problem.simulator.release is not None:
-        raise SceneError("sampler: 'nuts' takes runs with starts of their own; allowed: importance")
+        raise SceneError("sampler: 'nuts' needs runs with starts of their own. Use importance")
 
 
 def hessian(solution: Solution, free: np.ndarray) -> np.ndarray:
@@ -172,7 +173,7 @@ def hessian(solution: Solution, free: np.ndarray) -> np.ndarray:
 
 
 class Density:
-    """The log density of y, whose gradient comes with it from the windows' own derivatives.
+    """The log density of y, with its gradient from the windows' own derivatives.
 
     Attributes:
         to_moves: (d, d), y @ to_moves are the moves of starts and free parameters.
@@ -212,7 +213,7 @@ class Density:
         return density
 
     def value_and_gradient(self, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """log pi and its slope (d,); minus infinity where a step fails or a parameter is outside its bounds."""
+        """log pi and its slope (d,); minus infinity if a step fails or a parameter is outside its bounds."""
         count, m = self.basis.shape[0], self.basis.shape[2]
         x = y @ jnp.asarray(self.to_moves)
         z, dp = x[: 2 * m * count].reshape(count, 2 * m), x[2 * m * count :]
@@ -252,12 +253,12 @@ class Density:
 
 
 def level_weight(solution: Solution) -> float:
-    """The gap weight of a solution's level; 1 where windows are separate."""
+    """The gap weight of a solution's level; 1 if windows are separate."""
     return getattr(level_of(solution.problem, solution.gap_weight), "weight", 1.0)
 
 
 def _prior(at: Any, moved: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Cost and gradient (k,) of normal priors away from where they were taken."""
+    """Cost and gradient (k,) of normal priors, relative to the point of expansion."""
     gradient = jnp.asarray(at.gradient) + jnp.asarray(at.curvature) @ moved
     return at.cost + jnp.asarray(at.gradient) @ moved + 0.5 * moved @ jnp.asarray(at.curvature) @ moved, gradient
 

@@ -1,24 +1,24 @@
-"""Importance weights with the tail smoothed, and the shape that tells whether they can be trusted.
+"""Importance weights with a smoothed tail, and the tail's shape, which shows whether they are reliable.
 
 The largest weights are replaced by quantiles of a generalised Pareto law fitted to them (Vehtari, Simpson, Gelman, Yao
-and Gabry 2024, "Pareto smoothed importance sampling"); its shape is fitted as Zhang and Stephens (2009) do. A shape
-above 0.7 says that the proposal misses where the weight is.
+and Gabry 2024, "Pareto smoothed importance sampling"); its shape is fitted as in Zhang and Stephens (2009). A shape
+above 0.7 means that the proposal misses regions of high weight.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-#: Shape beyond which averages with these weights are not to be trusted.
+#: Shape above which averages with these weights are unreliable.
 TRUSTED = 0.7
-#: Shape that a short tail is drawn to, and as how many weights that counts.
+#: Shape towards which a short tail is regularised, and the number of weights that it counts as.
 SHORT_TAIL, COUNTS = 0.5, 10
 
 
 def smooth_weights(log_ratio: np.ndarray) -> tuple[np.ndarray, float]:
     """Weights (N,) that add to 1, and the shape of their tail, from log density over log proposal (N,).
 
-    What is not finite has no weight. Fewer than five weights in the tail tell no shape: infinite.
+    Non-finite entries have no weight. With fewer than five weights in the tail, the shape is infinite.
     """
     finite = np.isfinite(log_ratio)
     weight = np.zeros(len(log_ratio))
@@ -33,7 +33,7 @@ def smooth_weights(log_ratio: np.ndarray) -> tuple[np.ndarray, float]:
         largest, cut = order[-tail:], weight[order[-tail - 1]]
         excess = weight[largest] - cut
         shape = 0.0
-        if excess[-1] > 1e-12 and excess[max(int(tail / 4 + 0.5) - 1, 0)] > 0:  # else all weights are alike
+        if excess[-1] > 1e-12 and excess[max(int(tail / 4 + 0.5) - 1, 0)] > 0:  # otherwise all weights are equal
             shape, scale = pareto(excess)
             plotting_position = (np.arange(1, tail + 1) - 0.5) / tail
             weight[largest] = np.minimum(cut + quantile(plotting_position, shape, scale), 1.0)

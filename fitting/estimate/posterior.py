@@ -1,9 +1,9 @@
 """The posterior of the parameters by importance sampling from an optimum, the window starts integrated at each draw.
 
-    log pi(p) = -cost(p, z*(p))/unit - 1/2 log det H_zz(p),      z*(p) the best starts with the parameters held at p
+    log pi(p) = -cost(p, z*(p))/unit - 1/2 log det H_zz(p),      z*(p) the best starts with the parameters fixed at p
 
-Draws come from Student's t with 5 degrees of freedom around the optimum, of the covariance that the fit reports. The
-starts' integral is Laplace's (Tierney and Kadane 1986), which is exact where the motion is linear in them.
+Draws come from Student's t with 5 degrees of freedom around the optimum, with the covariance that the fit reports. The
+integral over the starts is Laplace's (Tierney and Kadane 1986), which is exact if the motion is linear in them.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from fitting.estimate.uncertainty import degrees_of_freedom, uncertainty
 
 #: Degrees of freedom of the proposal, whose tails must not be shorter than the posterior's.
 DEGREES = 5
-#: Evaluations at a draw, and what of log pi may be left to gain by the starts.
+#: Evaluations at a draw, and permitted remaining gain of log pi by the starts.
 EVALUATIONS, LEFT = 5, 0.05
-#: Effective draws below which quantiles are rough.
+#: Effective draws below which quantiles are unreliable.
 FEW = 50
 
 
@@ -37,7 +37,7 @@ class Posterior:
         names: of the parameters (k,).
         draws: (N, k).
         weight: (N,), adds to 1.
-        shape: of the weights' tail (Pareto k); to be trusted below 0.7.
+        shape: of the weights' tail (Pareto k); reliable below 0.7.
         unsolved: draws whose starts were not found, which have no weight.
     """
 
@@ -49,7 +49,7 @@ class Posterior:
 
     @property
     def effective(self) -> float:
-        """Draws of equal weight that would tell as much."""
+        """Equivalent number of draws of equal weight."""
         return float(1 / max(np.sum(self.weight**2), 1e-300))
 
     @property
@@ -63,7 +63,7 @@ class Posterior:
         return np.sqrt(np.maximum(self.weight @ (self.draws - self.mean) ** 2, 0.0))
 
     def quantile(self, p: float) -> np.ndarray:
-        """(k,), between draws linear in the weight below them."""
+        """(k,), linear in the cumulative weight between draws."""
         found = []
         for column in self.draws.T:
             order = np.argsort(column)
@@ -72,7 +72,7 @@ class Posterior:
         return np.array(found)
 
     def to_json(self) -> dict[str, Any]:
-        """Mean, deviation and quantiles by name; how far they can be trusted."""
+        """Mean, standard deviation and quantiles by name; their reliability."""
         found = {"pareto_k": self.shape, "effective_draws": self.effective, "draws": len(self.draws)}
         columns = (self.mean, self.std, *(self.quantile(p) for p in (0.05, 0.5, 0.95)))
         keys = ("mean", "std", "low", "median", "high")
@@ -81,15 +81,15 @@ class Posterior:
 
     @property
     def warnings(self) -> list[str]:
-        """Why not to trust it, a line each."""
+        """Reasons not to trust it, one line each."""
         found = []
         if not self.shape < TRUSTED:
             found.append(
                 f"posterior: Pareto k is {self.shape:.2g}, its quantiles are not to be trusted above {TRUSTED:g}: the "
-                "posterior is far from normal, or the parameters cannot be told apart"
+                "posterior is far from normal, or the parameters are not identifiable"
             )
         elif self.effective < FEW:
-            found.append(f"posterior: {self.effective:.0f} effective draws; its quantiles are rough below {FEW}")
+            found.append(f"posterior: {self.effective:.0f} effective draws; quantiles unreliable below {FEW}")
         if self.unsolved > 0.05 * len(self.draws):
             found.append(f"posterior: the starts of {self.unsolved} of {len(self.draws)} draws were not found")
         return found
@@ -99,7 +99,7 @@ def importance(solution: Solution, draws: int = 200, seed: int = 0, progress: Pr
     """Sample the posterior of a converged solution's free parameters.
 
     Args:
-        draws: N, each of one to three evaluations of all windows.
+        draws: N, each with one to three evaluations of all windows.
 
     Raises:
         SceneError: nothing is free, or too few draws.
@@ -111,7 +111,7 @@ def importance(solution: Solution, draws: int = 200, seed: int = 0, progress: Pr
     if not len(free):
         raise SceneError("posterior: no parameter is free; allowed: at least one")
     if draws < 2 * FEW:
-        raise SceneError(f"posterior: {draws} draws tell no quantiles; allowed: at least {2 * FEW}")
+        raise SceneError(f"posterior: {draws} draws are too few for quantiles; allowed: at least {2 * FEW}")
     u = uncertainty(solution)
     unit = solution.chi2 / degrees_of_freedom(solution) * max(u.inflation, 1.0) ** 2
     proposal = multivariate_t(
@@ -146,7 +146,7 @@ class Along:
         self.nowhere = np.zeros(len(solution.values))
 
     def __call__(self, values: np.ndarray, unit: float) -> float | None:
-        """log pi (k,) less a constant; None where the starts are not found."""
+        """log pi (k,) minus a constant; None if the starts are not found."""
         point, level = self.solution, self.level
         along = point.eliminated @ (values - point.values)
         starts = point.problem.move_starts(point.starts, point.values, along)
@@ -163,7 +163,7 @@ class Along:
             if step.predicted < LEFT * unit:
                 break
             starts = level.problem.move_starts(evaluation.starts, values, step.dz)
-        # what a last step would gain is counted as gained
+        # the predicted gain of a last step is included
         return None if best[1] > unit else -best[0] / unit - 0.5 * best[2]
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""What an estimator minimises, and where it ended."""
+"""The problem that an estimator minimises, and its solution."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ def wrap_angle(angle: np.ndarray) -> np.ndarray:
 
 
 class Descent(Protocol):
-    """How parameters move to a minimum, where not by Gauss-Newton steps (`gradient.GradientDescent`)."""
+    """How parameters move to a minimum, if not by Gauss-Newton steps (`gradient.GradientDescent`)."""
 
     def mover(self, objective: Any, count: int = 0) -> Any:
-        """What goes from point to point (`gauss_newton.Mover`) on an objective, after so many evaluations."""
+        """The mover between points (`gauss_newton.Mover`) on an objective, after this number of evaluations."""
 
 
 class Timing(NamedTuple):
-    """When samples were taken: times [s], runs and whether there is one (K, S); starts of the runs (R,) [s], time that
-    the residuals cover in all [s], number of blocks."""
+    """Sampling: times [s], runs and existing samples (K, S); starts of the runs (R,) [s], total time covered by
+    residuals [s], number of blocks."""
 
     t: np.ndarray
     run: np.ndarray
@@ -60,14 +60,14 @@ class Residuals(ABC):
 
     Attributes:
         parameters: bounds and priors (k,).
-        frozen: parameters that are held where they start (k,) bool; None holds none. They may lie on their bounds.
-        memory: samples that tell as much as one whose error has nothing to do with its neighbours'; a fit is converged
-            when what is left to go is little against errors that are as much larger.
-        known: what is known of several parameters together, or of none that is free.
+        frozen: parameters that keep their start values (k,) bool; None: none. They may lie on their bounds.
+        memory: number of samples that carry as much information as one with independent error. A fit has converged if
+            the remaining step is small compared with the correspondingly larger errors.
+        known: joint prior knowledge of several parameters, or of none that is free.
         descent: how the parameters move; None for Gauss-Newton steps.
     """
 
-    #: Minimum variance of residuals in units of the noise that errors are computed with.
+    #: Minimum variance of residuals, in units of the noise, for the computation of errors.
     least_variance: ClassVar[float] = 0.0
 
     parameters: tuple[Parameter, ...]
@@ -80,7 +80,7 @@ class Residuals(ABC):
     @property
     @abstractmethod
     def freedoms(self) -> int:
-        """Numbers m2 of a block's own unknowns."""
+        """Number m2 of a block's own unknowns."""
 
     @property
     @abstractmethod
@@ -90,7 +90,7 @@ class Residuals(ABC):
     @property
     @abstractmethod
     def sample_mask(self) -> np.ndarray:
-        """Where there is a residual (K, S, n) bool."""
+        """Which residuals exist (K, S, n) bool."""
 
     @property
     @abstractmethod
@@ -100,7 +100,7 @@ class Residuals(ABC):
     @property
     @abstractmethod
     def finest(self) -> bool:
-        """Whether the time step is finer than a fit may take."""
+        """Whether the time step is finer than a fit may use."""
 
     @abstractmethod
     def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:
@@ -112,18 +112,18 @@ class Residuals(ABC):
 
     @abstractmethod
     def finer(self) -> Residuals:
-        """The same with half the time step."""
+        """The problem with half the time step."""
 
     @abstractmethod
     def timing(self) -> Timing:
-        """When the samples were taken."""
+        """Times of the samples."""
 
     @abstractmethod
     def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
-        """Correlation of neighbouring weighted residuals, of all or by channel; whether it is real."""
+        """Correlation of neighbouring weighted residuals, of all or by channel; whether it is significant."""
 
     def failure(self, evaluation: Evaluation) -> str:
-        """Why an evaluation has no finite residuals, where that is known."""
+        """Why an evaluation has no finite residuals, if known."""
         return ""
 
     @property
@@ -133,16 +133,16 @@ class Residuals(ABC):
 
     @property
     def held_mask(self) -> np.ndarray:
-        """Which parameters are held (k,) bool."""
+        """Which parameters are fixed (k,) bool."""
         return np.zeros(len(self.parameters), bool) if self.frozen is None else self.frozen
 
     def bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest values (k,), both those of `values` where a parameter is held."""
+        """Minimum and maximum values (k,), both those of `values` for fixed parameters."""
         low, high = np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
         return np.where(self.held_mask, values, low), np.where(self.held_mask, values, high)
 
     def step_bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how much one step may change the parameters (k,), both ways."""
+        """Maximum change of the parameters in one step (k,), in both directions."""
         low, high = self.bounds(values)
         return low - values, high - values
 
@@ -151,11 +151,11 @@ class Residuals(ABC):
         return np.clip(values + dp, *self.bounds(values))
 
     def prior(self, values: np.ndarray) -> Prior:
-        """What the priors add."""
+        """Contribution of the priors."""
         return prior_of(self.parameters, values, self.known.common)
 
     def data_cost(self, evaluation: Evaluation) -> float:
-        """The loss of the residuals; infinite where the motion is not finite."""
+        """The loss of the residuals; infinite if the motion is not finite."""
         if not np.isfinite(evaluation.residual).all():
             return np.inf
         return self.loss.cost(evaluation.residual)
@@ -169,19 +169,19 @@ class Residuals(ABC):
         return normal_blocks(evaluation, self.weights(evaluation), self.freedoms)
 
 
-#: Largest angle [rad] and rate [rad/s] by which one step may move a start.
+#: Maximum angle [rad] and rate [rad/s] by which one step may move a start.
 LARGEST_MOVE = (0.5, 10.0)
-#: Most substeps of a step.
+#: Maximum number of substeps of a step.
 MOST_SUBSTEPS = 16
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Problem(Residuals):
-    """Windows to follow, by which parameters.
+    """Fit of windows by parameters.
 
     Attributes:
-        rest: what poses at rest tell (`rest.Rest`).
-        noise: what the windows' weights are made of, where it was estimated (`noise.Noise`).
+        rest: information from poses at rest (`rest.Rest`).
+        noise: origin of the windows' weights, if it was estimated (`noise.Noise`).
     """
 
     simulator: Simulator
@@ -196,17 +196,17 @@ class Problem(Residuals):
 
     @property
     def samples(self) -> int:
-        """Measured angles in all."""
+        """Total number of measured angles."""
         return self.windows.samples
 
     @property
     def sample_mask(self) -> np.ndarray:
-        """Where there is a measured angle (K, S, n) bool."""
+        """Which angles were measured (K, S, n) bool."""
         return self.windows.weight > 0
 
     @property
     def order(self) -> int:
-        """Of the windows' scheme."""
+        """Order of the windows' scheme."""
         return self.simulator.stepper.integrator.order
 
     @property
@@ -216,16 +216,16 @@ class Problem(Residuals):
 
     @property
     def explains_residuals(self) -> bool:
-        """Whether the noise that the traces show, or one of another kind, explains the residuals.
+        """Whether the noise of the traces, or noise of another kind, explains the residuals.
 
-        Smaller residuals are explained: noise read from differences is an upper limit where links are fast.
+        Smaller residuals count as explained: noise estimated from differences is an upper limit for fast links.
         """
         if self.noise is None or self.noise.kind != "white":
             return True
         return float(np.mean(self.noise.factor**2)) < CHI2_RANGE[1]
 
     def move_starts(self, starts: Starts, values: np.ndarray, dz: np.ndarray) -> Starts:
-        """Starts after a step in the chart, each window's kept within `LARGEST_MOVE`; not yet closed."""
+        """Starts after a step in the chart, each window's move limited to `LARGEST_MOVE`; not yet closed."""
         bases = chart(self.simulator.model_at(values), starts.theta)
         m = bases.shape[2]
         most = np.maximum(np.abs(dz[:, :m]).max(1) / LARGEST_MOVE[0], np.abs(dz[:, m:]).max(1) / LARGEST_MOVE[1])
@@ -234,7 +234,7 @@ class Problem(Residuals):
         return Starts(starts.theta + shift(dz[:, :m]), starts.omega + shift(dz[:, m:]))
 
     def timing(self) -> Timing:
-        """When the samples of the windows were taken."""
+        """Times of the windows' samples."""
         windows = self.windows
         begin = np.full(int(windows.run.max()) + 1, np.inf)
         np.minimum.at(begin, windows.run, windows.begin)
@@ -252,35 +252,35 @@ class Problem(Residuals):
         return whitened(self.windows, self.simulator(values, starts, self.windows))
 
     def prior(self, values: np.ndarray) -> Prior:
-        """What the priors and the poses at rest add."""
+        """Contribution of the priors and the poses at rest."""
         found = super().prior(values)
         if self.rest is None:
             return found
         return Prior(*(a + b for a, b in zip(found, self.rest.prior(self.simulator, values), strict=True)))
 
     def finer(self) -> Problem:
-        """The same with half the time step."""
+        """The problem with half the time step."""
         return replace(self, windows=replace(self.windows, substeps=2 * self.windows.substeps))
 
 
 @dataclass
 class Solution:
-    """Where an estimator ended.
+    """End of an estimator.
 
     Attributes:
-        problem: what it minimised, with the windows (their noise, their substeps) it used last.
+        problem: its problem, with the windows (their noise, their substeps) used last.
         values: parameters (k,).
         starts: window starts.
         evaluation: at this point.
         weights: robust weights (K, S, n), 1 for least squares.
         cost: 1/2 chi-square, with prior and gaps.
-        information: S (k, k), the inverse of the covariance for noise of deviation sigma.
+        information: S (k, k), the inverse of the covariance for noise of standard deviation sigma.
         eliminated: dz/dp along the optimum of the starts (K, m2, k).
-        status: `ok` or `not_converged`; with `message`, which an `ok` fit has where its cost is rough.
-        iterations: evaluations made.
-        history: one line per iteration: cost, values.
-        gap_weight: deviation allowed between windows, in units of their scale; None where they are free.
-        step_bias: what the time step moves the parameters (k,) by, in standard errors, to first order.
+        status: `ok` or `not_converged`; with `message`, which an `ok` fit has if its cost is non-smooth.
+        iterations: number of evaluations.
+        history: one row per iteration: cost, values.
+        gap_weight: standard deviation allowed between windows, in units of their scale; None if they are free.
+        step_bias: shift of the parameters (k,) by the time step, in standard errors, to first order.
     """
 
     problem: Problem
@@ -311,7 +311,7 @@ class Solution:
 
     @property
     def errors(self) -> np.ndarray:
-        """Simulated less measured angles (K, S, n) [rad], 0 where there is no sample."""
+        """Simulated minus measured angles (K, S, n) [rad], 0 where there is no sample."""
         return np.where(self.windows.weight > 0, wrap_angle(self.evaluation.theta - self.windows.theta), 0.0)
 
     @property

@@ -1,4 +1,4 @@
-"""Profile likelihood: how the best cost grows as one parameter is held away from its optimum."""
+"""Profile likelihood: growth of the best cost when one parameter is fixed away from its optimum."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import degrees_of_freedom
 
-#: Most evaluations at each value.
+#: Maximum evaluations at each value.
 EVALUATIONS = 15
 
 
@@ -22,7 +22,7 @@ class Profile:
     """Half the growth of chi-square, in units of the noise, at values (g,) of one parameter; ends of its interval.
 
     Attributes:
-        converged: whether everything else was at its optimum at every value.
+        converged: whether all other parameters were at their optimum at every value.
     """
 
     name: str
@@ -42,14 +42,14 @@ def profile(
     reach: float = 3.0,
     points: int = 3,
 ) -> Profile:
-    """Refit everything else with one parameter held at `points` values on either side, up to `reach` standard errors.
+    """Refit all other parameters with one fixed at `points` values on either side, up to `reach` standard errors.
 
     The interval is where twice the growth stays below the `level` quantile of chi-square with one degree of freedom
-    (Wilks 1938), read from a quadratic through the points next to it. Where the standard error is larger than the
-    noise makes it (correlated residuals, a model that is wrong somewhere), growth counts as much less (Kent 1982).
+    (Wilks 1938), read from a quadratic through the nearest points. If the standard error exceeds that from the noise
+    (correlated residuals, a partly wrong model), the growth is scaled down accordingly (Kent 1982).
 
     Args:
-        std_error: of the parameter, as `uncertainty` tells it.
+        std_error: of the parameter, from `uncertainty`.
     """
     index = [p.name for p in solution.problem.parameters].index(name)
     p = solution.problem.parameters[index]
@@ -91,7 +91,7 @@ def _unit(solution: Solution, index: int, std_error: float) -> float:
 
 
 def _crossing(at: np.ndarray, growth: np.ndarray, best: float, limit: float, side: int) -> float:
-    """Where the root of the growth, which is nearly straight, passes the limit; the last point if it does not."""
+    """Where the root of the growth, which is nearly linear, crosses the limit; the last point if it does not."""
     one = side * (at - best) >= 0
     distance, root = np.abs(at[one] - best), np.sqrt(np.maximum(growth[one], 0.0))
     order = np.argsort(distance)

@@ -1,12 +1,12 @@
-"""Is the step fine enough for errors this small? What halving it does to an estimate, and going on with finer steps.
+"""Check of the step size against the errors of a fit: effect of halving it on an estimate, and continuation if needed.
 
-A scheme of order q leaves an error e h^q in the simulated angles, which moves the estimate. One Gauss-Newton step from
-the optimum with all residuals (and gaps) of half the step gives that move d to first order, so that the bias is
+A scheme of order q leaves an error e h^q in the simulated angles, which shifts the estimate. One Gauss-Newton step from
+the optimum with all residuals (and gaps) of half the step gives this shift d to first order, so that the bias is
 
     b(h) ~ -d / (1 - 2^-q),       b(h/2) ~ b(h) / 2^q
 
-Where b is no small part of a standard error the fit goes on with half the step; joined windows of long traces, whose
-errors are a tenth of a per cent, need it. Steps are halved inside the compiled program: nothing is compiled again.
+If b is not small compared with the standard error, the fit continues with half the step. Joined windows of long traces,
+with errors of 0.1 %, need it. Steps are halved inside the compiled program: nothing is compiled again.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from fitting.estimate.uncertainty import uncertainty
 
 #: Bias of the step that is accepted, in standard errors.
 LARGEST_BIAS = 0.3
-#: Bias below which what the coarser step told of half of it need not be looked at again.
+#: Bias below which the prediction from the coarser step for half of it is accepted without a check.
 SURELY = 0.15
 
 
@@ -39,14 +39,14 @@ def refine(
     again: Callable[[Solution], Solution] = fit_again,
     sure: float = SURELY,
 ) -> Solution:
-    """Go on from a converged solution with finer steps until their bias is below `LARGEST_BIAS` standard errors.
+    """Continue from a converged solution with finer steps until their bias is below `LARGEST_BIAS` standard errors.
 
     Args:
-        again: continues from a solution of finer steps.
-        sure: bias below which what the coarser step told of half of it is taken for it.
+        again: continues from a solution with finer steps.
+        sure: bias below which the prediction from the coarser step is accepted for half of it.
 
     Returns:
-        The solution, its `step_bias` set, its problem with the steps it used.
+        The solution with its `step_bias`, and its problem with the steps used.
     """
     reached: np.ndarray | None = None
     while True:
@@ -57,7 +57,7 @@ def refine(
         worst = float(np.max(np.abs(solution.step_bias), initial=0.0))
         if not worst > LARGEST_BIAS or ahead.problem.finest:
             return solution
-        progress(0.0, f"the step's bias is {worst:.2g} standard errors: half of it")
+        progress(0.0, f"the step's bias is {worst:.2g} standard errors: halving the step")
         on = again(ahead)
         if on.status != "ok":
             return solution
@@ -67,7 +67,7 @@ def refine(
 
 
 def finer_step(solution: Solution) -> Solution | None:
-    """The solution on windows of half the step, where the step's bias is too large; else None."""
+    """The solution on windows of half the step if the step's bias is too large; otherwise None."""
     bias, ahead = step_bias(solution)
     if ahead.problem.finest or not np.max(np.abs(bias), initial=0.0) > LARGEST_BIAS:
         return None
@@ -80,7 +80,7 @@ def step_bias(solution: Solution) -> tuple[np.ndarray, Solution]:
     ahead = replace(solution, problem=finer, evaluation=finer.evaluate(solution.values, solution.starts))
     errors = uncertainty(solution).std_error
     left = 1 - 0.5**finer.order
-    # what its own step still leaves is no bias: a gradient descent stops a twentieth of a standard error away
+    # the remaining step of the solution itself is not bias: a gradient descent stops 0.05 standard errors away
     return (_newton_step(solution) - _newton_step(ahead)) / left / np.where(errors > 0, errors, np.inf), ahead
 
 

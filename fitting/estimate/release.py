@@ -1,7 +1,7 @@
-"""How a run begins where the model says so: at rest in the static pose, let go at an instant that may be unknown.
+"""Start of a run from the model: at rest in the static pose, released at an instant that may be unknown.
 
 A released window has no start of its own. Its pose theta_s solves the static equations under the force that holds the
-line, so that it depends on the parameters p (masses, lengths, ends, the force itself) and brings their derivative:
+line. It therefore depends on the parameters p (masses, lengths, ends, the force itself), with a derivative:
 
     theta(t) = theta_s(p) for t <= tau,     theta_s from the implicit function theorem, see `statics.static_pose.settle`
 
@@ -32,17 +32,17 @@ from fitting.traces.trace import Trace
 
 TIME, FORCE = "release.time", "release.force"
 NAMES = (TIME, FORCE)
-#: Part of a window by which the release may lie before or after its beginning.
+#: Maximum distance of the release from the start of its window, as a fraction of the window.
 REACH = 0.5
-#: Release times tried for a first guess.
+#: Number of release times tried for a first guess.
 TRIED = 21
-#: Least stretch of a step [-]: only steps that a fit will not accept go below it.
+#: Minimum stretch of a step [-]: only steps that a fit will not accept go below it.
 LEAST_STRETCH = 0.1
 AXES = ("x", "y", "z")
 
 
 class ReleaseState(NamedTuple):
-    """What a window needs to know of its beginning: its time [s] and run, and how theta_s moves with p (n, k)."""
+    """Start of a window: its time [s] and run, and the derivative of theta_s with respect to p (n, k)."""
 
     released: jax.Array
     begin: jax.Array
@@ -52,13 +52,13 @@ class ReleaseState(NamedTuple):
 
 @dataclass(frozen=True)
 class Release:
-    """The beginning of every run.
+    """The start of every run.
 
     Attributes:
-        runs: how many.
-        nodes: nodes let go, counted from 1.
-        force: what holds them [N] (nodes, 3).
-        given: the scene's own start, where it is no static pose but one of known angles.
+        runs: number of runs.
+        nodes: released nodes, counted from 1.
+        force: holding force [N] (nodes, 3).
+        given: the scene's own start, if it has given angles instead of a static pose.
     """
 
     runs: int
@@ -78,7 +78,7 @@ class Release:
         if found:
             return found
         if name.startswith(FORCE) and not self.nodes:
-            raise SceneError(f"{option}: {name!r}: the scene lets no node go; allowed: [start] with release_nodes")
+            raise SceneError(f"{option}: {name!r}: the scene releases no node. Use [start] with release_nodes")
         raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, [*NAMES, *known])}")
 
     def _all(self) -> list[Parameter]:
@@ -94,14 +94,14 @@ class Release:
         return times + forces
 
     def times(self, parameters: Sequence[Parameter], values: jax.Array) -> jax.Array:
-        """Instants of release (runs,) [s] on the traces' clocks; 0 where they are not free."""
+        """Instants of release (runs,) [s] on the traces' clocks; 0 if they are not free."""
         found = jnp.zeros(self.runs)
         for run, i in _free_times(parameters).items():
             found = found.at[run].set(values[i])
         return found
 
     def late(self, parameters: Sequence[Parameter], p: jax.Array, release_state: ReleaseState) -> jax.Array:
-        """How long after its beginning a window is let go [s]; 0 of those that are not."""
+        """Time from the start of a window to its release [s]; 0 for windows that are not released."""
         return jnp.where(
             release_state.released, self.times(parameters, p)[release_state.run] - release_state.begin, 0.0
         )
@@ -126,7 +126,7 @@ class Release:
     def pose(
         self, model: Model, parameters: Sequence[Parameter], values: np.ndarray, run: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Angles (n,), rates (n,) and the angles' derivative (n, k) of a run's start.
+        """Angles (n,), rates (n,) and the angles' derivative (n, k) at the start of a run.
 
         Raises:
             SceneError: no static pose at the start values.
@@ -150,7 +150,7 @@ class Release:
     def _static_angles(
         self, model: Model, parameters: Sequence[Parameter], values: jax.Array, near: State, run: int
     ) -> tuple[jax.Array, jax.Array, State]:
-        """Angles (n,), their derivative (n, k) and the static pose near another one."""
+        """Angles (n,), their derivative (n, k) and the static pose, solved from a nearby one."""
 
         def angles(values: jax.Array) -> tuple[jax.Array, tuple[jax.Array, State]]:
             changed = apply(model, parameters, values)
@@ -172,21 +172,21 @@ class Release:
         """The windows with the first one of every run released.
 
         Raises:
-            SceneError: a run whose beginning is not fitted.
+            SceneError: a run whose start is not fitted.
         """
         released = np.zeros(windows.count, bool)
         for run, trace in enumerate(traces):
             first = np.flatnonzero((windows.run == run) & (np.abs(windows.begin - trace.t[0]) < 0.5 * windows.dt))
             if not len(first):
-                raise SceneError(f"static start: {trace.name} does not begin in the fit; allowed: all of its beginning")
+                raise SceneError(f"static start: the fit omits the start of {trace.name}. Include its start")
             released[first] = True
         return replace(windows, released=released)
 
     def bound_times(self, parameters: Sequence[Parameter], windows: Windows) -> tuple[Parameter, ...]:
-        """The parameters with every release time kept within half a window of its run's first sample.
+        """The parameters, with every release time limited to half a window from its run's first sample.
 
         Raises:
-            SceneError: a release outside.
+            SceneError: a release outside this range.
         """
         begin = {int(windows.run[k]): float(windows.begin[k]) for k in np.flatnonzero(windows.released)}
         reach = REACH * windows.length
@@ -195,8 +195,8 @@ class Release:
             value = found[free[run]].value if run in free else 0.0
             if abs(value - t0) > reach:
                 raise SceneError(
-                    f"static start: released at {value:g} s, but run {run} begins at {t0:g} s; "
-                    f"allowed: {t0 - reach:g} to {t0 + reach:g} s, cut or shift the trace"
+                    f"static start: released at {value:g} s, but run {run} starts at {t0:g} s; "
+                    f"allowed: {t0 - reach:g} to {t0 + reach:g} s. Cut or shift the trace"
                 )
             if run in free:
                 p = found[free[run]]
@@ -232,7 +232,7 @@ class Release:
 
 
 def _free_times(parameters: Sequence[Parameter]) -> dict[int, int]:
-    """Which parameter is the release time of a run, by run; runs whose time is not free are left out."""
+    """The parameter that is the release time of a run, by run; runs without a free time are omitted."""
     return {
         p.where.run: i
         for i, p in enumerate(parameters)
@@ -241,10 +241,10 @@ def _free_times(parameters: Sequence[Parameter]) -> dict[int, int]:
 
 
 def release_of(scene: Scene, state: State, names: Sequence[str], runs: int, requested: bool) -> Release | None:
-    """The release that these free names or the caller ask for; None where every window is free.
+    """The release that these free names or the caller request; None if every window is free.
 
     Raises:
-        SceneError: a scene that lets nothing go.
+        SceneError: a scene that releases no node.
     """
     if not requested and not any(name.startswith("release.") for name in names):
         return None
@@ -252,5 +252,5 @@ def release_of(scene: Scene, state: State, names: Sequence[str], runs: int, requ
     if start.kind != "static":
         return Release(runs, (), np.zeros((0, 3)), state)
     if not start.release_nodes:
-        raise SceneError("static start: the scene lets nothing go; allowed: [start] with release_nodes")
+        raise SceneError("static start: the scene releases no node. Use [start] with release_nodes")
     return Release(runs, tuple(start.release_nodes), np.asarray(start.release_force, float))

@@ -1,4 +1,4 @@
-"""How large and of what kind the noise of a trace is, told by the residuals of a fit: restricted maximum likelihood.
+"""Size and kind of the noise of a trace, estimated from the residuals of a fit: restricted maximum likelihood.
 
 With r the residuals, X their derivatives by all starts and parameters, V the noise's covariance (Patterson and Thompson
 1971):
@@ -6,13 +6,13 @@ With r the residuals, X their derivatives by all starts and parameters, V the no
     -2 log L = log|V| + log|X' V^-1 X| + min (r + X d)' V^-1 (r + X d)
 
 Gaps between joined windows and priors count as measurements in X. For white noise its size in channel j has a fixed
-point, what is left over the samples that fitting left,
+point, the residual sum over the remaining degrees of freedom,
 
     sigma_j^2 = sum_j r^2/(N_j - tr_j),     tr_j = trace of X (X' V^-1 X)^-1 X' V^-1 over the channel's samples
 
-and memory (AR(1)) or a delay common to a frame's links are taken where they raise L enough and what they leave is
-white. Smooth misfits, which are no noise, leave innovations that are as smooth: there the noise stays white, and
-standard errors come from blocks of scores (`uncertainty`).
+Memory (AR(1)) or a delay common to a frame's links is used if it raises L enough and its innovations are white. Smooth
+misfits, which differ from noise, leave innovations that are equally smooth. There the noise stays white, and standard
+errors come from blocks of scores (`uncertainty`).
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from fitting.estimate.shooting import level_of
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
 
-#: Gain in log likelihood below which noise stays as simple as it is.
+#: Minimum gain in log likelihood for a more complex noise model.
 WORTH = 6.0
-#: Deviations by which the links' common motion along their rates stands out before it is taken for a delay.
+#: Significance of the links' common motion along their rates, in standard deviations, for a delay model.
 STANDS_OUT = 5.0
-#: Largest memory of a sample's noise believed.
+#: Maximum memory of the noise that is used.
 MAX_CORRELATION = 0.995
-#: Fewest samples left to tell the noise of a channel by.
+#: Minimum number of remaining samples for the noise of a channel.
 FEWEST_LEFT = 10
 
 
 class ResidualNoiseModel:
-    """The residuals of a solution, in units of the claimed noise, and what they say of noises.
+    """The residuals of a solution, in units of the claimed noise, and the noise models that they support.
 
     Args:
-        solution: where a fit ended, its problem's windows with whatever noise.
+        solution: end of a fit, with any noise in its problem's windows.
         claimed: the same windows with the noise that the traces claim.
-        floor: least deviation of each run's links (R, n) over the claimed one.
+        floor: minimum standard deviation of each run's links (R, n) relative to the claimed one.
     """
 
     def __init__(self, solution: Solution, claimed: Windows, traces: Sequence[Trace], floor: np.ndarray) -> None:
@@ -63,7 +63,7 @@ class ResidualNoiseModel:
         self.raw = e
 
     def at(self, noise: Noise) -> Solution:
-        """The solution in units of this noise, its normal equations anew."""
+        """The solution in units of this noise, with recomputed normal equations."""
         windows = noise.apply_to(self.claimed, self.traces)
         ratio = np.where(
             windows.weight > 0, windows.weight / np.where(windows.weight > 0, self.claimed.weight, 1.0), 0.0
@@ -86,7 +86,7 @@ class ResidualNoiseModel:
         return noise, self.at(noise)
 
     def _grow(self, point: Solution) -> np.ndarray:
-        """Deviation of the residuals over the assumed one (R, n), degrees of freedom counted."""
+        """Standard deviation of the residuals relative to the assumed one (R, n), with degrees of freedom counted."""
         residual, known = point.evaluation.residual, point.windows.weight > 0
         slope = point.problem.loss.weights(residual) * residual
         taken, run = leverage(point), point.windows.run
@@ -100,7 +100,7 @@ class ResidualNoiseModel:
         return np.where(found > 0, found, 1.0)
 
     def estimate(self, noise: Noise) -> tuple[Noise, Solution]:
-        """The noise that these residuals tell, beginning from another one."""
+        """The noise estimated from these residuals, starting from another one."""
         white = replace(noise, decay=np.full_like(noise.decay, np.inf), delay=np.zeros_like(noise.delay))
         white, point = self.fixed_point(white)
         best, found = minus_two_log(point), (white, point)
@@ -110,13 +110,13 @@ class ResidualNoiseModel:
         return found
 
     def _with_memory(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
-        """AR(1) noise, of one memory for all at first; None where residuals ask for none, or for something else."""
+        """AR(1) noise, at first with a common memory; None if the residuals do not support it."""
         kept, sure = self._neighbours(point)
         if not correlates(kept, sure):
             return None
         interval = np.array([trace.interval for trace in self.traces])[:, None]
         decay = lambda rho: -np.log(np.clip(rho, 1e-6, MAX_CORRELATION)) / interval  # noqa: E731
-        # fitted starts take some of the memory away, never add to it
+        # fitted starts remove some of the memory and never add to it
         if not -WHITE < self._innovations(replace(white, decay=decay(kept))) < 2 * WHITE:
             return None
         shape = np.ones_like(white.factor)
@@ -129,7 +129,7 @@ class ResidualNoiseModel:
         return (noise, point) if abs(self._innovations(noise)) < WHITE else None
 
     def _innovations(self, noise: Noise) -> float:
-        """Correlation of neighbours that noise with memory leaves in the residuals."""
+        """Correlation of neighbours in the residuals after a fit with correlated noise."""
         windows = noise.apply_to(self.claimed, self.traces)
         known = windows.weight > 0
         ratio = np.where(known, windows.weight / np.where(known, self.claimed.weight, 1.0), 0.0)
@@ -138,7 +138,7 @@ class ResidualNoiseModel:
         return lag_one(left, known)[0]
 
     def _neighbours(self, point: Solution) -> tuple[np.ndarray, np.ndarray]:
-        """Correlation of neighbouring residuals of every run and link (R, n), and its error were the noise white."""
+        """Correlation of neighbouring residuals of every run and link (R, n), and its error for white noise."""
         known, run = point.windows.weight > 0, point.windows.run
         found = np.zeros((2, *self.floor.shape))
         for r in np.unique(run):
@@ -148,7 +148,7 @@ class ResidualNoiseModel:
         return found[0], found[1]
 
     def _with_delay(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
-        """A delay of every frame; None where residuals do not ask for it, or their delays are no chance."""
+        """A delay of every frame; None if the residuals do not support it, or the delays are not random."""
         speed = rates(point.windows, self.traces) * point.windows.weight
         square = np.sum(speed**2, axis=2)
         along = np.sum(speed * point.evaluation.residual, axis=2)
@@ -167,7 +167,7 @@ class ResidualNoiseModel:
 
 
 def pose_again(solution: Solution, problem: Problem, evaluation: Evaluation) -> Solution:
-    """The same point as the solution of another problem of the same motion: cost and normal equations anew."""
+    """The same point as a solution of another problem of the same motion, with new cost and normal equations."""
     level = level_of(problem, solution.gap_weight)
     nowhere = np.zeros(len(solution.values))
     system = level.system(evaluation, solution.values)
@@ -186,7 +186,7 @@ def pose_again(solution: Solution, problem: Problem, evaluation: Evaluation) -> 
 
 
 def minus_two_log(point: Solution) -> float:
-    """Minus twice the restricted log likelihood of the noise in a solution's problem, less constants."""
+    """Minus twice the restricted log likelihood of the noise in a solution's problem, up to constants."""
     level = level_of(point.problem, point.gap_weight)
     k = len(point.values)
     wide = np.where(point.problem.held_mask, 0.0, np.inf)
@@ -200,15 +200,15 @@ def minus_two_log(point: Solution) -> float:
 
 
 def memory_of(point: Solution) -> float:
-    """Samples that tell as much as one of white noise, `(1 + rho)/(1 - rho)` by the correlation of neighbours."""
+    """Number of samples equivalent to one of white noise, `(1 + rho)/(1 - rho)` by the correlation of neighbours."""
     rho, sure = lag_one(point.evaluation.residual, point.windows.weight > 0)
     if not correlates(rho, sure):
         return 1.0
     return min((1 + rho) / max(1 - rho, 1e-9), max(1.0, point.windows.theta.shape[1] / 2))
 
 
-#: Rounds of fit and noise, and the change of the noise below which another fit would change nothing: weights that are
-#: wrong by a twentieth cost less than a hundredth of a standard error.
+#: Rounds of fit and noise, and the change of the noise below which another fit would change nothing: an error of 5 % of
+#: the weights costs less than 0.01 standard errors.
 ROUNDS, SAME = 3, 0.05
 
 
@@ -219,12 +219,12 @@ def with_residual_noise(
     floor: np.ndarray,
     again: Callable[[Solution], Solution],
 ) -> Solution:
-    """The fit with the noise that its own residuals tell, and this noise, at their common fixed point.
+    """The fit with the noise estimated from its own residuals, and this noise, at their common fixed point.
 
     Args:
         solution: a converged fit.
         claimed: its windows with the noise that the traces claim.
-        floor: as of `ResidualNoiseModel`.
+        floor: as for `ResidualNoiseModel`.
         again: continues from a solution whose noise has changed.
     """
 
@@ -243,10 +243,10 @@ def fit_with_noise(
     again: Callable[[Solution], Solution],
     same: float = SAME,
 ) -> Solution:
-    """Fit and noise in turns from a converged fit, up to their common fixed point.
+    """Alternate fit and noise estimate from a converged fit, up to their common fixed point.
 
     Args:
-        estimate_noise: the solution in units of the noise that its residuals tell, and by which part it has changed.
+        estimate_noise: the solution in units of the noise from its residuals, and the relative change of this noise.
         again: continues from a solution whose noise has changed.
         same: change of the noise below which another fit would change nothing.
     """

@@ -1,15 +1,15 @@
-"""Poses at rest, fitted with the motion: where the line hangs before it is moved and after it has come to rest.
+"""Poses at rest, fitted with the motion: the line before it is moved and after it has come to rest.
 
-A span of rest has the mean angles a of N frames. The static pose theta(p) of the model, as the camera sees it, has to
-be theirs:
+A span of rest has the mean angles a of N frames. The static pose theta(p) of the model, as seen by the camera, has to
+match them:
 
     1/2 (theta(p) - a)' W (theta(p) - a),      W^-1 = sigma^2/N + N K^-1 F K^-1 N'
 
-It tells lengths, masses, the place of ends, the camera and the markers, free of damping and of time. Where joints have
-dry friction the line rests anywhere in a band: with K the stiffness of the pose along the closed directions N, and
-torques that are uniform up to the friction, F is their covariance, dry^2/3 of each joint. The band is that of the
-parameters where the noise was estimated last. Noise that remembers (AR(1), phi) leaves (1 - phi)/(1 + phi) of the
-frames.
+It determines lengths, masses, the positions of ends, the camera and the markers, independent of damping and of time. If
+joints have dry friction the line can rest anywhere in a band. With K the stiffness of the pose along the closed
+directions N, and torques distributed uniformly up to the friction, F is their covariance, dry^2/3 of each joint. The
+band is that of the parameters at the last noise estimate. Correlated noise (AR(1), phi) reduces the number of frames by
+a factor (1 - phi)/(1 + phi).
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from fitting.parameters.seeing import camera_angles
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 
-#: Fewest frames of a rest; into how many parts it is cut, and how far their means may be apart, in parts of the noise
-#: and [rad]: noise that remembers moves them too.
+#: Minimum number of frames of a rest; number of parts it is cut into; maximum difference of their means, in multiples
+#: of the noise and [rad]: correlated noise moves them too.
 FEWEST, PARTS, MOVES, LEAST = 10, 5, 8.0, 0.03
-#: Deviations beyond which a frame pulls no more than one there.
+#: Standard deviations beyond which the influence of a frame is constant.
 HUBER = 2.0
 
 
@@ -46,8 +46,8 @@ class Rest:
 
     Attributes:
         theta: means (R, n) [rad].
-        deviation: of one frame, as the traces claim (R, n) [rad].
-        frames: how many (R, n).
+        deviation: standard deviation of one frame, claimed by the traces (R, n) [rad].
+        frames: number of frames (R, n).
         interval: between frames (R,) [s].
         run: of each (R,).
         precision: W (R, n, n).
@@ -61,7 +61,7 @@ class Rest:
     precision: np.ndarray
 
     def with_noise(self, noise: Noise | None, simulator: Simulator, values: np.ndarray) -> Rest:
-        """The same by the noise that a fit told, and the band of friction at these parameter values."""
+        """The rest with the noise estimated by a fit, and the band of friction at these parameter values."""
         size = self.deviation / np.sqrt(self.frames)
         if noise is not None:
             phi = np.exp(-noise.decay[self.run] * self.interval[:, None])
@@ -70,7 +70,7 @@ class Rest:
         return replace(self, precision=np.linalg.inv(np.eye(size.shape[1]) * size[:, None] ** 2 + band))
 
     def prior(self, simulator: Simulator, values: np.ndarray) -> Prior:
-        """What the rest adds to cost, gradient (k,) and curvature (k, k)."""
+        """Contribution of the rest to cost, gradient (k,) and curvature (k, k)."""
         pose, slope = static_pose(simulator, values)
         off = (pose - self.theta + np.pi) % (2 * np.pi) - np.pi
         weighted = np.einsum("rij,rj->ri", self.precision, off)
@@ -79,13 +79,13 @@ class Rest:
 
 
 def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angles (n,) of the line at rest as the camera sees them, and their derivatives (n, k)."""
+    """Angles (n,) of the line at rest as seen by the camera, and their derivatives (n, k)."""
     model, parameters = simulator.model, simulator.compiled
     store = simulator.others
     if "near" not in store:
         found = statics.equilibrium(model)
         if found.status != "ok":
-            raise SceneError(f"rest: the scene has no pose at rest: {found.message}; allowed: a line that hangs")
+            raise SceneError(f"rest: the scene has no pose at rest: {found.message}. Use a line that hangs")
         store["near"] = found.state
 
         def angles(p: jax.Array) -> jax.Array:
@@ -101,7 +101,7 @@ def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _band(model: Model) -> np.ndarray | float:
-    """Covariance (n, n) of the angles at rest by dry friction in the joints; 0 where there is none."""
+    """Covariance (n, n) of the angles at rest by dry friction in the joints; 0 without friction."""
     friction = next((e for e in model.effects if isinstance(e, JointFriction) and e.dry is not None), None)
     if friction is None or not np.any(np.asarray(friction.dry) > 0):
         return 0.0
@@ -126,7 +126,7 @@ def rests(traces: Sequence[Trace], sigma: Sequence[np.ndarray], spans: Sequence[
     """The spans [s] of the traces at rest; None without any.
 
     Raises:
-        SceneError: a span in which the line moves, or one of too few frames.
+        SceneError: a span in which the line moves, or with too few frames.
     """
     rows = []
     for low, high in spans:
@@ -142,7 +142,7 @@ def rests(traces: Sequence[Trace], sigma: Sequence[np.ndarray], spans: Sequence[
             parts = np.array([np.nanmedian(x, axis=0) for x in np.array_split(part.theta, PARTS)])
             apart = np.nan_to_num(np.ptp(parts, axis=0))
             if np.any(apart > np.maximum(MOVES * sigma[run], LEAST)):
-                raise SceneError(f"{text} moves by {apart.max():.2g} rad; allowed: a span in which the line rests")
+                raise SceneError(f"{text} moves by {apart.max():.2g} rad. Use a span in which the line is at rest")
             rows.append((means, sigma[run], known, trace.interval, run))
     if not rows:
         return None
@@ -152,7 +152,7 @@ def rests(traces: Sequence[Trace], sigma: Sequence[np.ndarray], spans: Sequence[
 
 
 def _location(x: np.ndarray, sigma: float) -> float:
-    """Huber's estimate of the mean of samples [rad]: a frame that is far off pulls no more than one that is not."""
+    """Huber's estimate of the mean of samples [rad]: the influence of an outlier is limited."""
     at = float(np.median(x))
     for _ in range(20):
         at += float(np.mean(np.clip(x - at, -HUBER * sigma, HUBER * sigma)))

@@ -1,4 +1,4 @@
-"""Stretches of a trace in which the line hangs still, found by its samples alone."""
+"""Stretches of a trace in which the line hangs still, found from its samples alone."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from fitting.estimate.rest import FEWEST
 from fitting.traces.trace import Trace
 
-#: Shortest stretch [s], also in slowest periods: a motion is slow at its turns, and slower where it dies away.
+#: Shortest stretch [s], and in slowest periods: a motion is slow at its turning points, and slower as it decays.
 SHORTEST, FIRST_PERIODS, LAST_PERIODS = 0.5, 0.5, 2.0
-#: Frames of a running mean; deviations of it, and the least angle [rad], that are still.
+#: Frames of a running mean; limits of a still motion: standard deviations of the mean, and a minimum angle [rad].
 WIDTH, STILL, LEAST = 5, 5.0, 0.002
-#: Angle [rad] between a still pose and the one at rest from which on something else holds the line: lengths and ends
-#: that are wrong by 1 % move the pose of a line between fixed ends by less.
+#: Angle [rad] between a still pose and equilibrium above which something else must hold the line: errors of 1 % in
+#: lengths and ends move the pose of a line between fixed ends by less.
 HELD = 0.1
 
 
 def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[float, float]]:
     """(from, to) [s] of the trace's first and last stretch at rest; frames without a sample at its ends do not count.
 
-    The first lasts half of the slowest period [s] at least, the last two. A link is still as long as the mean of five
-    neighbouring frames stays within five of its deviations, at least 2 mrad, of where it was at that end of the trace.
-    `sigma` (n,) [rad] is the noise of a frame.
+    The first lasts at least half of the slowest period [s], the last at least two periods. A link is still as long as
+    the mean of five neighbouring frames stays within five of its standard deviations, at least 2 mrad, of its value at
+    that end of the trace. `sigma` (n,) [rad] is the noise of a frame.
     """
     found = []
     known = np.flatnonzero(np.isfinite(trace.theta).any(axis=1))
@@ -39,7 +39,7 @@ def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[f
 
 
 def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
-    """How many of the first frames (k, n) are still, up to the first pause of `SHORTEST` without samples."""
+    """Number of still frames at the start of (k, n), up to the first pause of `SHORTEST` without samples."""
     least = len(theta)
     for column, size in zip(theta.T, sigma, strict=True):
         known = np.flatnonzero(np.isfinite(column))
@@ -48,7 +48,7 @@ def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
         if len(known) < 2 * WIDTH:
             return 0
         mean = np.convolve(column[known], np.full(WIDTH, 1 / WIDTH), "valid")
-        # against the mean of all that was still so far: noise of the first few is no measure
+        # relative to the mean of all still frames so far: the first few alone are too noisy
         before = np.cumsum(mean) / np.arange(1, len(mean) + 1)
         moves = np.flatnonzero(np.abs(mean[1:] - before[:-1]) > max(STILL * size / np.sqrt(WIDTH), LEAST))
         least = min(least, int(known[moves[0] + 1] if len(moves) else known[-1] + 1))
@@ -56,10 +56,10 @@ def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
 
 
 def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[], np.ndarray]) -> float | None:
-    """Time [s] from which on the line moves, where something else than its own ends holds it still before.
+    """Time [s] from which the line moves, if something other than its own ends holds it still before.
 
-    `pose()` (n,) [rad] is the one at rest. The frames of the running mean in which the motion shows are left out: the
-    line may be released in any of them.
+    `pose()` (n,) [rad] is the equilibrium. The frames of the running mean that contain the motion are omitted: the line
+    may be released in any of them.
     """
     spans = still_spans(trace, sigma, slowest)
     known = np.flatnonzero(np.isfinite(trace.theta).any(axis=1))
@@ -72,12 +72,12 @@ def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[
 
 
 def advice_on_rest(trace: Trace, sigma: np.ndarray, slowest: float) -> list[str]:
-    """A line for each stretch at rest that a fit could take as a pose, and does not."""
+    """A line for each stretch at rest that a fit could use as a pose but does not."""
     found = []
     for low, high in still_spans(trace, sigma, slowest):
         span = f"{np.ceil(100 * low) / 100:g}:{np.floor(100 * high) / 100:g}"
         found.append(
-            f"{trace.name} rests from {low:.3g} to {high:.3g} s: --rest {span} would fit that pose as well, which "
-            "tells the rig's numbers, if nothing but the scene's own hooks holds the line then"
+            f"{trace.name} is at rest from {low:.3g} to {high:.3g} s. Use --rest {span} to fit that pose as well: it "
+            "determines the rig's numbers, if only the scene's own hooks hold the line then"
         )
     return found

@@ -1,17 +1,17 @@
-"""Errors of estimates whose model is wrong somewhere: from the scatter of blocks of scores, not from the noise's size.
+"""Errors of estimates whose model is partly wrong: from the scatter of blocks of scores, not from the noise's size.
 
-With g_b the part of the parameters' gradient that a stretch of time brings, its window starts following along (and the
-gaps of joined windows, each counted with the window after it), and S_b its part of the information S, leaving the block
-out moves the estimate by `d_b = (S - S_b)^-1 g_b` to first order, and
+Let g_b be the contribution of a stretch of time to the parameters' gradient, with its window starts eliminated, and S_b
+its contribution to the information S. Both include the gaps of joined windows, each counted with the next window.
+Leaving the block out moves the estimate by `d_b = (S - S_b)^-1 g_b` to first order, and
 
     cov = (B - 1)/B sum_b (d_b - mean d)(d_b - mean d)'        (jackknife over blocks: Tukey 1958, Kuensch 1989)
 
-holds whatever the residuals are, as long as blocks are independent: each is at least two correlation times of the
-scores long. Priors count as measurements of their own.
+holds for any residuals, as long as blocks are independent: each is at least two correlation times of the scores long.
+Priors count as separate measurements.
 
-A model that is wrong has no one best value: it changes with the amplitude, which no block sees all of. With d how far
-apart the first and the second half of the time would put the estimate, its variance grows by the larger of `d^2/4`
-(each half is that far from the whole) and `d^2 - 4 var` (what independent blocks do not explain).
+A wrong model has no single best value: it changes with the amplitude, of which each block sees only a part. Let d be
+the difference between the estimates from the first and the second half of the time. The variance grows by the larger of
+`d^2/4` (the distance of each half from the whole) and `d^2 - 4 var` (the excess over independent blocks).
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from fitting.estimate.normal_equations import Normal, solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
 
-#: Pieces of time wanted, into which few windows are cut.
+#: Target number of pieces of time; a small number of windows is cut into them.
 PIECES = 60
-#: Fewest blocks, however long the scores remember.
+#: Minimum number of blocks, for any memory of the scores.
 FEWEST = 4
-#: Blocks below which intervals take Student's quantile and a warning is due.
+#: Number of blocks below which intervals use Student's quantile and a warning is given.
 FEW = 15
 
 
 class Pieces(NamedTuple):
-    """Gradients (P, k) and information (P, k, k) of pieces of time, run by run (P,) in their order."""
+    """Gradients (P, k) and information (P, k, k) of pieces of time, in the order of their runs (P,)."""
 
     gradient: np.ndarray
     information: np.ndarray
@@ -78,7 +78,7 @@ def hat_diagonal(rows: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 
 def leverage(point: Solution) -> np.ndarray:
-    """How much of each sample the fit has used up (K, S, n): the diagonal of its hat matrix."""
+    """Degrees of freedom that the fit has used of each sample (K, S, n): the diagonal of its hat matrix."""
     m2, root = point.problem.freedoms, np.sqrt(point.weights)[..., None]
     free = np.flatnonzero(~point.problem.held_mask)
     inverse, _ = start_covariances(point)
@@ -98,7 +98,7 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     duration = timing.duration / max(PIECES, timing.blocks) * (1 + 1e-9)
 
     def number(t: np.ndarray, run: np.ndarray) -> np.ndarray:
-        """Run and piece of these times of runs in one number."""
+        """Run and piece of these times of runs, combined in one number."""
         since = np.floor((t - timing.begin[run]) / duration + 1e-6).astype(int)
         return run * 10**9 + np.maximum(since, 0)
 
@@ -122,8 +122,8 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
 
 
 def memory(series: np.ndarray, run: np.ndarray) -> float:
-    """Integrated correlation time of a series (P,) over several runs, in its steps: `1 + 2 sum rho_l` up to where pairs
-    of neighbouring lags sum to nothing (Geyer 1992); two correlation times where it falls exponentially."""
+    """Integrated correlation time of a series (P,) over several runs, in its steps: `1 + 2 sum rho_l` up to the first
+    non-positive sum of a pair of neighbouring lags (Geyer 1992); two correlation times for an exponential decay."""
     series = series - series.mean()
     size = float(series @ series)
     if size <= 0:
@@ -141,12 +141,12 @@ def memory(series: np.ndarray, run: np.ndarray) -> float:
 
 
 def together(solution: Solution, parts: Pieces, free: np.ndarray) -> int:
-    """Pieces to a block: two correlation times of the parameters' scores, as far as `FEWEST` blocks are left."""
+    """Pieces per block: two correlation times of the parameters' scores, if `FEWEST` blocks remain."""
     return block_of(parts, solution.information[np.ix_(free, free)])
 
 
 def block_of(parts: Pieces, information: np.ndarray) -> int:
-    """The same of pieces whose whole has this information (k, k)."""
+    """Pieces per block, with this total information (k, k) of the pieces."""
     influence = solve_spd(information, parts.gradient.T).T
     longest = max((memory(column, parts.run) for column in influence.T), default=1.0)
     return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST)))
@@ -160,12 +160,12 @@ def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
 
 
 def jackknife(parts: Pieces, information: np.ndarray, prior: np.ndarray) -> Scatter | None:
-    """The same from pieces of time, the whole information (k, k) and the priors' part of it."""
+    """The covariance from pieces of time, the total information (k, k) and the priors' part of it."""
     count = len(parts.gradient)
     if count < FEWEST or not len(information):
         return None
     length = block_of(parts, information)
-    # a run's last block takes what is left over
+    # a run's last block includes the remainder
     last = lambda n: max(n // length - 1, 0)  # noqa: E731
     part = np.concatenate([np.minimum(np.arange(n) // length, last(n)) for n in np.bincount(parts.run)])
     block = np.unique(np.stack([parts.run, part]), axis=1, return_inverse=True)[1].ravel()
@@ -176,14 +176,14 @@ def jackknife(parts: Pieces, information: np.ndarray, prior: np.ndarray) -> Scat
     inner = solve_spd(information, np.eye(len(information)))
     covariance = (blocks - 1) / blocks * moved.T @ moved + inner @ prior @ inner
     own, drift = np.diag(covariance), _half_difference(parts, information) ** 2
-    # what independent blocks explain is four times the variance
+    # independent blocks explain four times the variance
     more = np.maximum(0.25 * drift, drift - 4 * own)
     grow = np.sqrt(1 + more / np.maximum(own, 1e-300))
     return Scatter(covariance * np.outer(grow, grow), blocks)
 
 
 def moves_without(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
-    """How far the estimates (B, k) move without each block of pieces, to first order, less their mean."""
+    """Change of the estimates (B, k) without each block of pieces, to first order, minus their mean."""
     moved = []
     for mine in blocks:
         rest = information - parts.information[mine].sum(0)
@@ -194,12 +194,12 @@ def moves_without(parts: Pieces, blocks: Sequence[np.ndarray], information: np.n
 def resample(
     parts: Pieces, information: np.ndarray, block: int, draws: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, float]:
-    """Moves of the estimates (draws, k) by blocks of `block` pieces drawn with replacement, and how many blocks count.
+    """Moves of the estimates (draws, k) by blocks of `block` pieces drawn with replacement, and effective block count.
 
-    Each block brings the move `d_b = (S - S_b)^-1 g_b` that leaving it out would: S^-1 g_b is too small by the share of
-    the information that the block has, since the fit has followed its noise. With B blocks drawn, `sqrt((B - 1)/B)` of
-    it has the right size: exactly where all have the same share. Of blocks with unlike shares h of the variance of an
-    estimate 1/sum h^2 count, the fewest of any estimate.
+    Each block contributes the move `d_b = (S - S_b)^-1 g_b` of leaving it out. S^-1 g_b would be too small by the
+    block's fraction of the information, because the fit has followed its noise. With B blocks drawn, the factor
+    `sqrt((B - 1)/B)` gives the right size, exactly so for equal fractions. For blocks with different fractions h of the
+    variance of an estimate, the effective count is 1/sum h^2, and the minimum over all estimates is used.
     """
     count = len(parts.run)
     number = int(np.ceil(count / block))
@@ -215,7 +215,7 @@ def resample(
 
 
 def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
-    """How far apart the estimates (k,) of the first and the second half of the time are, to first order."""
+    """Difference between the estimates (k,) of the first and the second half of the time, to first order."""
     later = np.arange(len(parts.run)) >= len(parts.run) // 2
     ends = [
         solve_spd(_positive(parts.information[half].sum(0), information), parts.gradient[half].sum(0))
@@ -225,7 +225,7 @@ def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
 
 
 def _positive(rest: np.ndarray, full: np.ndarray) -> np.ndarray:
-    """The information that is left, at least a tenth of the whole in every direction: one step is linear no farther."""
+    """The remaining information, at least 10 % of the whole in every direction: beyond that a step is not linear."""
     size = 1 / np.sqrt(np.maximum(np.diag(full), 1e-300))
     root = np.linalg.cholesky(full * np.outer(size, size) + 1e-12 * np.eye(len(full)))
     inverse = np.linalg.inv(root)

@@ -1,4 +1,4 @@
-"""What every fit gives back: estimates with errors and intervals, as rows and as plain values."""
+"""Common result of every fit: estimates with errors and intervals, as rows and as plain values."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class SceneFit:
     """A scene fitted to measurements.
 
     Attributes:
-        scene: as it was given.
-        solution: where the fit ended.
+        scene: the original scene.
+        solution: end of the fit.
         uncertainty: errors of the estimates.
-        warnings: what to beware of, a line each.
-        profiles: profile likelihoods that were asked for.
-        bootstrap: parameters (draws, k) of resampled blocks of time, where asked for.
-        posterior: weighted draws of the parameters, where asked for.
+        warnings: one line each.
+        profiles: requested profile likelihoods.
+        bootstrap: parameters (draws, k) of resampled blocks of time, if requested.
+        posterior: weighted draws of the parameters, if requested.
     """
 
     scene: Scene
@@ -76,7 +76,7 @@ class SceneFit:
 
     @property
     def step_bias(self) -> np.ndarray | None:
-        """How far the time step moves the estimates (k,) [standard errors]; None where it was not looked at."""
+        """Shift of the estimates by the time step (k,) [standard errors]; None if it was not computed."""
         return self.solution.step_bias
 
     def __getitem__(self, name: str) -> float:
@@ -84,7 +84,7 @@ class SceneFit:
         return float(self.values[[p.name for p in self.parameters].index(name)])
 
     def note(self, i: int) -> str:
-        """What is to be said of a parameter, by its number."""
+        """Remark on a parameter, by its number."""
         return "at bound" if self.uncertainty.at_bound[i] else ""
 
     def estimates(self) -> dict[str, dict[str, Any]]:
@@ -97,7 +97,7 @@ class SceneFit:
         }
 
     def intervals(self) -> dict[str, Any]:
-        """Profiles, bootstrap and posterior as plain values, those that were asked for."""
+        """Profiles, bootstrap and posterior as plain values, if requested."""
         found: dict[str, Any] = {}
         if self.profiles:
             found["profile"] = {
@@ -126,7 +126,7 @@ class Intervals:
     """Intervals to compute in addition to the errors of a fit.
 
     Attributes:
-        profile: names of free parameters whose profile likelihood is wanted; True for all.
+        profile: names of free parameters whose profile likelihood is requested; True for all.
         bootstrap: draws over blocks of time.
         posterior: draws of the parameters.
         sampler: of the posterior, one of `SAMPLERS`.
@@ -142,12 +142,12 @@ class Intervals:
 
     def __post_init__(self) -> None:
         if self.bootstrap < 0 or self.bootstrap == 1:
-            raise SceneError(f"bootstrap: {self.bootstrap} draws tell no spread; allowed: 0 or at least 2")
+            raise SceneError(f"bootstrap: {self.bootstrap} draws are too few; allowed: 0 or at least 2")
         if self.sampler not in SAMPLERS:
             raise SceneError(f"sampler: {self.sampler!r} is unknown; {nearest(self.sampler, SAMPLERS)}")
 
     def profile_names(self, scene: Scene, parameters: Sequence[Parameter]) -> list[str]:
-        """Free parameters whose profile is wanted, by their names or those of their fields.
+        """Free parameters whose profile is requested, by their names or those of their fields.
 
         Raises:
             SceneError: one that is not free.
@@ -165,7 +165,7 @@ class Intervals:
         return list(dict.fromkeys(found))
 
     def add_to(self, result: SceneFit, progress: Progress) -> None:
-        """Put the intervals into a result, with their warnings."""
+        """Add the intervals to a result, with their warnings."""
         solution = result.solution
         errors = dict(zip([p.name for p in result.parameters], result.uncertainty.std_error, strict=True))
         for name in self.profile_names(result.scene, result.parameters):

@@ -2,9 +2,9 @@
 
     minimise  1/2 sum |r_k|^2 + 1/2 sum |N' (end_k - start_{k+1})/(w s)|^2,      s = 0.1 rad and 1 rad/s
 
-With small w the sensitivity of a chaotic motion works for the estimate: every window constrains all others. A real
-system is never the model, so w (its process noise) is not driven to zero but estimated, by Laplace's approximation of
-the evidence, or the gaps are closed exactly by augmented Lagrangian multipliers where the caller asks for it.
+With small w the sensitivity of a chaotic motion improves the estimate: every window constrains all others. A real
+system always differs from the model, so w (its process noise) is not driven to zero. It is estimated by Laplace's
+approximation of the evidence; on request, the gaps are closed exactly by augmented Lagrangian multipliers.
 """
 
 from __future__ import annotations
@@ -22,33 +22,33 @@ from fitting.estimate.gauss_newton import Separate, descend
 from fitting.estimate.normal_equations import Step
 from fitting.estimate.problem import Problem, Solution
 
-#: Gap weights, one after another. Longer jumps lose the optimum's neighbourhood (measured on the lab dropper).
+#: Gap weights, in order. Larger ratios lose the neighbourhood of the optimum (measured on the lab dropper).
 SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
-#: Of weights whose log evidence is this near the best the loosest is taken, with the widest errors: the noise hardly
-#: distinguishes them. Errors over standard errors of 60 random droppers: RMS 0.77 at a difference of 0.5, where
-#: standard errors are up to 1.4 times those of the tightest weight.
+#: Difference of log evidence within which the largest weight is chosen, with the widest errors: the noise hardly
+#: distinguishes such weights. Ratio of errors to standard errors for 60 random droppers: RMS 0.77 at a difference of
+#: 0.5, with standard errors up to 1.4 times those of the smallest weight.
 SAME_EVIDENCE = 0.2
-#: Evidence that changes by less than this from weight to weight has no more to tell.
+#: Change of the evidence between weights below which smaller weights are not tried.
 LEVEL = 0.02
-#: Less log evidence than the best by this much: it has passed its maximum.
+#: Difference from the maximum log evidence at which the maximum counts as passed.
 EVIDENCE_DROP = 5.0
-#: Part of the evidence lost with a tighter weight that finer steps must give back where residuals are no noise.
+#: Fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not noise.
 RECOVERED = 0.3
-#: How far weights on the way are solved: parameters within a fifth of their standard errors, and evidence within a
-#: quarter. Only the weight that is chosen is solved to the end.
+#: Accuracy of intermediate weights: parameters within 0.2 standard errors, and evidence within 0.25. Only the chosen
+#: weight is solved to the end.
 INTERMEDIATE, LITTLE = 0.2**2, 0.5
-#: Gap weights that are this many times the gaps' own size, and more, are passed over.
+#: Gap weights larger than this multiple of the gaps' own size are skipped.
 SLACK = 5.0
 #: Gap weight and rounds of the multipliers when gaps are closed exactly.
 EXACT_WEIGHT, EXACT_ROUNDS = 1e-3, 4
-#: Most evaluations when a joined solution goes on with finer steps.
+#: Maximum evaluations when a joined solution continues with finer steps.
 CONTINUED = 12
 #: No multipliers.
 NO_OFFSET = np.zeros((1, 1))
 
 
 class JoinedWindows(Separate):
-    """Cost and steps at one gap weight, the gaps moved by multipliers `offset` (g, m2)."""
+    """Cost and steps at one gap weight, with gaps shifted by multipliers `offset` (g, m2)."""
 
     damping = 1e-4
 
@@ -88,17 +88,17 @@ class JoinedWindows(Separate):
         return {**super().record(cost, values), "gap_weight": self.weight}
 
     def descend(self, begin: Solution, iterations: int, count: int = 0) -> Solution:
-        """Go on from a solution; `count` evaluations were made before."""
+        """Continue from a solution, after `count` evaluations."""
         found = descend(self, begin, iterations)
         return replace(found, iterations=count + found.iterations, gap_weight=self.weight)
 
     def expected_decrease(self, ahead: Solution, point: Solution) -> float:
-        """By how much the cost falls where a solution goes on with finer steps, by its model."""
+        """Predicted decrease of the cost when a solution continues with finer steps."""
         step = joined_step(ahead, *(end - ahead.values for end in ahead.problem.bounds(ahead.values)))
         return -np.inf if step is None else point.cost - self.cost(ahead.evaluation, ahead.values) + step.predicted
 
     def evidence(self, point: Solution) -> float:
-        """Laplace's log evidence of the gap weight w, less constants: -cost - (gaps) log w - log det H / 2."""
+        """Laplace's log evidence of the gap weight w, up to constants: -cost - (gaps) log w - log det H / 2."""
         nowhere = np.zeros(len(point.values))
         step = self.solve(self.system(point.evaluation, point.values), point.values, 0.0, nowhere, nowhere)
         if step is None:
@@ -121,16 +121,16 @@ def fit_shooting(
 
     Args:
         begin: the separate windows' solution.
-        continuity: `estimate` stops tightening where the evidence is largest; `tight` goes to the end of the
+        continuity: `estimate` stops tightening at the maximum of the evidence; `tight` goes to the end of the
             schedule; `exact` closes the gaps by multipliers.
         schedule: gap weights.
-        iterations: most evaluations at each weight.
-        finer: the solution on windows of half the step, or None where the step is fine enough. It is asked where a
-            tighter weight has less evidence: a step's own error leaves gaps as a wrong model does, and would hold the
-            weight up.
+        iterations: maximum evaluations at each weight.
+        finer: the solution on windows of half the step, or None if the step is fine enough. It is called when a smaller
+            weight has less evidence: the error of a step leaves gaps like a wrong model, and would keep the weight
+            large.
 
     Returns:
-        The solution at the chosen weight (`gap_weight`, `evidence`), to be `solve_to_end`.
+        The solution at the chosen weight (`gap_weight`, `evidence`), for `solve_to_end`.
     """
     if not begin.windows.follows.any():
         return begin
@@ -138,7 +138,7 @@ def fit_shooting(
     if continuity == "exact":
         schedule = [w for w in schedule if w > EXACT_WEIGHT] + [EXACT_WEIGHT]
     wide = gaps_now(begin)
-    # from gaps much smaller than a weight allows, the weight changes nothing
+    # if gaps are much smaller than a weight allows, the weight has no effect
     schedule = [w for i, w in enumerate(schedule) if w < SLACK * wide or i == len(schedule) - 1]
     for i, weight in enumerate(schedule):
         again = point
@@ -155,13 +155,13 @@ def fit_shooting(
                 and begin.problem.memory > 1
                 and level.expected_decrease(again, point) < RECOVERED * fell
             ):
-                again = None  # the model is what is wrong
+                again = None  # the model is wrong, not the step
         found.append(point)
         drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
         worse = worse + 1 if drop > EVIDENCE_DROP else 0
         if continuity == "estimate" and i and abs(point.evidence - found[-2].evidence) < LEVEL:
             break
-        # residuals that are no noise leave no doubt where the evidence turns
+        # with correlated residuals the maximum of the evidence is clear
         if continuity == "estimate" and worse == (2 if begin.problem.memory == 1 else 1):
             break
     best = loosest(found) if continuity == "estimate" else found[-1]
@@ -172,7 +172,7 @@ def fit_shooting(
 
 
 def solve_to_end(point: Solution) -> Solution:
-    """A solution solved at its gap weight to the end, which `fit_shooting` does not: finer steps may have to follow."""
+    """A solution fully converged at its gap weight; `fit_shooting` stops earlier, as finer steps may have to follow."""
     if not point.gap_weight:
         return point
     level = JoinedWindows(point.problem, point.gap_weight)
@@ -195,7 +195,7 @@ def joined_step(point: Solution, low: np.ndarray, high: np.ndarray) -> Step | No
 
 
 def continue_shooting(point: Solution) -> Solution:
-    """Go on from a joined solution at its gap weight, with its evaluation on other windows, such as of finer steps."""
+    """Continue from a joined solution at its gap weight, evaluated on other windows, such as of finer steps."""
     level = JoinedWindows(point.problem, point.gap_weight)
     return replace(level.descend(point, CONTINUED), evidence=point.evidence)
 
@@ -208,13 +208,13 @@ def level_of(problem: Problem, gap_weight: float | None) -> Separate:
 
 
 def loosest(found: Sequence[Solution]) -> Solution:
-    """The loosest weight whose evidence is near the best: below it, the noise cannot tell weights apart."""
+    """The largest weight whose evidence is near the best: below it, the noise cannot distinguish weights."""
     most = max(point.evidence for point in found)
     return next((point for point in found if point.evidence >= most - SAME_EVIDENCE), found[-1])
 
 
 def _close(point: Solution, iterations: int) -> Solution:
-    """Rounds of multipliers: y <- y + gap, until the gaps are closed."""
+    """Iterations of the multipliers, y <- y + gap, until the gaps are closed."""
     offset = np.zeros_like(JoinedWindows(point.problem, EXACT_WEIGHT).gaps(point.evaluation, point.values))
     for _ in range(EXACT_ROUNDS):
         level = JoinedWindows(point.problem, EXACT_WEIGHT, offset)

@@ -1,4 +1,4 @@
-"""Running all windows at once, with exact derivatives by their starts and the parameters."""
+"""Simulation of all windows together, with exact derivatives by their starts and the parameters."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ from fitting.parameters.seeing import camera_angles, clock_rate, losses
 from fitting.parameters.target import LostPlace
 from fitting.traces import planar
 
-#: Windows run side by side in one program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all
-#: cores busy and compile fastest.
+#: Windows in one batched program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all cores
+#: busy and compile fastest.
 CHUNK = 8
 
 
-#: Which of a program's inputs are the windows' own numbers of steps.
+#: Number of the program input that holds the windows' own numbers of steps.
 COUNTS = 8
-#: Place of a jump of the clock that a window does not have [steps].
+#: Position of a jump of the clock that a window does not have [steps].
 NEVER = 1e9
-#: Part of a program's windows that its first, plain steps may leave unsolved before they are given up for good.
+#: Fraction of a program's windows that its first, plain steps may leave unsolved before they are no longer tried.
 UNSOLVED = 0.5
 
 
 class Key(NamedTuple):
-    """What a program is compiled for: the scheme with or without retries, windows in it, step [s], whether samples lie
-    on whole steps, and room for steps and sample slots."""
+    """Key of a program: the scheme with or without retries, number of windows, step [s], whether samples lie on whole
+    steps, and capacity for steps and sample slots."""
 
     plain: bool
     size: int
@@ -54,29 +54,29 @@ class Key(NamedTuple):
     slots: int
 
     def serves(self, other: Key) -> bool:
-        """Whether a program compiled for this runs windows of the other too."""
+        """Whether a program compiled for this key also runs windows of the other key."""
         return self[:4] == other[:4] and self.steps >= other.steps and self.slots >= other.slots
 
 
 class Simulator:
-    """Runs windows of one model, a chunk at a time; a program serves all windows that are not longer than its own.
+    """Runs windows of one model, a chunk at a time; a program serves all windows up to its own length.
 
-    Where the scheme retries steps that do not solve, windows run without retries first, whose program compiles in half
-    the time (two rods with dry joints: 13 s of 22), and only those with unsolved steps run again. Measured pendulums
-    have none.
+    If the scheme retries steps that do not solve, windows first run without retries. That program compiles in half the
+    time (two rods with dry joints: 13 s of 22). Only windows with unsolved steps run again; measured pendulums have
+    none.
 
-    Its programs may know more parameters than are asked of it: `view_of` gives the same programs for some of them, the
-    others at their own values, so that what is freed later is not compiled again. Derivatives are taken along
-    `tangents` directions at a time, which are told to the program as numbers.
+    Its programs may know more parameters than requested: `view_of` uses the same programs for some of them, with the
+    others at their own values, so that parameters freed later need no new compilation. Derivatives are taken along
+    `tangents` directions at a time, which are inputs of the program.
 
     Attributes:
-        parameters: those of the values and derivatives asked for.
+        parameters: those of the requested values and derivatives.
         compiled: those that programs know.
-        release: how released windows begin; None where every window has a start of its own.
-        capacity: steps and sample slots that programs are compiled for at least.
-        others: programs of the same model that others keep here.
+        release: start of released windows; None if every window has a start of its own.
+        capacity: minimum steps and sample slots that programs are compiled for.
+        others: programs of the same model, stored by other objects.
         compile_s: time spent compiling [s].
-        evaluations: calls so far.
+        evaluations: number of calls.
     """
 
     def __init__(
@@ -98,14 +98,14 @@ class Simulator:
         self._programs: dict[Key, jax.stages.Compiled] = {}
         self.others: dict[str, Any] = {}
         self._model: tuple[np.ndarray, Model] | None = None
-        # a fit begins where its preparation looked last
+        # a fit starts at the last evaluation of its preparation
         self._last: tuple[tuple[np.ndarray, Starts, Windows] | None, Evaluation | None] = None, None
 
     def view_of(self, parameters: Sequence[Parameter]) -> Simulator:
-        """The same programs for some of the parameters that they know, or other lost frames in the place of theirs."""
+        """The same programs for some of the parameters that they know, or with other lost frames instead of theirs."""
         view = copy.copy(self)
         view.parameters, view._model, view._last = tuple(parameters), None, (None, None)
-        view._where()  # a name that is not known stops here
+        view._where()  # raises for an unknown name
         return view
 
     def knows(self, parameters: Sequence[Parameter]) -> bool:
@@ -116,7 +116,7 @@ class Simulator:
         return lost <= len(losses(self.compiled)) and all(p.name in names for p in rest)
 
     def _where(self) -> np.ndarray:
-        """Numbers (k,) of the parameters among the compiled ones; lost frames take the places of any."""
+        """Numbers (k,) of the parameters among the compiled ones; lost frames use any of their slots."""
         index_of = {p.name: i for i, p in enumerate(self.compiled)}
         lost = iter(losses(self.compiled))
         return np.array(
@@ -124,16 +124,16 @@ class Simulator:
         )
 
     def all_values(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values of all parameters that programs know, and which of them are these (k,)."""
+        """Values of all parameters that programs know, and which of them are the requested ones (k,)."""
         where, found = self._where(), np.array([p.value for p in self.compiled], float)
         found[losses(self.compiled)] = 0.0
         found[where] = values
         return found, where
 
     def jumps(self, windows: Windows) -> np.ndarray:
-        """Where in every window, in steps, each lost time of the programs comes in (K, q); `NEVER` where it does not.
+        """Position in every window, in steps, of each lost time of the programs (K, q); `NEVER` if it has none.
 
-        One that comes in at the end of a window, before the next one's first frame, is part of it.
+        A lost time at the end of a window, before the next one's first frame, belongs to that window.
         """
         found = np.full((windows.count, len(losses(self.compiled))), NEVER)
         for slot, i in enumerate(losses(self.parameters)):
@@ -144,7 +144,7 @@ class Simulator:
         return found
 
     def __call__(self, values: np.ndarray, starts: Starts, windows: Windows) -> Evaluation:
-        """Evaluate at parameter values (k,) and window starts; every window has its own line in the answer."""
+        """Evaluate at parameter values (k,) and window starts; every window has its own row in the result."""
         values = np.asarray(values, float)
         last = self._last[0]
         if last and last[1] is starts and last[2] is windows and np.array_equal(last[0], values):
@@ -175,7 +175,7 @@ class Simulator:
         inputs = [
             np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)]) if 3 <= i <= 6 else a for i, a in enumerate(inputs)
         ]
-        # windows of like length run together: a chunk takes as many steps as its longest window
+        # windows of similar length run together: a chunk takes as many steps as its longest window
         order = np.argsort(inputs[COUNTS], kind="stable")
         rows = order[np.minimum(np.arange(-(-count // key.size) * key.size), count - 1)].reshape(-1, key.size)
         chunks = [tuple(a[some] for a in inputs) for some in rows]
@@ -185,7 +185,7 @@ class Simulator:
         ]
         seeds = self._seeds()
         jobs = [(some, chunk) for some in seeds for chunk in chunks]
-        # the compiled program leaves the interpreter, so that two threads use two cores
+        # the compiled program releases the interpreter lock, so that two threads use two cores
         with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:
             parts = list(pool.map(run, jobs))
         by_seed = [parts[i : i + len(chunks)] for i in range(0, len(parts), len(chunks))]
@@ -200,7 +200,7 @@ class Simulator:
         return whole._replace(**seen)
 
     def _seeds(self) -> list[np.ndarray]:
-        """Directions (tangents, m2 + compiled) of the derivatives, as many blocks as starts and parameters need."""
+        """Directions (tangents, m2 + compiled) of the derivatives, in as many blocks as starts and parameters need."""
         columns = np.concatenate([np.arange(self.freedoms), self.freedoms + self._where()])
         blocks = -(-len(columns) // self.tangents)
         seeds = np.zeros((blocks * self.tangents, self.freedoms + len(self.compiled)))
@@ -216,13 +216,13 @@ class Simulator:
 
     def _chunk(self, windows: Windows) -> int:
         """Windows per program."""
-        # A program of several windows takes all that any of them needs, and both sides of every choice. Joints that
-        # stick are all choices: with a law windows run one by one, in 0.55 of the time (seven links), and compile in
-        # 0.4 of it.
-        # Windows that hold their own error take steps of their own, and side by side all of them the most of any.
+        # A program of several windows executes the steps that any of them needs, and both sides of every branch.
+        # Sticking joints have many branches: with a set-valued law windows run one by one, in 0.55 of the time (seven
+        # links), and compile in 0.4 of it.
+        # Windows with error control choose their own steps; in a batch all of them would take the maximum number.
         if self.model.laws or isinstance(self.stepper.integrator, ProjectedRungeKutta):
             return 1
-        # two sizes only, every other one would be compiled anew; the small one not where the large one is there already
+        # two sizes only, because each one is compiled separately; the small one is not used if the large one exists
         large = windows.count > CHUNK // 2 or any(key.size == CHUNK for key in self._programs)
         return CHUNK if large else CHUNK // 2
 
@@ -237,20 +237,20 @@ class Simulator:
     def _program(
         self, requested: Key, values: np.ndarray, inputs: tuple[np.ndarray, ...]
     ) -> tuple[Key, jax.stages.Compiled]:
-        """A program that serves such windows, compiled where there is none yet, and what it was compiled for."""
+        """A program that serves such windows, compiled if necessary, and its key."""
         for key, program in self._programs.items():
             if key.serves(requested):
                 return key, program
         started = time.perf_counter()
         key = requested
-        if not isinstance(self.stepper.integrator, ProjectedRungeKutta):  # these are told all their steps beforehand
+        if not isinstance(self.stepper.integrator, ProjectedRungeKutta):  # these need all their steps in advance
             key = requested._replace(
                 steps=max(requested.steps, self.capacity[0]), slots=max(requested.slots, self.capacity[1])
             )
         stepper = self.stepper.plain if key.plain else self.stepper
         one = partial(self.window, stepper=stepper, dt=key.dt, capacity=key.steps, on_grid=key.on_grid)
         batched = jax.vmap(one, in_axes=(None, None, None, None, *(0 for _ in inputs)))
-        if key.size == 1:  # a batch of one is a batch, and would take both sides of every choice too
+        if key.size == 1:  # a batch of one would also execute both sides of every branch
             batched = lambda v, d, n, m, *each: [a[None] for a in one(v, d, n, m, *(a[0] for a in each))]  # noqa: E731
         shape = lambda i, a: (key.size, key.slots, *a.shape[2:]) if 3 <= i <= 6 else (key.size, *a.shape[1:])  # noqa: E731
         like = [jax.ShapeDtypeStruct(shape(i, a), jax.dtypes.canonicalize_dtype(a.dtype)) for i, a in enumerate(inputs)]
@@ -263,7 +263,7 @@ class Simulator:
             **{"parameters": self.compiled, "freedoms": self.freedoms, "tangents": self.tangents},
         }
         program = lower_cached(Simulator.window, known_by, (values, seeds, count, count, *like), batched)
-        # side by side, windows run as fast so and compile in half the time; one by one 1.2 to 1.4 times slower
+        # in a batch, windows run equally fast this way and compile in half the time; one by one 1.2 to 1.4 times slower
         self._programs[key] = program.compile(brief_options() if key.size > 1 else None)
         self.compile_s += time.perf_counter() - started
         return key, self._programs[key]
@@ -283,8 +283,8 @@ class Simulator:
         """Value and derivatives along `seeds` of one window, in one batch.
 
         Args:
-            steps: steps that are taken, at most `capacity`, by all windows that run together; a window's own number of
-                them is among the inputs, and its end is read there.
+            steps: number of steps, at most `capacity`, of all windows that run together; a window's own number of
+                steps is among the inputs, and its end is read there.
         """
         theta0, omega0, basis, measured, weight, index, fraction, jumps, own_steps, *more = inputs
         m = basis.shape[1]
@@ -322,7 +322,7 @@ class Simulator:
         dt: float,
         steps: jax.Array,
     ) -> tuple[jax.Array | float, tuple[jax.Array, jax.Array]]:
-        """A window's step [s] and the place of its samples in steps, whole and rest, by a clock of its own.
+        """A window's step [s] and the position of its samples in steps, integer and fraction, by its own clock.
 
         The steps are stretched so that the last one ends with the window, however much time is missing in it.
         """

@@ -1,7 +1,7 @@
-"""How sure a fit is: covariance with correlated residuals, intervals at bounds, bootstrap, profiles, identifiability.
+"""Uncertainty of a fit: covariance with correlated residuals, intervals at bounds, bootstrap, identifiability.
 
-The Gauss-Newton covariance `s^2 S^-1` holds for white residuals of deviation s. Where residuals are correlated, or
-larger than the noise that the traces show, the scatter of blocks of scores tells it instead (`sandwich`).
+The Gauss-Newton covariance `s^2 S^-1` holds for white residuals of standard deviation s. If residuals are correlated,
+or larger than the noise that the traces show, the scatter of blocks of scores is used instead (`sandwich`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fitting.estimate.sandwich import FEW, leverage, pieces, resample, scatter, 
 
 #: Probability of the reported intervals.
 LEVEL = 0.90
-#: Relative standard error beyond which a direction is called undetermined.
+#: Relative standard error above which a direction counts as undetermined.
 UNDETERMINED = 1.0
 
 
@@ -32,11 +32,11 @@ class Uncertainty:
         std_error: (k,).
         low, high: ends of the 90 % intervals (k,).
         at_bound: (k,) bool.
-        noise: deviation of the residuals in units of the assumed noise.
-        correlation_1: correlation of neighbouring residuals, of channels one each (c,).
-        inflation: largest factor on a standard error that the correlation brought.
+        noise: standard deviation of the residuals in units of the assumed noise.
+        correlation_1: correlation of neighbouring residuals, one for each channel (c,).
+        inflation: maximum factor on a standard error due to the correlation.
         undetermined: directions (name -> share) that the data do not determine.
-        blocks: how many blocks of scores the errors come from; 0 where they come from the noise.
+        blocks: number of blocks of scores behind the errors; 0 if they come from the noise.
     """
 
     covariance: np.ndarray
@@ -58,19 +58,19 @@ class Uncertainty:
 
 
 def degrees_of_freedom(solution: Solution) -> float:
-    """Samples less what the fit has used up of them, by leverage."""
+    """Number of samples minus the degrees of freedom that the fit has used, by leverage."""
     return max(1.0, solution.problem.samples - float(leverage(solution).sum()))
 
 
 def variance(solution: Solution) -> float:
-    """Variance of the noise, in units of the assumed one, by which the inverse information is the covariance."""
+    """Variance of the noise, in units of the assumed one, that scales the inverse information to the covariance."""
     problem, residual = solution.problem, solution.evaluation.residual
     variance = robust_variance(residual[problem.sample_mask], problem.loss, degrees_of_freedom(solution))
     return max(variance, problem.least_variance)
 
 
 def robust_variance(residual: np.ndarray, loss: Loss, freedom: float) -> float:
-    """Variance of residuals (N,) that left so many degrees of freedom, for estimates by a robust loss.
+    """Variance of residuals (N,) with this number of degrees of freedom, for estimates by a robust loss.
 
     With psi the slope of the loss and w its weights, means over the residuals,
 
@@ -84,7 +84,7 @@ def robust_variance(residual: np.ndarray, loss: Loss, freedom: float) -> float:
 
 
 def uncertainty(solution: Solution) -> Uncertainty:
-    """Errors at a solution; the larger of the noise's and of the blocks' scatter where noise is not all there is."""
+    """Errors at a solution; the larger of those from the noise and from the blocks' scatter if noise is not all."""
     problem, k = solution.problem, len(solution.values)
     free = np.flatnonzero(~problem.held_mask)
     noise2 = variance(solution)
@@ -128,7 +128,7 @@ def _inverse(information: np.ndarray) -> np.ndarray:
 def intervals(
     solution: Solution, covariance: np.ndarray, free: np.ndarray, level: float = LEVEL, blocks: float = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (k,) of the intervals, cut at the bounds; by Student's law where few blocks of time tell the errors.
+    """Ends (k,) of the intervals, cut at the bounds; by Student's law if the errors come from few blocks of time.
 
     On a bound the interval starts there and ends at the quantile of that law around the unbounded optimum,
     given that the parameter is inside its bounds.
@@ -155,7 +155,7 @@ def intervals(
 
 
 def quantile(chance: float, blocks: float = 0) -> float:
-    """Standard errors below which an estimate lies with this chance: Student's law for fewer blocks than `FEW`."""
+    """Standard errors below which an estimate lies with this probability: Student's law for fewer blocks than `FEW`."""
     return float(stdtrit(blocks - 1, chance) if 0 < blocks < FEW else ndtri(chance))
 
 
@@ -165,7 +165,7 @@ def chance_below(distance: float, blocks: float = 0) -> float:
 
 
 def open_directions(solution: Solution, covariance: np.ndarray, free: np.ndarray) -> tuple[dict[str, float], ...]:
-    """Directions that the data leave open: eigenvectors of the covariance in units of the parameters' sizes."""
+    """Directions that are not identifiable: eigenvectors of the covariance in units of the parameters' sizes."""
     parameters = solution.problem.parameters
     if len(free) < 2 or not np.isfinite(covariance).all():
         return ()
@@ -181,30 +181,30 @@ def open_directions(solution: Solution, covariance: np.ndarray, free: np.ndarray
 
 
 class Bootstrap(NamedTuple):
-    """Parameters (draws, k) of a bootstrap, and how many blocks of time count in it."""
+    """Parameters (draws, k) of a bootstrap, and its effective number of blocks of time."""
 
     draws: np.ndarray
     blocks: float
 
     @property
     def warning(self) -> str | None:
-        """One line where blocks are few."""
+        """One line if blocks are few."""
         if self.blocks >= FEW:
             return None
         return (
-            f"the bootstrap draws from what counts as {self.blocks:.1f} blocks of time, fewer than {FEW}: the width of "
-            f"its intervals is uncertain by {100 / np.sqrt(2 * max(self.blocks - 1, 1)):.0f} %; use longer traces"
+            f"the bootstrap draws from the equivalent of {self.blocks:.1f} blocks of time, fewer than {FEW}: the width "
+            f"of its intervals is uncertain by {100 / np.sqrt(2 * max(self.blocks - 1, 1)):.0f} %. Use longer traces"
         )
 
 
 def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, seed: int = 0) -> Bootstrap:
     """Parameters refitted, to first order, to blocks of time drawn with replacement (`sandwich.resample`).
 
-    The information of a draw is that of all stretches, since a draw of few may leave a parameter open (Kline and Santos
-    2012).
+    The information of a draw is that of all stretches, because a draw of few may leave a parameter undetermined (Kline
+    and Santos 2012).
 
     Args:
-        block: stretches that are drawn together: windows, or parts of few ones; default two correlation times.
+        block: number of stretches drawn together: windows, or parts of few ones; default two correlation times.
     """
     free = np.flatnonzero(~solution.problem.held_mask)
     parts = pieces(solution, free)

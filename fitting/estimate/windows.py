@@ -1,4 +1,4 @@
-"""Cutting traces into windows, and where each begins.
+"""Cutting traces into windows, and the start of each window.
 
 A chaotic trace cannot be fitted as one run: its sensitivity to the start grows as exp(lambda t). Each window has a
 start of its own (angles and rates, in a local chart, see `planar`), and only the parameters are shared.
@@ -19,25 +19,25 @@ from dropper_jax.model import Model
 from fitting.traces import planar
 from fitting.traces.trace import Trace, local_motion, without_spikes
 
-#: Departure from whole steps [steps] below which samples count as lying on the time grid.
+#: Deviation from whole steps [steps] below which samples count as lying on the time grid.
 ON_GRID = 1e-6
 
 
-#: Part of a step by which rounded times of samples may change it.
+#: Relative change of a step that rounded times of samples may cause.
 ROUNDED = 1e-3
 
 
-#: Longest reach of a start's polynomial, as a part of the shortest link's period.
+#: Maximum reach of a start's polynomial, as a fraction of the shortest link's period.
 SMOOTH_PART = 0.3
 
-#: What every window has of its own, besides what it follows.
+#: Fields that every window has separately, in addition to `follows`.
 PER_WINDOW = ("begin", "run", "theta", "weight", "index", "fraction", "released", "step_counts")
-#: The same, where there is any.
+#: Optional fields of the same kind.
 OF_NOISE = ("decay", "jitter")
 
 
 class Piece(NamedTuple):
-    """A window to be filled: its run, where it begins [s], its steps, and whether it begins where the last one ends."""
+    """Specification of a window: its run, start [s], steps, and whether it starts at the end of the previous one."""
 
     run: int
     begin: float
@@ -52,16 +52,17 @@ class Windows:
     Attributes:
         begin: start times (K,) [s].
         run: number of the trace of each window (K,).
-        follows: whether a window begins where the one before it ends (K,).
-        theta: measured angles (K, S, n) [rad], 0 where there is none.
+        follows: whether a window starts where the previous one ends (K,).
+        theta: measured angles (K, S, n) [rad], 0 if missing.
         weight: 1/sigma (K, S, n) [1/rad], 0 where there is no sample.
-        index, fraction: time of each slot in steps after the start, whole and rest, (K, S).
-        dt, steps: time step [s], and the steps that programs of these windows have room for.
-        released: whether the model says where a window begins, see `release` (K,).
+        index, fraction: time of each slot in steps after the start, integer and fraction, (K, S).
+        dt, steps: time step [s], and the step capacity of programs for these windows.
+        released: whether the model determines the start of a window, see `release` (K,).
         step_counts: steps of each window (K,), at most `steps`; default: all of them.
-        substeps: parts in which every step is taken.
-        decay: rate at which noise forgets itself (K, n) [1/s]; None where it is white.
-        jitter: deviation by frames' common delays over that of the noise, signed as the rates (K, S, n); None: none.
+        substeps: number of parts of every step.
+        decay: decay rate of the noise's autocorrelation (K, n) [1/s]; None if it is white.
+        jitter: ratio of the standard deviation by frames' common delays to that of the noise, with the sign of the
+            rates (K, S, n); None: none.
     """
 
     begin: np.ndarray
@@ -89,7 +90,7 @@ class Windows:
 
     @property
     def samples(self) -> int:
-        """Measured angles in all."""
+        """Total number of measured angles."""
         return int((self.weight > 0).sum())
 
     @property
@@ -109,7 +110,7 @@ class Windows:
 
     @property
     def gap_shares(self) -> np.ndarray:
-        """Deviation that each gap allows over the mean window's (g,): process noise grows as the root of time."""
+        """Standard deviation allowed by each gap relative to the mean window's (g,): it grows as the root of time."""
         left = np.flatnonzero(self.follows) - 1
         return np.sqrt(self.lengths[left] / self.lengths.mean())
 
@@ -129,7 +130,7 @@ class Windows:
     def pad_to(self, steps: int, slots: int) -> Windows:
         """The same windows simulated for at least `steps` and with at least `slots` sample slots, the rest empty.
 
-        What has the shape of windows that ran before needs no compilation.
+        Windows with the shapes of earlier ones need no compilation.
         """
         more = max(0, slots - self.theta.shape[1])
         pad = lambda a: np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)])  # noqa: E731
@@ -138,7 +139,7 @@ class Windows:
         return replace(self, steps=max(steps, self.steps), **part)
 
     def early(self, part: float) -> Windows:
-        """The same windows, of which only the first part (0 to 1) counts."""
+        """The same windows, of which only the first fraction (0 to 1) is fitted."""
         elapsed = self.index / self.step_counts[:, None]
         return replace(self, weight=self.weight * (elapsed <= part)[:, :, None])
 
@@ -154,20 +155,20 @@ class Windows:
 
 
 def check_step(traces: Sequence[Trace], dt: float) -> None:
-    """Refuse a step that a caller asks for and that is longer than the samples are apart.
+    """Reject a requested step that is longer than the sampling interval.
 
-    Between steps angles are interpolated, but a step that passes over samples is a mistyped one: the default is shorter
-    than any motion that a camera follows.
+    Between steps angles are interpolated. A step that skips samples is probably a mistyped one: the default is shorter
+    than any motion that a camera can follow.
     """
     longest = max(trace.interval for trace in traces)
     if not dt <= longest * (1 + 1e-6):
-        raise SceneError(f"dt: {dt:g} s is longer than the samples are apart; allowed: at most {longest:.4g} s")
+        raise SceneError(f"dt: {dt:g} s is longer than the sampling interval; allowed: at most {longest:.4g} s")
 
 
 def time_step(traces: Sequence[Trace], requested: float) -> float:
-    """The step [s] nearest below `requested` that divides the sampling interval, where sampling is uniform.
+    """The step [s] nearest below `requested` that divides the sampling interval, for uniform sampling.
 
-    Times in files are rounded: a step longer than `requested` by that rounding is the wanted one.
+    Times in files are rounded: a step may exceed `requested` by that rounding.
     """
     intervals = {round(trace.interval, 12) for trace in traces}
     if max(intervals) - min(intervals) > 1e-9:
@@ -176,12 +177,12 @@ def time_step(traces: Sequence[Trace], requested: float) -> float:
     return interval / max(1, int(np.ceil(interval / requested - ROUNDED)))
 
 
-#: Fewest frames of a window: fewer samples follow any start.
+#: Minimum number of frames of a window: a start can fit fewer samples exactly.
 FEWEST_FRAMES = 5
 
 
 def fewest_frames(links: int, freedoms: int) -> int:
-    """Fewest frames of a window: five, and twice as many samples as its start has numbers."""
+    """Minimum number of frames of a window: five, and twice as many samples as its start has numbers."""
     return max(FEWEST_FRAMES, -(-2 * freedoms // links))
 
 
@@ -194,12 +195,12 @@ def cut(
 ) -> Windows:
     """Windows of `length` [s], one after another.
 
-    What is left at the end of a span is a shorter window, if it has at least `FEWEST_FRAMES` frames. Windows in which a
-    link has fewer than two samples are left out.
+    The rest of a span becomes a shorter window, if it has at least `FEWEST_FRAMES` frames. Windows in which a link has
+    fewer than two samples are omitted.
 
     Args:
         traces: runs in the model's convention.
-        sigma: noise of each run's links (n,) [rad], used where the trace has no standard errors.
+        sigma: noise of each run's links (n,) [rad], used if the trace has no standard errors.
         spans: (run, from, to) to cut; default: each run as a whole.
     """
     steps = max(1, int(length / dt + 1e-6))
@@ -243,12 +244,12 @@ def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarra
 
 
 def _drop_empty(windows: Windows) -> Windows:
-    """Without windows in which some link has too few samples to tell where it starts."""
+    """Without windows in which some link has too few samples to determine its start."""
     enough = (windows.weight > 0).sum(axis=1).min(axis=1) >= 2
     if enough.all():
         return windows
     if not enough.any():
-        raise SceneError("window: no window has two samples of every link; allowed: longer windows or denser traces")
+        raise SceneError("window: no window has two samples of every link. Use longer windows or denser traces")
     return windows.exclude(~enough)
 
 
@@ -260,7 +261,7 @@ class Starts(NamedTuple):
 
 
 def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma: Sequence[np.ndarray]) -> Starts:
-    """Starts from the traces: value and slope of local polynomials, as wide as the noise `sigma` lets them be."""
+    """Starts from the traces: value and slope of local polynomials, with the width that the noise `sigma` allows."""
     traces = [without_spikes(trace) for trace in traces]
     longest = SMOOTH_PART * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
     value = np.array(
@@ -272,7 +273,7 @@ def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma:
     return close_starts(model, value[..., 0], value[..., 1])
 
 
-#: Number of starts that are closed in one call, so that one program serves most traces.
+#: Number of starts closed in one call, so that one program serves most traces.
 CLOSED_TOGETHER = 128
 
 

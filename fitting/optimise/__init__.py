@@ -1,1 +1,1 @@
-"""Designs found by their gradients: `dropper optimise SITE.toml`."""
+"""Gradient-based design: `dropper optimise SITE.toml`."""

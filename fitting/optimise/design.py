@@ -1,8 +1,8 @@
 """A design problem: objective and constraints of a design, with their derivatives, over all cases and seeds.
 
-A constraint on a storm is that of the characteristic load: the mean over the seeds of the peaks, or the most probable
-largest value (`over_seeds`), each a window's soft peak times the factor between the whole run's hard peak and it
-(frozen until windows are chosen anew). Cases in which a line breaks have loads of parts and anchors as constraints.
+A constraint on a storm applies to the characteristic load: the mean over the seeds of the peaks, or the most probable
+maximum (`over_seeds`). Each peak is a window's soft peak times its ratio to the whole run's hard peak, which is frozen
+until windows are chosen again. Cases with a broken line have loads of parts and anchors as constraints.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ Say = Callable[[float, str], None]
 
 
 class Design:
-    """The problem; keeps the last poses at rest, from which the next are sought."""
+    """The problem; stores the last equilibria, from which the next ones are solved."""
 
     def __init__(self, site: Site, variables: Sequence[Variable], goals: Goals, settings: Settings) -> None:
         check_seeds(site.run)
-        self.site, self.calm = site, replace(site, states=(None,))  # windows part their lines themselves
+        self.site, self.calm = site, replace(site, states=(None,))  # windows break their lines themselves
         self.variables, self.goals, self.settings = tuple(variables), goals, settings
         self.cases = self.site.cases
         self._near: dict[object, State] = {}
@@ -56,14 +56,14 @@ class Design:
         return self.site.run.dt or self.site.scene.run.dt
 
     def still(self, x: np.ndarray, case: Case) -> RunStart:
-        """Calm model and pose at rest of a design in the current and level of a case, all lines whole."""
+        """Calm model and equilibrium of a design in the current and level of a case, all lines intact."""
         found = in_assumed(still(self.calm, self.variables, x, case.storm))
         own = rest(found, self._near.get(case.storm.still))
         self._near[case.storm.still] = own.state
         return RunStart(found, own)
 
     def run_start(self, x: np.ndarray, case: Case, cache: dict[object, RunStart], polished: bool = False) -> RunStart:
-        """The same for a case, with what its window goes on with; `cache` keeps what cases share."""
+        """The same for a case, with the later model of its window; `cache` stores what cases share."""
         whole = case.storm.still
         if whole not in cache:
             cache[whole] = self.still(x, case)
@@ -83,19 +83,19 @@ class Design:
         return cache[key]
 
     def quantities(self, case: Case, found: Still) -> tuple[Quantity, ...]:
-        """What a case is judged by."""
+        """The quantities that apply to a case."""
         kind = case.storm.kind
         if kind not in self._quantities:
             self._quantities[kind] = self.goals.quantities(self.site, found.model, kind)
         return self._quantities[kind]
 
     def count_limited(self, case: Case) -> int:
-        """How many of the quantities have a limit: all but the motion that is an objective."""
+        """Number of quantities with a limit: all but a motion that is the objective."""
         own = self._quantities[case.storm.kind]
         return len(own) - (1 if self.goals.objective.of == "motion" and case.storm.broken is None else 0)
 
     def scene_constraints(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What the scene itself says of a design: material, then the strength of each part over that at the start.
+        """Properties of a design without a run: material, then the strength of each part over that at the start.
 
         Returns:
             (1 + parts,) and the derivatives by the variables (1 + parts, p).
@@ -118,17 +118,17 @@ class Design:
         return np.array([self.goals.objective.material(scene), *strength])
 
     def check(self) -> None:
-        """Refuse variables that move nothing, and depths that contradict.
+        """Reject variables without effect, and contradicting depths.
 
         Raises:
-            SceneError: their names.
+            SceneError: with their names.
         """
         found = still(self.calm, self.variables, self.start, self.cases[0].storm)
         check_depths(self.goals.depths, found.model)
         moves_cost = np.any(self.scene_constraints(self.start)[1] != 0, axis=0)
         named = [name for name in idle(found, self.variables) if not moves_cost[self._number(name)]]
         if named:
-            raise SceneError(f"variable: {', '.join(map(repr, named))} moves nothing; allowed: numbers that do")
+            raise SceneError(f"variable: {', '.join(map(repr, named))} moves nothing. Use numbers that do")
 
     def _number(self, name: str) -> int:
         return [v.name for v in self.variables].index(name)
@@ -142,7 +142,7 @@ class Design:
         return peaks(*own, slopes, window.height, start.after)
 
     def renew_windows(self, x: np.ndarray, say: Say) -> tuple[tuple[Window, ...], list[Storms]]:
-        """Windows around the largest loads of the whole runs of a design, and these runs' hard peaks.
+        """Windows around the peak loads of the whole runs of a design, and these runs' hard peaks.
 
         Raises:
             SceneError: a run that failed.
@@ -159,7 +159,7 @@ class Design:
         full = self._run_parallel(run_fully, "whole runs", say)
         for storm in full:
             if storm.message:
-                raise SceneError(f"design: {storm.message}; allowed: a smaller run.dt, or bounds nearer to the start")
+                raise SceneError(f"design: {storm.message}. Use a smaller run.dt, or bounds nearer to the start")
         windows = [self._window_around_peak(case, storm) for case, storm in zip(self.cases, full, strict=True)]
         stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
 
@@ -167,26 +167,26 @@ class Design:
             soft = self.window(x, windows[i], stands[i], slopes=False)
             if not soft.solved:
                 name = windows[i].case.storm.name
-                raise SceneError(f"design: a window of {name} has steps that resist; allowed: smaller run.dt")
+                raise SceneError(f"design: a window of {name} has steps that do not converge. Use a smaller run.dt")
             return replace(windows[i], factor=full[i].hard / soft.soft, height=soft.hard)
 
         return tuple(self._run_parallel(scale_window, "windows", say)), full
 
     def _window_around_peak(self, case: Case, storm: Storms) -> Window:
-        """The window around the load of a whole run that is nearest to its limit; what it is scaled by comes later."""
+        """The window around the peak of a whole run that is nearest to its limit; its scale factor comes later."""
         when = storm.when[int(np.argmax(storm.hard[: self.count_limited(case)]))]
         begin = float(np.clip(when - self.settings.before, 0.0, self._last(self.site.run.duration)))
         window = Window(case, begin, np.ones(len(storm.hard)), None)
         if case.storm.broken is None:
             return window
-        # the first third is intact, so the blow of the break is in the window where the load comes soon enough
+        # the first third is intact, so the impact of the break is in the window if the peak occurs soon enough
         broke = self.site.break_time - self.settings.window / 3
         if when <= broke + self.settings.window:
             return replace(window, begin=max(broke, 0.0))
         return replace(window, polished=True)
 
     def _run_parallel(self, one: Callable[[int], Any], what: str, say: Say) -> list[Any]:
-        """`one` of every case, of each kind of program the first one alone."""
+        """`one` of every case; for each kind of program, the first one runs alone."""
         count, found = len(self.cases), {}
         for kind in dict.fromkeys(case.storm.kind for case in self.cases):
             own = [i for i, case in enumerate(self.cases) if case.storm.kind == kind]
@@ -215,7 +215,7 @@ class Design:
         return self._together(x, hard, slope, cache, all(run.solved for run in runs))
 
     def measure_full_runs(self, x: np.ndarray, full: Sequence[Storms]) -> Values:
-        """The same by the hard peaks of whole runs, without derivatives of what storms decide."""
+        """The same by the hard peaks of whole runs, without derivatives of storm quantities."""
         cache: dict[object, RunStart] = {}
         for case in self.cases:
             self.run_start(x, case, cache)
@@ -272,7 +272,7 @@ class Design:
         return Values(float(objective), way, tuple(names), np.array(value), np.array(slopes), solved)
 
     def _largest(self, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
-        """The objective where it is of storms: the largest of all cases."""
+        """The objective if it depends on storms: the maximum of all cases."""
         of = self.goals.objective
         intact = [i for i, case in enumerate(self.cases) if case.storm.broken is None]
         names = [q.name for q in self._quantities[self.cases[intact[0]].storm.kind]]
@@ -282,14 +282,14 @@ class Design:
 
 
 def _row(a: np.ndarray, i: int, value: np.ndarray) -> np.ndarray:
-    """The array with another entry or row."""
+    """The array with one more entry or row."""
     changed = np.array(a)
     changed[i] = value
     return changed
 
 
 def strength_of(part: Part, scene: Scene) -> float:
-    """Breaking load of a part [N] where it is the scene's, so that it follows the design; 1 where the site gives it."""
+    """Breaking load of a part [N] if it comes from the scene, so that it follows the design; 1 if the site gives it."""
     specs = {line.name: line.spec for line in whole_lines(scene)}
     loads = [specs[name].breaking_load for name in part.lines]
     if any(load is None for load in loads) or not part.of_scene:

@@ -1,12 +1,12 @@
-"""What a design is wanted to be: the objective and the constraints of a site.
+"""Objective and constraints of a site's design.
 
 [objective]
-of = "material"                 kilograms times price; or "load": the largest utilisation of `part`; or "motion":
-                                the largest way [m] of nodes of `lines` from their mean place
-price = { backbone = 3.0, "loop-*" = 0.0 }   per kg of lines, by pattern; 1 where left out
-float_price = 8.0               per kg of floats (points with a volume); 1 where left out
+of = "material"                 kilograms times price; or "load": the maximum utilisation of `part`; or "motion":
+                                the maximum displacement [m] of nodes of `lines` from their mean position
+price = { backbone = 3.0, "loop-*" = 0.0 }   per kg of lines, by pattern; default 1
+float_price = 8.0               per kg of floats (points with a volume); default 1
 
-[[constraint]]                  beside those of the site's parts, anchors and [backbone], which always hold
+[[constraint]]                  in addition to those of the site's parts, anchors and [backbone], which always apply
 kind = "depth"                  of `points` (patterns) or `lines` at rest: `shallowest`, `deepest` [m]
 kind = "clearance"              of each of `lines` from the next one in storms: `least` [m]
 kind = "motion"                 of `lines` in storms: `most` [m]
@@ -39,7 +39,7 @@ KINDS = {
 
 @dataclasses.dataclass(frozen=True)
 class Objective:
-    """`[objective]`: what is to be small."""
+    """`[objective]`: the quantity to minimise."""
 
     of: str
     price: tuple[tuple[str, float], ...] = ()
@@ -60,7 +60,7 @@ class Objective:
 
 @dataclasses.dataclass(frozen=True)
 class Depth:
-    """Depths between which nodes are to be at rest [m] below the water's level."""
+    """Range of depths for nodes at rest [m] below the water's level."""
 
     name: str
     points: tuple[str, ...]
@@ -69,14 +69,14 @@ class Depth:
     deepest: float | None
 
     def nodes(self, model: Model) -> np.ndarray:
-        """Numbers of the free nodes that count."""
+        """Numbers of the free nodes that it applies to."""
         index = {point.name: i for i, point in enumerate(model.points)}
         free = [int(model.geometry.point_node[index[name]]) for name in self.points]
         of_lines = line_nodes(model, self.lines)
         return np.array([*free, *(int(i) for name in self.lines for i in of_lines[name])], int)
 
     def over(self, model: Model, r: np.ndarray, dr: np.ndarray, level: float) -> list[tuple[str, float, np.ndarray]]:
-        """Each bound with how near it is (1 at it) and its derivative by the variables (p,), of the worst node."""
+        """Each bound's utilisation (1 at the bound) and its derivative by the variables (p,), at the worst node."""
         own = self.nodes(model)
         depth, found = level - r[own, 2], []
         unit = self.deepest or self.shallowest or 1.0
@@ -92,10 +92,10 @@ class Depth:
 
 
 def check_depths(depths: Sequence[Depth], model: Model) -> None:
-    """Refuse bounds that no pose meets: a node that one keeps deeper than another lets it lie.
+    """Reject bounds that no pose meets: one requires a node to be deeper than another one allows.
 
     Raises:
-        SceneError: both of them.
+        SceneError: with both of them.
     """
     own = [(depth, set(depth.nodes(model).tolist())) for depth in depths]
     for one, nodes in own:
@@ -119,9 +119,9 @@ class Goals:
     motions: tuple[tuple[tuple[str, ...], float], ...]
 
     def quantities(self, site: Site, model: Model, kind: str = "intact") -> tuple[Quantity, ...]:
-        """What storms are judged by: all that has a limit of 1, and the objective where it is of storms, last.
+        """The quantities of storms: all with a limit of 1, and the objective last if it depends on storms.
 
-        Where a line breaks (`kind` "broken") these are the loads of parts and anchors, with their own factors.
+        If a line breaks (`kind` "broken") these are the loads of parts and anchors, with their own factors.
         """
         found: list[Quantity] = [part_load(model, part, kind) for part in site.parts]
         found += [quantity for anchor in site.anchors for quantity in anchor_loads(model, anchor, kind)]
@@ -141,7 +141,7 @@ def _nodes(model: Model, lines: Sequence[str]) -> tuple[int, ...]:
 
 
 def _pairs(model: Model, lines: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Nodes of each line with those of the next one, ends and what both have left out."""
+    """Nodes of each line with those of the next one, without ends and shared nodes."""
     inner = int(model.geometry.inner)
     nodes = [[int(i) for i in own if i < inner] for own in line_nodes(model, lines).values()]
     return tuple((a, b) for one, other in zip(nodes[:-1], nodes[1:], strict=True) for a in one for b in other)
@@ -151,7 +151,7 @@ def read_goals(site: Site) -> Goals:
     """The goals of a site.
 
     Raises:
-        SceneError: an objective that there is not, unknown lines, points or parts, bounds that contradict.
+        SceneError: an unknown objective, line, point or part, or contradicting bounds.
     """
     names, free = site.lines, [p.name for p in site.scene.points if p.kind == "free"]
     objective = _objective(read_table(site.raw.get("objective", {}), "objective"), site)
@@ -172,7 +172,7 @@ def read_goals(site: Site) -> Goals:
         limit = read_number(table.get(key), f"{path}.{key}", {"low": 0.0, "open_low": True, "unit": "m"})
         lines = match_names(_patterns(table.get("lines"), f"{path}.lines"), names, f"{path}.lines")
         if kind == "clearance" and len(lines) < 2:
-            raise SceneError(f"{path}.lines: finds {lines[0]!r} alone; allowed: patterns of two lines or more")
+            raise SceneError(f"{path}.lines: matches only {lines[0]!r}. Use patterns of two lines or more")
         (clearances if kind == "clearance" else motions).append((lines, limit))
     return Goals(objective, tuple(depths), tuple(clearances), tuple(motions))
 

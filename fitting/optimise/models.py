@@ -1,8 +1,8 @@
-"""Models of a design in calm water, and how every number of them follows the variables.
+"""Models of a design in calm water, and the derivatives of all of their numbers with respect to the variables.
 
-What a variable does to the model is found on the host, by central differences of the scene's own arithmetic: leaves of
-a model are smooth in lengths, diameters and volumes, so that steps of 1e-4 leave 1e-8. In the compiled programs the
-derivative of a run by the leaves is then all that is needed (the chain rule).
+The effect of a variable on the model is computed on the host, by central differences of the scene's own arithmetic:
+leaves of a model are smooth in lengths, diameters and volumes, so that steps of 1e-4 have errors of 1e-8. The compiled
+programs then only need the derivative of a run with respect to the leaves (the chain rule).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from dropper_jax.sea.make import make_sea
 from fitting.optimise.variables import Variable, with_design
 from fitting.site import Case, Site, Storm
 
-#: Step of the differences over the range of a variable.
+#: Step of the differences relative to the range of a variable.
 STEP = 1e-4
 #: Ratio of the ropes' damping to the critical one of a link in windows.
 CALM_RATIO = 1.0
-#: What the site takes as given, as shares: heights of all waves, speed of the current. They follow the variables in
-#: every derivative, so that the end of a design says what it costs to be wrong about them.
+#: Relative changes of the site's assumptions: heights of all waves, speed of the current. They follow the variables in
+#: every derivative, so that the end of a design reports the cost of an error in them.
 ASSUMPTIONS = ("wave height", "current")
 
 
@@ -49,11 +49,11 @@ class Still:
 
 
 def calm_slack_ropes(scene: Scene) -> Scene:
-    """The scene with ropes whose damper works on in slack links (`damped_rope`), at least critically damped.
+    """The scene with ropes whose damper also acts in slack links (`damped_rope`), at least critically damped.
 
-    Slack ropes of the plain law chatter: a difference of 1e-9 m grows to 1e-2 m within ten seconds and stays there. It
-    moves peaks by less than 1 %, but derivatives through it are noise. With this damper it does not grow at all, and
-    what it does to the peaks is made good by the factor between soft and hard ones (see `storm`).
+    Slack ropes with the plain law chatter: a difference of 1e-9 m grows to 1e-2 m within ten seconds and remains. It
+    changes peaks by less than 1 %, but derivatives through it are noise. With this damper it does not grow at all. The
+    effect of the damper on the peaks is compensated by the factor between soft and hard ones (see `storm`).
     """
     if scene.written is None:
         return scene
@@ -67,7 +67,7 @@ def calm_slack_ropes(scene: Scene) -> Scene:
 
 
 def still_scene(site: Site, scene: Scene, storm: Storm, calm: bool) -> Scene:
-    """The scene of a load case without its waves; with `calm` as windows have it."""
+    """The scene of a load case without its waves; with `calm` as used in windows."""
     base = site.prepared(scene).with_values({**site.still_changes(storm), **site.break_changes(storm)})
     table = base.as_written()
     table["sea"] = {k: v for k, v in table["sea"].items() if k not in ("waves", "ramp", "interpolation")}
@@ -83,7 +83,7 @@ def still_model(
 
 
 def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm) -> Still:
-    """The same with what its leaves owe to the variables.
+    """The model with the derivatives of its leaves with respect to the variables.
 
     Raises:
         SceneError: a variable that changes the model's shape.
@@ -99,7 +99,7 @@ def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: 
             moved[k] += sign * step
             leaves = jax.tree.leaves(still_model(site, variables, moved, storm))
             if [jnp.shape(leaf) for leaf in leaves] != shapes:
-                raise SceneError(f"variable.{k}.name: {variable.name!r} changes how many parts there are; allowed: not")
+                raise SceneError(f"variable.{k}.name: {variable.name!r} changes the number of parts. Use another one")
             ends.append(leaves)
         for i, (high, low) in enumerate(zip(*ends, strict=True)):
             slope = (np.asarray(high, float) - np.asarray(low, float)) / (2 * step)
@@ -109,7 +109,7 @@ def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: 
 
 
 def idle(found: Still, variables: Sequence[Variable]) -> list[str]:
-    """Names of variables that move nothing in the model."""
+    """Names of variables without effect on the model."""
     moved = np.zeros(len(variables), bool)
     for slope in found.slopes.values():
         moved |= np.any(slope.reshape(len(variables), -1) != 0, axis=1)
@@ -117,7 +117,7 @@ def idle(found: Still, variables: Sequence[Variable]) -> list[str]:
 
 
 def sea_of(site: Site, scene: Scene, case: Case, ramp: float, begin: float = 0.0) -> Sea:
-    """The sea of a case, its waves rising from t = 0 over the ramp [s] as those of time `begin` [s] on."""
+    """The sea of a case; its waves rise from t = 0 over the ramp [s], with the phase of time `begin` [s]."""
     spec = site.prepared(scene).with_values(site.changes(case)).sea
     sea = make_sea(replace(spec, interpolation="none", ramp=ramp))
     waves = sea.waves
@@ -145,7 +145,7 @@ def leaf_numbers(model: Model, still_: Still) -> dict[int, np.ndarray]:
 
 
 def in_assumed(found: Still) -> Still:
-    """The same with the current's share as a further variable, and room for that of the waves (`leaf_numbers`)."""
+    """The slopes with the current's relative change as a further variable, and space for the waves (`leaf_numbers`)."""
     path = jax.tree_util.tree_flatten_with_path(found.model)[0]
     slopes = {i: _longer(slope, len(ASSUMPTIONS)) for i, slope in found.slopes.items()}
     count = next(iter(slopes.values())).shape[0]

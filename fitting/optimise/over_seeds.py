@@ -2,9 +2,9 @@
 
     sum_i w_i x_(i),    x_(1) <= ... <= x_(n)
 
-The mean has w = 1/n. The most probable largest value of a storm of duration D is the mode of a Gumbel distribution by
-probability-weighted moments (see `dropper_jax.report.extremes`) moved by scale log(D/T), T the time that counts of a
-run: mode = b0 - gamma s, s = (2 b1 - b0)/ln 2, b1 = sum (i - 1)/(n - 1) x_(i)/n, all linear in the ordered maxima:
+The mean has w = 1/n. The most probable maximum of a storm of duration D is the mode of a Gumbel distribution by
+probability-weighted moments (see `dropper_jax.report.extremes`), shifted by scale log(D/T), with T the counted time of
+a run: mode = b0 - gamma s, s = (2 b1 - b0)/ln 2, b1 = sum (i - 1)/(n - 1) x_(i)/n, all linear in the ordered maxima:
 
     w_i = 1/n + (log(D/T) - gamma) (2 (i - 1)/(n - 1) - 1)/(n ln 2)
 """
@@ -19,9 +19,9 @@ from fitting.site.sections import RunValues
 
 
 def weights(maxima: np.ndarray, run: RunValues) -> np.ndarray:
-    """Weights (n, q) of maxima (n, q), each in its seed's place; of a signal without a spread those of the mean.
+    """Weights (n, q) of maxima (n, q), in the order of the seeds; for a signal without spread, those of the mean.
 
-    A load that some seeds do not know at all has no one distribution of maxima, and takes the mean too, as in
+    A load that is absent for some seeds has no single distribution of maxima, and also uses the mean, as in
     `fitting.cases.characteristic`.
     """
     maxima = np.asarray(maxima, float)
@@ -39,10 +39,10 @@ def weights(maxima: np.ndarray, run: RunValues) -> np.ndarray:
 
 
 def check_seeds(run: RunValues) -> None:
-    """Refuse a most probable value of too few seeds.
+    """Reject a most probable value with too few seeds.
 
     Raises:
-        SceneError: how many there are and are needed.
+        SceneError: with the given and the required number.
     """
     if run.characteristic == "most_probable" and run.seeds < LEAST_RUNS:
         raise SceneError(

@@ -1,6 +1,6 @@
-"""Runs of one design abreast: the first alone, for it compiles what all take, the others over threads.
+"""Parallel runs of one design: the first alone, because it compiles the shared programs, the others on threads.
 
-A compiled run holds no lock of Python's, so that threads are enough, and they share programs and models.
+A compiled run does not hold Python's lock, so that threads suffice, and they share programs and models.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ B = TypeVar("B")
 
 
 def cores() -> int:
-    """Cores that this process may take."""
+    """Number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def run_parallel(
     one: Callable[[A], B], items: Sequence[A], say: Callable[[int], None], workers: int | None = None
 ) -> list[B]:
-    """`one` of each item, in their order.
+    """`one` of each item, in order.
 
     Args:
-        say: told how many are done, on the calling thread.
-        workers: threads; as many as there are cores where left out.
+        say: called with the number of finished items, on the calling thread.
+        workers: number of threads; default: one per core.
 
     Raises:
-        whatever `one` raises, of the first item that it does for; those not begun are let go.
+        The first exception of `one`, in the order of the items; items that have not started are cancelled.
     """
     found: list[B] = []
     with ThreadPoolExecutor(workers or cores()) as pool:

@@ -1,4 +1,4 @@
-"""A picture of a design: the layout from the side, and how far constraints are used, before and after."""
+"""A picture of a design: the layout from the side, and the utilisation of constraints, before and after."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fitting.optimise.rest import near_rest
 from fitting.optimise.run import Optimum
 from fitting.site import Site
 
-#: Most constraints shown, the most used ones.
+#: Maximum number of constraints shown, those with the highest utilisation.
 SHOWN = 14
 
 

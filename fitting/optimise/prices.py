@@ -1,12 +1,12 @@
-"""Prices of an optimum: what its active constraints cost, and how far the design is from one.
+"""Shadow prices of an optimum: the cost of its active constraints, and the distance of the design from an optimum.
 
-At an optimum the slope of the objective is held by active constraints and by bounds:
+At an optimum the slope of the objective is balanced by active constraints and by bounds:
 
     c + sum_j lambda_j J_j - mu_low + mu_high = 0,    all >= 0
 
-found by non-negative least squares over the variables that may still move, in shares of their ranges. A linear
-programme within a reach has prices too, but those of its corner: with fewer active constraints than variables its
-reach holds what is left, and prices are whatever that corner has.
+found by non-negative least squares over the variables that may still move, in units of their ranges. A linear programme
+within a reach also has prices, but those of its corner. With fewer active constraints than variables the reach itself
+balances the rest, and the prices are arbitrary.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import numpy as np
 
 from fitting.optimise.values import Values
 
-#: A constraint is held to be active from so far below its limit on.
+#: Distance below its limit within which a constraint counts as active.
 NEAR = 0.03
-#: Share of a variable's range from a bound within which that bound holds it.
+#: Fraction of a variable's range from a bound within which the bound counts as active.
 AT_BOUND = 1e-3
 
 
 class Prices(NamedTuple):
-    """Fall of the objective for a limit that is higher by 1, by constraint (m,), and the share of the objective's slope
-    that nothing holds: 0 at an optimum."""
+    """Decrease of the objective for a limit that is higher by 1, by constraint (m,), and the unbalanced fraction of the
+    objective's slope: 0 at an optimum."""
 
     of: np.ndarray
     left: float
@@ -36,7 +36,7 @@ def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fix
 
     Args:
         low, high: bounds (p,); fixed: variables on a size of their catalogue (p,), which stay there.
-        limit: that the constraints are kept below.
+        limit: upper limit of the constraints.
     """
     from scipy.optimize import nnls  # noqa: PLC0415
 

@@ -1,8 +1,8 @@
-"""What a storm is judged by: peaks of signals, each over its limit, as hard and as soft maxima.
+"""Quantities of a storm: peaks of signals, each relative to its limit, as hard and as soft maxima.
 
-    soft = s log sum exp(x/s),    s = SHARPNESS times a height that is held
+    soft = s log sum exp(x/s),    s = SHARPNESS times a fixed height
 
-A signal is positive and reaches 1 at its limit: load times factor over capacity, the least distance over a distance.
+A signal is positive and reaches 1 at its limit: load times factor over capacity, the minimum distance over a distance.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.model import Model
 from fitting.site import Anchor, Part
 
-#: Width of soft peaks over their height: they exceed the hard ones by 2 to 6 %, which a factor makes good.
+#: Width of soft peaks over their height: they exceed the hard ones by 2 to 6 %, which a factor compensates.
 SHARPNESS = 0.01
 
 
 class Quantity:
-    """A signal over time whose peak counts; `name` in tables, static."""
+    """A signal over time with a peak; `name` in tables, static."""
 
     name: str
 
@@ -37,7 +37,7 @@ class Quantity:
         return jnp.max(self.signal(model, r, tension))
 
     def soft(self, model: Model, r: jax.Array, tension: jax.Array, height: jax.Array) -> jax.Array:
-        """The soft peak where hard ones are about as high as `height`, which is held; differentiable."""
+        """The soft peak for hard ones of about `height`, which is fixed; differentiable."""
         width = SHARPNESS * height
         return width * jax.scipy.special.logsumexp(self.signal(model, r, tension) / width)
 
@@ -56,12 +56,12 @@ class Load(Quantity):
 
 @dataclasses.dataclass(frozen=True)
 class AnchorLoad(Quantity):
-    """Load on an anchor over what it holds, as `dropper_jax.scene.anchor` has it, times the factor.
+    """Utilisation of an anchor, as in `dropper_jax.scene.anchor`, times the factor.
 
     Attributes:
-        point: its number among the points; `first`, `last`: links that begin and end there.
+        point: its number among the points; `first`, `last`: links that start and end there.
         scale: (over H, over V, of a hypotenuse or not).
-        uplift: tangent of the largest angle of the load; None for the load itself.
+        uplift: tangent of the maximum angle of the load; None for the load itself.
     """
 
     name: str
@@ -72,7 +72,7 @@ class AnchorLoad(Quantity):
     up: float
     round: bool
     uplift: float | None = None
-    #: Loads [N] are counted over this where the angle is asked for.
+    #: Loads [N] above this are included when the angle is limited.
     unit: float = 1.0
 
     def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
@@ -95,7 +95,7 @@ class AnchorLoad(Quantity):
 
 @dataclasses.dataclass(frozen=True)
 class Clearance(Quantity):
-    """The wanted distance [m] over that of pairs of free nodes."""
+    """Ratio of the required distance [m] to that of pairs of free nodes."""
 
     name: str
     pairs: tuple[tuple[int, int], ...]
@@ -108,7 +108,7 @@ class Clearance(Quantity):
 
 @dataclasses.dataclass(frozen=True)
 class Motion(Quantity):
-    """How far nodes go from their mean place [m], times `scale`."""
+    """Displacement of nodes from their mean position [m], times `scale`."""
 
     name: str
     nodes: tuple[int, ...]
@@ -121,7 +121,7 @@ class Motion(Quantity):
 
 
 def line_links(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Numbers of the links of each line as it was written; pieces `name-1`, `name-2` of a cut one belong to it."""
+    """Numbers of the links of each line as specified; pieces `name-1`, `name-2` of a cut one belong to it."""
     found: dict[str, list[np.ndarray]] = {name: [] for name in names}
     for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
         stem, _, piece = member.name.rpartition("-")
@@ -132,7 +132,7 @@ def line_links(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
 
 
 def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Numbers of the free nodes of each line, its ends included where they are free."""
+    """Numbers of the free nodes of each line, including free ends."""
     links, graph = line_links(model, names), model.geometry
     return {
         name: np.array([i for i in dict.fromkeys([*graph.first[own], *graph.last[own]]) if i < graph.free], int)
@@ -148,7 +148,7 @@ def part_load(model: Model, part: Part, kind: str = "intact") -> Load:
 
 
 def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[AnchorLoad]:
-    """Utilisation of each of its points, and where an angle is given how near the load comes to it."""
+    """Utilisation of each of its points and, with a limit of the angle, that of the angle."""
     found, graph, table, factor = [], model.geometry, anchor.table, anchor.factor[kind]
     index = {point.name: i for i, point in enumerate(model.points)}
     for name in anchor.points:

@@ -1,4 +1,4 @@
-"""The pose at rest of a design, and how it follows the variables.
+"""Equilibrium of a design, and its derivatives with respect to the variables.
 
 F(r, p) = 0  ->  dr/dp = -K^-1 dF/dp,    K = dF/dr (sparse, all forces)
 """
@@ -23,11 +23,11 @@ from fitting.optimise.models import Still
 
 @dataclasses.dataclass(frozen=True)
 class Rest:
-    """A pose at rest.
+    """An equilibrium.
 
     Attributes:
-        state: places and tensions.
-        dr: derivative of the places by the variables (p, free, 3) [m per unit].
+        state: positions and tensions.
+        dr: derivative of the positions by the variables (p, free, 3) [m per unit].
         dtension: that of the tensions (p, n) [N per unit].
     """
 
@@ -37,10 +37,10 @@ class Rest:
 
 
 def near_rest(model: Model, near: State | None) -> State:
-    """The pose at rest of a model in calm water, sought from one near it where there is one.
+    """The equilibrium of a model in calm water, solved from a nearby one if given.
 
     Raises:
-        SceneError: none was found.
+        SceneError: no equilibrium was found.
     """
     loads = jnp.zeros((model.free_nodes, 3), model.dtype)
     if near is not None:
@@ -55,7 +55,7 @@ def near_rest(model: Model, near: State | None) -> State:
 
 
 def rest(still: Still, near: State | None = None) -> Rest:
-    """The pose and its derivatives by the variables."""
+    """The equilibrium and its derivatives by the variables."""
     from scipy.sparse.linalg import splu  # noqa: PLC0415
 
     s = near_rest(still.model, near)
@@ -68,7 +68,7 @@ def rest(still: Still, near: State | None = None) -> Rest:
         matrix = splu(stiffness(still.model, s, loads).tocsc())
     except RuntimeError:
         raise SceneError(
-            "design: parts of it hang on nothing, and its pose at rest is not one; allowed: others"
+            "design: it has unsupported parts, so its equilibrium is not unique. Use another design"
         ) from None
     dr = -matrix.solve(rows.reshape(count, -1).T).T.reshape(count, *s.r.shape)
     along = _along(still.model, s, loads, jnp.asarray(dr))
@@ -79,7 +79,7 @@ def rest(still: Still, near: State | None = None) -> Rest:
 def _by_variables(
     moving: tuple[int, ...], model: Model, slopes: list[jax.Array], s: State, loads: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Derivative of minus the forces (p, free, 3), and of the tensions (p, n), at places that are held."""
+    """Derivative of minus the forces (p, free, 3), and of the tensions (p, n), at fixed positions."""
     leaves, tree = jax.tree.flatten(model)
 
     def rows(shift: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -95,6 +95,6 @@ def _by_variables(
 
 @cached_jit()
 def _along(model: Model, s: State, loads: jax.Array, ways: jax.Array) -> jax.Array:
-    """Derivatives of the tensions (p, n) along ways of the places (p, free, 3)."""
+    """Derivatives of the tensions (p, n) along directions of the positions (p, free, 3)."""
     tension = lambda r: unbalanced(model, state(model, r, t=s.t), loads)[1]  # noqa: E731
     return jax.vmap(lambda direction: jax.jvp(tension, (s.r,), (direction,))[1])(ways)

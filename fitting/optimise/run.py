@@ -1,4 +1,4 @@
-"""`optimise`: from a site to a design, its derivatives checked first, in a search that can be gone on with."""
+"""`optimise`: from a site to a design, with a check of its derivatives, in a search that can be resumed."""
 
 from __future__ import annotations
 
@@ -26,39 +26,39 @@ from fitting.optimise.values import Values, Window
 from fitting.optimise.variables import Variable, read_variables
 from fitting.site import Site
 
-#: Steps of the check of derivatives over a variable's range (links go slack and nodes touch the bed within larger
-#: ones), and the largest difference, over the largest derivative, that it lets pass at the better of them.
+#: Steps for the check of derivatives relative to a variable's range (with larger ones links go slack and nodes touch
+#: the seabed), and the permitted maximum difference relative to the largest derivative, at the better of them.
 CHECK_STEPS, CHECK = (1e-6, 1e-7), 1e-2
-#: Random directions of the check.
+#: Number of random directions of the check.
 DIRECTIONS = 2
-#: A constraint is called active from here on.
+#: Value above which a constraint is called active.
 ACTIVE = 0.97
-#: What `run.characteristic` makes of the seeds' maxima, in words.
+#: Meaning of `run.characteristic`, in words.
 CHARACTERISTIC = {
     "mean": "mean of the seeds' maxima",
     "most_probable": "most probable largest value of a storm by the seeds' maxima",
 }
-#: Share of the objective's slope that an optimum's constraints hold, at least.
+#: Minimum fraction of the objective's slope that the constraints of an optimum balance.
 HELD = 0.9
 
 
 @dataclasses.dataclass(frozen=True)
 class Optimum:
-    """What the search found.
+    """Result of the search.
 
     Attributes:
         variables, before, after: and their values (p,); `after` is the best design whose whole runs meet all
-            constraints, or where the search ended if none does (`feasible` False).
+            constraints, or the end of the search if none does (`feasible` False).
         objective: before and after.
         constraints: by name, before and after (whole runs).
         prices: by name of an active constraint, change of the objective for 1 % more of its limit.
-        assumptions: by name, change of the objective for 1 % more, the design following.
-        characteristic: what of the seeds' maxima the constraints are of.
-        residual: largest difference, in limits, of constraints by windows (soft peaks times factors) from those of
-            whole runs at `after`, before windows and factors were found anew there; NaN where the start was the best.
-        held: share of the objective's slope at `after` that active constraints and bounds hold: 1 at an optimum.
-        check: differences of the derivatives before the search, over the largest one.
-        warnings: what of the site the search did not look at.
+        assumptions: by name, change of the objective for 1 % more, with the design adapted.
+        characteristic: statistic of the seeds' maxima that the constraints apply to.
+        residual: maximum difference, in limits, of constraints by windows (soft peaks times factors) from those of
+            whole runs at `after`, before windows and factors were updated there; NaN if the start was the best.
+        held: fraction of the objective's slope at `after` that active constraints and bounds balance: 1 at an optimum.
+        check: error of the derivatives before the search, relative to the largest one.
+        warnings: parts of the site that the search ignored.
     """
 
     variables: tuple[Variable, ...]
@@ -81,7 +81,7 @@ class Optimum:
 
     @property
     def gain(self) -> float:
-        """Share by which the objective fell."""
+        """Relative decrease of the objective."""
         return 1.0 - self.objective[1] / self.objective[0]
 
     def to_json(self) -> dict[str, Any]:
@@ -95,22 +95,22 @@ def read_problem(site: Site) -> Design:
     """The design problem of a site, checked.
 
     Raises:
-        SceneError: whatever is wrong with it, before anything runs.
+        SceneError: for any invalid input, before anything runs.
     """
     variables = read_variables(site.raw.get("variable", []), site.scene)
     goals: Goals = read_goals(site)
     if all(state is not None for state in site.states):
-        raise SceneError("cases.states: none is 'intact'; allowed: 'intact' among them, which is what is optimised")
+        raise SceneError("cases.states: must include 'intact', because the intact farm is optimised")
     design = Design(site, variables, goals, Settings.read(site.raw.get("optimise", {})))
     design.check()
     return design
 
 
 def check_slopes(design: Design, windows: Sequence[Window]) -> float:
-    """Largest difference of a window's derivatives from central differences, along random directions.
+    """Maximum difference of a window's derivatives from central differences, along random directions.
 
     Raises:
-        SceneError: it is beyond `CHECK`.
+        SceneError: it exceeds `CHECK`.
     """
     rng, x = np.random.default_rng(0), design.start
     span, worst = np.array([v.span for v in design.variables]), 0.0
@@ -131,7 +131,7 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
     if not worst <= CHECK:
         raise SceneError(
             f"optimise: derivatives of a window differ from differences by {worst:.2g} of the largest one; allowed: up "
-            f"to {CHECK:g}; take a smaller run.dt or a shorter optimise.window"
+            f"to {CHECK:g}. Use a smaller run.dt or a shorter optimise.window"
         )
     return worst
 
@@ -140,7 +140,7 @@ def optimise(site: Site, state: str | Path | None = None, say: Say = silent, che
     """The best design of a site.
 
     Args:
-        state: file that the search is kept in after every step, and gone on from where it is there.
+        state: file that stores the search after every step; an existing one is resumed.
 
     Raises:
         SceneError: a site that cannot be used, constraints that no design within the bounds meets to first order, or
@@ -166,7 +166,7 @@ def optimise(site: Site, state: str | Path | None = None, say: Say = silent, che
 
 
 def _possible(design: Design) -> None:
-    """Refuse depths at rest that no design within the bounds meets to first order, before any storm is run."""
+    """Reject depths at rest that no design within the bounds meets to first order, before any storm is run."""
     for case in {c.storm.still: c for c in design.cases}.values():
         found, own, _ = design.still(design.start, case)
         rows = [
@@ -186,12 +186,12 @@ def _possible(design: Design) -> None:
             worst = int(np.argmax(left))
             raise SceneError(
                 f"constraint: {names[worst]} cannot be met together with the others within the variables' bounds; "
-                "allowed: wider bounds, or limits that do not contradict"
+                "use wider bounds, or limits that do not contradict"
             )
 
 
 def _mark(design: Design) -> str:
-    """Digest of what a state belongs to."""
+    """Digest of the inputs that a state belongs to."""
     site = design.site
     table = {
         "scene": site.scene.to_dict(),
@@ -210,7 +210,7 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
         table = json.loads(file.read_text(encoding="utf-8"))
         if table.pop("site") != mark:
             raise SceneError(
-                f"--state: {str(file)!r} is of another site or version of it; allowed: its own, or a new file"
+                f"--state: {str(file)!r} belongs to another site or version of it. Use its own, or a new file"
             )
         off = table.pop("check")
         arrays = {key: None if table[key] is None else np.array(table[key]) for key in ("x", "best", "fixed")}
@@ -219,7 +219,7 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
         return found, float("nan") if off is None else off
     except (ValueError, KeyError, TypeError):
         raise SceneError(
-            f"--state: {str(file)!r} is no state of a search; allowed: one that it wrote, or a new file"
+            f"--state: {str(file)!r} is not a state of a search. Use one that it wrote, or a new file"
         ) from None
 
 
@@ -228,7 +228,7 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
     feasible = search.best is not None
     if feasible:
         search.x = search.best
-    say(0.95, "the end: whole runs and prices")
+    say(0.95, "final whole runs and prices")
     windows, found, _ = measure(dataclasses.replace(search, history=[]), design, say)
     here = design.values(search.x, windows, say)
     p = len(design.variables)
@@ -263,18 +263,18 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
 
 
 def design_warnings(residual: float, held: float) -> list[str]:
-    """What makes a design's numbers doubtful, one line each."""
+    """Reasons to doubt a design's numbers, one line each."""
     found = []
     if residual > RESIDUAL:
         found.append(
-            f"windows and whole runs differed by {residual:.1%} of a limit where the design was found (up to "
-            f"{RESIDUAL:.0%} is well); its constraints are those of whole runs, but the search saw others: a longer "
-            "optimise.window, a smaller optimise.renew or more seeds bring them nearer"
+            f"windows and whole runs differed by {residual:.1%} of a limit where the design was found (limit "
+            f"{RESIDUAL:.0%}); its constraints are those of whole runs, but the search used others. Use a longer "
+            "optimise.window, a smaller optimise.renew or more seeds to reduce the difference"
         )
     if held < HELD:
         found.append(
-            f"active constraints and bounds hold {max(held, 0.0):.0%} of the objective's slope ({HELD:.0%} or more is "
-            "an optimum): what 1 % more of anything gives says little here; more optimise.rounds go on"
+            f"active constraints and bounds balance {max(held, 0.0):.0%} of the objective's slope (an optimum: at "
+            f"least {HELD:.0%}): effects of 1 % changes are unreliable. Use more optimise.rounds"
         )
     return found
 

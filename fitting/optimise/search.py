@@ -1,12 +1,12 @@
-"""The search for a design: linear programmes within a reach that grows where they tell the truth.
+"""The search for a design: linear programmes within a reach that grows where they are accurate.
 
     min  c.d + P sum s    over  |d| <= reach, g + J d <= 1 - margin + s, s >= 0
 
-Where the constraints bend away within the reach, a step d that fails is mended by a second one: the same programme with
-`g(x + d) - J d` for g (Fletcher 1982), so that steps along a limit stay long. A step that lowers the merit
-`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989); a storm is run and
-differentiated once for each. After some steps the windows are found anew from whole runs: a design counts where its
-whole runs meet all constraints, and the best of these is what the search ends with.
+If the constraints are nonlinear within the reach, a step d that fails is corrected by a second one: the same programme
+with `g(x + d) - J d` for g (Fletcher 1982), so that steps along a limit stay long. A step that lowers the merit
+`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989); each step needs one run
+of a storm with derivatives. After some steps the windows are chosen again from whole runs. A design is accepted if its
+whole runs meet all constraints, and the search ends with the best of these.
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ from fitting.optimise.design import Design, Say
 from fitting.optimise.storms import Storms
 from fitting.optimise.values import Values, Window
 
-#: Price of a violation, in objectives at the start.
+#: Penalty of a violation, in objectives at the start.
 PRICE = 10.0
-#: Least part of the predicted gain that a step must bring, and the parts beyond which the reach shrinks or grows.
+#: Minimum fraction of the predicted gain for a step, and the fractions below and above which the reach changes.
 LEAST, POOR, GOOD = 0.05, 0.25, 0.6
 SHRINK, GROW, SMALLEST, LARGEST = 0.4, 1.6, 2e-3, 0.5
-#: Part of the first reach that every round begins with at least.
+#: Minimum fraction of the first reach at the start of every round.
 AGAIN = 0.25
-#: How far constraints of the best design may lie above 1: rounding.
+#: Permitted excess of constraints of the best design over 1: rounding.
 ROUNDING = 1e-9
-#: Difference of windows from whole runs, in limits, above which windows are found anew after every step.
+#: Difference of windows from whole runs, in limits, above which windows are updated after every step.
 RESIDUAL = 0.02
 
 
 @dataclasses.dataclass
 class Search:
-    """Where the search is; everything that a restart needs.
+    """State of the search; everything that a restart needs.
 
     Attributes:
-        x: the design (p,); `reach`: share of the ranges; `round`: rounds done.
+        x: the design (p,); `reach`: fraction of the ranges; `round`: rounds done.
         scale: objective at the start.
-        best: the best design whose whole runs meet all constraints, its objective; None while there is none.
+        best: the best design whose whole runs meet all constraints, and its objective; None before the first one.
         fixed: variables that have been set to a size of their catalogue (p,); `sized`: rounds done by then.
         history: one row per evaluation.
-        residual: largest difference of the last windows' constraints from those of whole runs, in limits, measured
-            before windows and factors were found anew; None before the first time. `best_residual`: of the best design.
+        residual: maximum difference of the last windows' constraints from those of whole runs, in limits, before
+            windows and factors were updated; None before the first time. `best_residual`: of the best design.
     """
 
     x: np.ndarray
@@ -78,7 +78,7 @@ def programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, l
     """The linear programme for steps between low and high (p,).
 
     Raises:
-        RuntimeError: it has no solution, which slack rules out.
+        RuntimeError: it has no solution, which the slack variables rule out.
     """
     from scipy.optimize import linprog  # noqa: PLC0415
 
@@ -97,7 +97,7 @@ def programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, l
 
 
 def violation(values: Values, limit: float) -> float:
-    """Sum of what constraints exceed their limit by."""
+    """Total violation of the constraints."""
     return float(np.sum(np.maximum(values.value - limit, 0.0)))
 
 
@@ -119,7 +119,7 @@ def run_round(
             last = one.attempt(dataclasses.replace(one.here, value=seen)) or first
         if last.good and last.values is not None:
             search.x, one.here, one.taken = last.x, last.values, one.taken + 1
-        if last.won < POOR * last.gain:  # a step that did not use its reach would be tried again
+        if last.won < POOR * last.gain:  # a step that did not use its full reach would be tried again
             search.reach = SHRINK * min(search.reach, first.size)
         elif last.won > GOOD * last.gain:
             search.reach = min(search.reach * GROW, LARGEST)
@@ -129,7 +129,7 @@ def run_round(
 
 @dataclasses.dataclass(frozen=True)
 class _Attempt:
-    """A design that was tried: its step (p,), largest share of the ranges, foretold and true gain of merit."""
+    """A design that was tried: its step (p,), maximum fraction of the ranges, predicted and true gain of merit."""
 
     x: np.ndarray
     step: np.ndarray
@@ -144,7 +144,7 @@ class _Attempt:
 
 
 class _Round:
-    """A round where it is: values there, steps tried and taken."""
+    """A round in progress: current values, steps tried and taken."""
 
     def __init__(
         self,
@@ -166,7 +166,7 @@ class _Round:
         return values.objective / self.search.scale + PRICE * violation(values, self.limit)
 
     def attempt(self, model: Values) -> _Attempt | None:
-        """The step of a model's linear programme within the reach, run; None where it promises nothing."""
+        """The step of a model's linear programme within the reach, run; None if it predicts no gain."""
         search, settings = self.search, self.design.settings
         fixed = False if search.fixed is None else search.fixed
         step_range = np.where(fixed, 0.0, search.reach * self.span)
@@ -193,7 +193,7 @@ class _Round:
 
 
 def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Say) -> tuple[Values | None, str]:
-    """Values of a design; None where it has no pose at rest or its windows cannot be run, with the reason."""
+    """Values of a design; None with the reason if it has no equilibrium or its windows cannot be run."""
     try:
         found = design.values(x, windows, say)
     except SceneError as error:
@@ -204,10 +204,10 @@ def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say:
 def measure(
     search: Search, design: Design, say: Say, foretold: Values | None = None
 ) -> tuple[tuple[Window, ...], Values, list[Storms]]:
-    """Windows anew and the constraints by whole runs; the best design so far is kept.
+    """Update the windows and compute the constraints by whole runs; the best design so far is stored.
 
     Args:
-        foretold: values of this design by the windows and factors as they were, for the residual.
+        foretold: values of this design with the previous windows and factors, for the residual.
     """
     windows, full = design.renew_windows(search.x, say)
     found = design.measure_full_runs(search.x, full)
@@ -222,10 +222,10 @@ def measure(
 
 
 def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndarray | None:
-    """The design with variables on sizes of their catalogues, each the neighbour that costs least to first order.
+    """The design with variables on sizes of their catalogues, each the neighbour with the lowest cost to first order.
 
     Returns:
-        None where no variable has a catalogue.
+        None if no variable has a catalogue.
     """
     if not any(v.catalogue for v in design.variables):
         return None
@@ -244,7 +244,7 @@ def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndar
 
 
 def run_search(search: Search, design: Design, save: Callable[[], None], say: Say) -> None:
-    """The whole search, from where it is."""
+    """The whole search, from its current state."""
     settings = design.settings
     windows, found, _ = measure(search, design, say)
     if search.before is None:
@@ -270,7 +270,7 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Sa
             x = snap_to_catalogue(search, design, here)
             if x is None:
                 continue
-            # sizes are set, the rest is sought anew beside them
+            # sizes are fixed, and the other variables are optimised again
             search.fixed = np.array([bool(v.catalogue) for v in design.variables])
             search.x, search.reach, search.sized, still_better = x, settings.reach, search.round, True
             search.best, search.best_objective, last = None, np.inf, np.inf

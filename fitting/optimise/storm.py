@@ -1,7 +1,7 @@
 """Windows of storms: peaks and their derivatives by the variables, statics included.
 
-A window is a run of its own: it begins in the pose at rest, its waves rise over `RAMP` seconds as those of the storm
-from `begin` on, and so it meets the storm's largest waves with a motion that has forgotten its start.
+A window is a separate run. It starts from equilibrium, and its waves rise over `RAMP` seconds with the phase of the
+storm from `begin` on. When it meets the storm's largest waves, its motion no longer depends on the start.
 
     dJ/dp = J_p + sum over leaves m of J_m dm/dp + J_r dr_0/dp + J_T dT_0/dp
 """
@@ -25,9 +25,9 @@ from fitting.optimise.models import Still, in_waves, leaf_numbers
 from fitting.optimise.quantities import Quantity
 from fitting.optimise.rest import Rest
 
-#: Time [s] in which the waves of a window rise; it does not count.
+#: Time [s] in which the waves of a window rise; it is not counted.
 RAMP = 10.0
-#: Times that a window that could not be solved is taken again with half the step.
+#: Number of times that an unsolved window is repeated with half the step.
 HALVINGS = 1
 
 _record = cached_jit(static=("stepper", "steps"))(record)
@@ -39,9 +39,9 @@ class Peaks:
     """Peaks of a window.
 
     Attributes:
-        hard, soft: (q,); NaN where the run failed.
+        hard, soft: (q,); NaN if the run failed.
         slope: derivative of the soft ones by the variables (q, p).
-        when: time of each hard peak after the window's begin (q,) [s].
+        when: time of each hard peak after the window's start (q,) [s].
         solved: whether every step was.
     """
 
@@ -54,7 +54,7 @@ class Peaks:
 
 @dataclasses.dataclass(frozen=True)
 class Phase:
-    """Steps of a window that follow each other on one model, with what the way back needs."""
+    """Consecutive steps of a window on one model, with the data for the backward pass."""
 
     model: Model
     still: Still
@@ -62,10 +62,10 @@ class Phase:
 
 
 def storm_stepper(model: Model) -> Stepper:
-    """The stepper of windows: energy-momentum, without means for steps that resist.
+    """The stepper of windows: energy-momentum, without fallbacks for steps that do not converge.
 
     Raises:
-        SceneError: a scene that has no way back.
+        SceneError: a scene without a backward pass.
     """
     stepper = make_stepper(model, extra=0, halvings=0, track_work=False)
     check_recordable(stepper, model)
@@ -83,13 +83,13 @@ def peaks(
     heights: np.ndarray | None = None,
     after: Still | None = None,
 ) -> Peaks:
-    """Peaks of a window of `duration` [s] in a sea whose waves rise at its begin.
+    """Peaks of a window of `duration` [s] in a sea whose waves rise at its start.
 
     Args:
-        after: what the second and last third of the window go on with, a link of it gone, and what then counts (see
-            `broken`); in place of `still` where left out.
-        heights: of the peaks about (q,), which size the width of soft ones; the hard peaks where left out. They are
-            held: between two calls that are compared they must be the same.
+        after: the model of the second and last third of the window, without one link, to which the peaks then apply
+            (see `broken`); default: `still`.
+        heights: approximate peaks (q,), which define the width of soft ones; default: the hard peaks. They are fixed:
+            two calls that are compared must use the same.
     """
     stills = [still] if after is None else [still, after, after]
     models = [in_waves(one.model, sea) for one in stills]
@@ -97,7 +97,7 @@ def peaks(
     for halving in range(HALVINGS + 1):
         h = dt / 2**halving
         steps = int(round(duration / h / len(stills)))
-        # no work is booked in windows: every phase has the same kind of state, and so one program
+        # windows do not record work: every phase has the same kind of state, and so one program
         phases, s, solved = [], dataclasses.replace(rest.state, work=jnp.zeros(0, models[0].dtype)), True
         for one, model in zip(stills, models, strict=True):
             run = _record(stepper, model, s, jnp.asarray(h, model.dtype), steps=steps)
@@ -122,7 +122,7 @@ def _peaks(
     counted = phases if len(phases) == 1 else phases[1:]
     r, tension = (jnp.concatenate([getattr(p.run, key) for p in counted]) for key in ("r", "tension"))
     before = sum(len(p.run.tension) for p in phases) - len(tension)
-    count = max(0, min(int(round(RAMP / h)), len(tension) - 1)) if len(phases) == 1 else 0  # what the ramp leaves out
+    count = max(0, min(int(round(RAMP / h)), len(tension) - 1)) if len(phases) == 1 else 0  # steps in the ramp
     hard, when = (np.asarray(a) for a in _hard(quantities, model, r[count:], tension[count:]))
     when = (when + before + count + 1) * h
     heights = jnp.asarray(hard if heights is None else heights, model.dtype)
@@ -159,7 +159,7 @@ def _peaks(
 def _hard(
     quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Hard peaks (q,), and at which of the times (q,)."""
+    """Hard peaks (q,), and the indices of their times (q,)."""
     highest = [jnp.max(q.signal(model, r, tension), axis=1) for q in quantities]
     return jnp.stack([jnp.max(x) for x in highest]), jnp.stack([jnp.argmax(x) for x in highest])
 
@@ -181,8 +181,8 @@ def _by_signals(
     r: jax.Array,
     tension: jax.Array,
 ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-    """Soft peaks (q,), and their derivatives by the variables where the motion is held (q, p), by places
-    (k, q, nodes, 3) and by tensions (k, q, n)."""
+    """Soft peaks (q,), and their derivatives by the variables at fixed motion (q, p), by positions (k, q, nodes, 3) and
+    by tensions (k, q, n)."""
     count = slopes[0].shape[0]
 
     def value(i: int, shift: jax.Array, r: jax.Array, tension: jax.Array) -> jax.Array:

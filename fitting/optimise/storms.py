@@ -1,4 +1,4 @@
-"""Full storms of a design: hard peaks over the whole run by the scene's own law, and when they are."""
+"""Full storms of a design: hard peaks over the whole run with the scene's own law, and their times."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from fitting.site import Case, Site
 
 @dataclasses.dataclass(frozen=True)
 class Storms:
-    """Hard peaks of one case (q,) and their times (q,) [s]; NaN where the run failed, with `message`."""
+    """Hard peaks of one case (q,) and their times (q,) [s]; NaN if the run failed, with `message`."""
 
     hard: np.ndarray
     when: np.ndarray
@@ -31,9 +31,9 @@ class Storms:
 def full_storm(
     site: Site, scene: Scene, case: Case, quantities: Sequence[Quantity], near: State | None, dt: float | None = None
 ) -> Storms:
-    """The whole run of a case of a design, steps that resist halved.
+    """The whole run of a case of a design; steps that do not converge are halved.
 
-    What comes before `skip`, or before a line breaks, does not count.
+    The time before `skip`, or before a line breaks, is not counted.
     """
     none = np.full(len(quantities), np.nan)
     own = still_scene(site, scene, case.storm, calm=False)

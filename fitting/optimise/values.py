@@ -1,4 +1,4 @@
-"""Values of a design, and what they are found from: windows of storms, and where runs begin."""
+"""Values of a design, and their inputs: windows of storms, and the starts of runs."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from fitting.site import Case
 
 @dataclasses.dataclass(frozen=True)
 class Window:
-    """Where in a case the optimiser looks.
+    """Window of a case used by the optimiser.
 
     Attributes:
         begin: [s].
-        factor: from its soft peaks to the whole run's hard ones (q,); height: that sizes the soft peaks (q,).
-        polished: whether a line that breaks is gone from the begin on.
+        factor: ratio of the whole run's hard peaks to its soft ones (q,); height: that sizes the soft peaks (q,).
+        polished: whether a line that breaks is missing from the start on.
     """
 
     case: Case
@@ -30,7 +30,7 @@ class Window:
 
 
 class RunStart(NamedTuple):
-    """Where a run begins: calm model with its slopes, pose at rest, what a window with a broken line goes on with."""
+    """Start of a run: calm model with its slopes, equilibrium, and the later model of a window with a broken line."""
 
     still: Still
     rest: Rest
@@ -39,7 +39,7 @@ class RunStart(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Values:
-    """Objective and constraints of a design; a constraint is met where it is at most 1.
+    """Objective and constraints of a design; a constraint is met if it is at most 1.
 
     Attributes:
         objective, slope: and its derivative by variables and assumptions (p + a,).

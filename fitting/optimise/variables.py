@@ -4,7 +4,7 @@
 name = "leg"                    of [parameters] of the scene, or any path of it: "line_type.rope.diameter"
 low = 40.0
 high = 80.0
-catalogue = [50.0, 55.0, 60.0]  sizes that there are; the end of the design is one of them
+catalogue = [50.0, 55.0, 60.0]  available sizes; the final design uses one of them
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ KEYS = ("name", "low", "high", "catalogue")
 
 @dataclasses.dataclass(frozen=True)
 class Variable:
-    """One number of the scene that the design may choose.
+    """One number of the scene that the optimiser may choose.
 
     Attributes:
-        name: as it was written; `path`: of the scene.
-        value: where the design starts; `low`, `high`: its bounds.
-        catalogue: sizes that there are, rising; empty where any will do.
+        name: as specified; `path`: of the scene.
+        value: start value; `low`, `high`: its bounds.
+        catalogue: available sizes, in increasing order; empty if any value is allowed.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Variable:
         return self.high - self.low
 
     def sizes(self, value: float) -> tuple[float, ...]:
-        """Sizes next to a value, below and above it; the value itself where any will do."""
+        """Sizes next to a value, below and above it; the value itself without a catalogue."""
         if not self.catalogue:
             return (value,)
         below = [x for x in self.catalogue if x <= value + 1e-9 * self.span]
@@ -56,14 +56,14 @@ def read_variables(raw: Plain, scene: Scene) -> tuple[Variable, ...]:
     """The `[[variable]]` tables of a site.
 
     Raises:
-        SceneError: none at all, a number that is not there, bounds without room or that leave out the start, sizes
-            outside them, a variable twice.
+        SceneError: no table, an unknown number, an empty interval or one that excludes the start, sizes outside it, a
+            duplicate variable.
     """
     found: list[Variable] = []
     for i, item in enumerate(read_list(raw, "variable", None, "one or more [[variable]] tables")):
         found.append(_read(read_table(item, f"variable.{i}"), f"variable.{i}", scene))
         if found[-1].path in [v.path for v in found[:-1]]:
-            raise refuse(f"variable.{i}.name", found[-1].name, "is there twice", "every variable once")
+            raise refuse(f"variable.{i}.name", found[-1].name, "is a duplicate", "every variable once")
     if not found:
         raise SceneError("variable: none is given; needed: one or more [[variable]] tables")
     return tuple(found)
@@ -86,7 +86,7 @@ def _read(table: Mapping[str, Any], path: str, scene: Scene) -> Variable:
             raise refuse(f"{path}.name", name, f"follows from others ({given})", "parameters that are numbers")
     low, high = (read_number(table.get(key), f"{path}.{key}", {}, "a number") for key in ("low", "high"))
     if not low < high:
-        raise refuse(f"{path}.high", high, "leaves no room", f"> {low:g}")
+        raise refuse(f"{path}.high", high, "leaves an empty interval", f"> {low:g}")
     if not low <= float(value) <= high:
         raise refuse(f"{path}.low", low, f"and high leave out the scene's {value:g}", "bounds around it")
     sizes = _sizes(table.get("catalogue"), f"{path}.catalogue", low, high)
@@ -96,7 +96,7 @@ def _read(table: Mapping[str, Any], path: str, scene: Scene) -> Variable:
 def _sizes(given: Plain, path: str, low: float, high: float) -> tuple[float, ...]:
     if given is None:
         return ()
-    items = read_list(given, path, None, "sizes that there are")
+    items = read_list(given, path, None, "a list of available sizes")
     sizes = [read_number(x, f"{path}.{i}", {}, "a number") for i, x in enumerate(items)]
     if not sizes:
         raise refuse(path, [], "is empty", "at least one size; or leave the key out")

@@ -1,1 +1,1 @@
-"""Which numbers of a scene are free, what they are called and where they live in the model."""
+"""Free parameters of a scene: their names and their positions in the model."""

@@ -1,4 +1,4 @@
-"""A scene with fitted values in it: what a fit gives back to simulate with."""
+"""A scene with fitted values, ready to simulate."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from fitting.parameters.target import ModelPlace
 
 
 def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], values: np.ndarray) -> Scene:
-    """The scene with the values (k,) of those parameters that are numbers of it; sensors' and cameras' are not.
+    """The scene with the values (k,) of those parameters that belong to it, without sensors' and cameras'.
 
-    One entry of a number that the scene gives once for all links is put there with the other entries.
+    One entry of a number that the scene gives once for all links is written together with the other entries.
 
     Args:
         model: the fitted one.
@@ -35,7 +35,7 @@ def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], va
 
 
 def _of_all_lines(scene: Scene, where: ModelPlace, value: float) -> Scene:
-    """The scene with a value of one link, counted among those of all lines, as the model of a system counts them."""
+    """The scene with a value of one link, counted among those of all lines, as in the model of a system."""
     left = where.entry or 0
     for i, line in enumerate(scene.lines):
         if left < line.links:

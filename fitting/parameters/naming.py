@@ -1,4 +1,4 @@
-"""Which parameters are free: full paths, unique short names, or by default the scene's damping."""
+"""Names of free parameters: full paths, unique short names, or by default the scene's damping."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.parameters.parameter import paths
 
-#: Fields that damp, by effect.
+#: Damping fields by effect.
 DAMPING = {
     "linear_damping": ("b_l",),
     "quadratic_damping": ("b_q",),
@@ -20,7 +20,7 @@ DAMPING = {
 
 
 def default_free(scene: Scene) -> list[str]:
-    """What the rig leaves open, where the scene says so (`[fit] free`), else every damping parameter that it has.
+    """The parameters listed in the scene's `[fit] free`, otherwise every damping parameter that it has.
 
     Raises:
         SceneError: a scene without damping.
@@ -39,9 +39,9 @@ def default_free(scene: Scene) -> list[str]:
 
 
 def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list[str]:
-    """Paths of names that may be short: `b_l`, `dry`, `dry.1` where only one field is called so.
+    """Full paths of names that may be short: `b_l`, `dry`, `dry.1` if only one field has this name.
 
-    `option` is what a mistake is called after.
+    Error messages use `option` as their heading.
     """
     names = [name.strip() for name in names]
     known = None if all(_is_full(name) for name in names) else paths(build(scene)[0])

@@ -1,8 +1,8 @@
 """Parameters that are numbers of the scene, not of the model: the length of a whole line, EA of a line type, a buoy.
 
-Such a number reaches many numbers of the model at once (the length of a line its links' lengths, masses and internal
-damping). How much it moves each is found by differences on the host, once; in the compiled program the model moves
-along that direction.
+Such a number changes many numbers of the model at once (the length of a line its links' lengths, masses and internal
+damping). Their derivatives are found by differences on the host, once; in the compiled program the model changes along
+that direction.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ from dropper_jax.sea.spec import CurrentSpec, SeaSpec, WaveSpec
 from fitting.parameters.parameter import Parameter, check_once, resolve
 from fitting.parameters.target import Direction
 
-#: Steps of the differences, relative; two of them, extrapolated, leave 1e-12 of what is smooth.
+#: Relative steps of the differences; two of them, extrapolated, have an error of 1e-12 for smooth functions.
 STEPS = (1e-3, 5e-4)
-#: A model that a change of this part moves along a straight line to `STRAIGHT` depends linearly on the number.
+#: A model that this change moves linearly to within `STRAIGHT` counts as linear in the number.
 FAR, STRAIGHT = 0.2, 1e-9
 
 
 def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: str) -> tuple[Parameter, ...]:
-    """The parameters of these paths: numbers of the model, else of the scene.
+    """The parameters of these paths: numbers of the model, otherwise of the scene.
 
-    Where lines are written by the metre, paths mean what they mean in the file: `line.leg.length` is the whole line.
+    If lines are specified by the metre, paths have the same meaning as in the file: `line.leg.length` is the whole
+    line.
 
     Raises:
         SceneError: a path that is neither.
@@ -56,27 +57,27 @@ def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: st
 
 
 def scene_parameter(scene: Scene, model: Model, path: str) -> Parameter:
-    """The number of the scene at a path, and how the model follows it.
+    """The number of the scene at a path, and its effect on the model.
 
     Raises:
-        SceneError: no such path, no number, a number that no part of the model follows, or one that shapes the model.
+        SceneError: no such path, not a number, a number without effect on the model, or one that changes its shape.
     """
     value = scene.value(path)
     if isinstance(value, bool) or not isinstance(value, float):
-        raise SceneError(f"{path}: {value!r} is not a number that can vary; allowed: paths of such numbers")
+        raise SceneError(f"{path}: {value!r} is not a number that can vary. Use paths of such numbers")
     size = abs(value) or 1.0
 
     def at(shift: float) -> list[np.ndarray]:
         changed = build_model(scene.with_values({path: value + shift * size}))
         leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(changed)]
         if [leaf.shape for leaf in leaves] != [jnp.shape(leaf) for leaf in jax.tree.leaves(model)]:
-            raise SceneError(f"{path}: changes the model's shape; allowed: numbers that do not")
+            raise SceneError(f"{path}: changes the model's shape. Use numbers that do not")
         return leaves
 
     wide, narrow = ([(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)] for step in STEPS)
     slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(zip(wide, narrow, strict=True)) if np.any(b != 0)}
     if not slopes:
-        raise SceneError(f"{path}: moves nothing in the model; allowed: numbers that do")
+        raise SceneError(f"{path}: has no effect on the model. Use numbers that do")
     here, there = at(0.0), at(FAR)
     linear = all(
         np.allclose(here[i] + FAR * size * slope, there[i], rtol=STRAIGHT, atol=STRAIGHT * np.max(np.abs(here[i])))

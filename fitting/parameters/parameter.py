@@ -1,17 +1,17 @@
-"""Free parameters: numbers of a model's pytree by path, with bounds taken from the fields' declarations.
+"""Free parameters: numbers of a model's pytree by path, with bounds from the declarations of the fields.
 
 Paths are those of scenes: `effects.linear_damping.b_l`, `line.0.mass`, `line.0.mass.2`, `point.right.position.0`; and
 
-    camera.offset           a rotation of the camera, which adds to every measured angle
-    marker.offset[.J]       one of a link's marker or encoder against the link, which adds to its own
-    marker.node[.I[.0]]     how far a node's marker is beside it, along (.0) and across (.1) the link that ends there
-    rig.scale               by which all lengths and places are larger together
-    clock.rate              by which the traces' time is stretched
+    camera.offset           rotation of the camera, added to every measured angle
+    marker.offset[.J]       rotation of a link's marker or encoder relative to the link, added to its own angle
+    marker.node[.I[.0]]     offset of a node's marker from it, along (.0) and across (.1) the link that ends there
+    rig.scale               common factor of all lengths and positions
+    clock.rate              factor that stretches the traces' time
     clock.lost.RUN.FRAME    time that is missing before a frame
     release.time, .force    see `release`
 
-A field with one value per link frees one parameter per entry. Bounds stay in raw parameters (no exponential), so that a
-damping of exactly 0 is reachable.
+A field with one value per link frees one parameter per entry. Bounds apply to raw parameters (no exponential), so that
+a damping of exactly 0 is reachable.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ StartValues = Mapping[str, float]
 Bounds = Mapping[str, tuple[float | None, float | None]]
 Priors = Mapping[str, tuple[float, float]]
 
-#: A lower bound that must not be reached (a mass, a length) is kept at this part of the start value.
+#: Fraction of the start value that replaces a lower bound which must not be reached (of a mass, a length).
 OPEN_BOUND = 1e-3
-#: Least and largest rate of a clock [s/s].
+#: Minimum and maximum rate of a clock [s/s].
 CLOCK_RANGE = 0.5, 2.0
-#: Least and largest size of a rig over the scene's [m/m].
+#: Minimum and maximum ratio of the size of a rig to that of the scene [m/m].
 SCALE_RANGE = 0.5, 2.0
-#: Size of a step of a parameter that starts at zero [its own unit], where nothing else sizes it.
+#: Step size of a parameter that starts at zero [its own unit], unless its prior gives one.
 SMALL = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
 SMALL |= {NODE: 1e-3, LOST: 1e-2}
 
@@ -66,7 +66,7 @@ class Parameter:
 
     Attributes:
         name: its path.
-        where: its place in the model, at the camera or at a release.
+        where: its position in the model, at the camera or at a release.
         value: start value.
         low, high: bounds, both reachable.
         unit: as printed.
@@ -83,12 +83,12 @@ class Parameter:
 
     @property
     def scale(self) -> float:
-        """A size for steps and plots."""
+        """A typical size for steps and plots."""
         return abs(self.value) if self.value != 0 else SMALL.get(self.where.field, 1.0)
 
 
 class Released(Protocol):
-    """What knows the parameters of `release.*` names."""
+    """Provider of the parameters of `release.*` names."""
 
     def parameters(self, name: str, option: str) -> list[Parameter]: ...
 
@@ -105,15 +105,15 @@ def resolve(
     """The free parameters of these paths.
 
     Args:
-        names: paths; one of a field with several values frees each of them.
-        start: start values by path, else the model's.
+        names: paths; the path of a field with several values frees each of them.
+        start: start values by path, otherwise the model's.
         bounds: (low, high) by path, inside the declared range; None keeps the declared one.
         priors: (mean, standard deviation) by path.
-        option: what a mistake in `names` is called after.
-        release: whose `release.*` names count too.
+        option: heading of error messages about `names`.
+        release: provides the `release.*` names.
 
     Raises:
-        SceneError: a path that does not exist (with the nearest), or bounds without room.
+        SceneError: a path that does not exist (with the nearest one), or an empty interval.
     """
     found: list[Parameter] = []
     for name in names:
@@ -130,13 +130,13 @@ def adjust_parameters(
     priors: Priors | None = None,
     wider: bool = False,
 ) -> tuple[Parameter, ...]:
-    """The parameters with what is given of them by path.
+    """The parameters with start values, bounds and priors given by path.
 
     Args:
-        wider: bounds may lie outside of the parameters' own, which are a guess.
+        wider: whether bounds may lie outside the parameters' own, which are a guess.
 
     Raises:
-        SceneError: a path that is not free, bounds without room, a start outside of them, a prior without width.
+        SceneError: a path that is not free, an empty interval, a start outside it, a prior without width.
     """
     known = [p.name for p in parameters]
     given = [_for_each(*one, known) for one in (("start", start), ("bounds", bounds), ("prior", priors))]
@@ -144,7 +144,7 @@ def adjust_parameters(
 
 
 def _for_each(which: str, given: Mapping[str, Any] | None, names: Sequence[str]) -> dict[str, Any]:
-    """What is given by path, by the names of the parameters: that of a field is for each of its entries."""
+    """Given values by parameter name: the value of a field applies to each of its entries."""
     found = {}
     for name, value in (given or {}).items():
         mine = [p for p in names if p == name] or [p for p in names if p.startswith(name + ".")]
@@ -155,7 +155,7 @@ def _for_each(which: str, given: Mapping[str, Any] | None, names: Sequence[str])
 
 
 def check_once(names: Sequence[str], option: str) -> None:
-    """Refuse a name that is there twice."""
+    """Reject a duplicate name."""
     for i, name in enumerate(names):
         if name in names[:i]:
             raise SceneError(f"{option}: {name!r} is given twice; allowed: every parameter once")
@@ -167,7 +167,7 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
     low, high = p.low if low is None else max(low, least), p.high if high is None else min(high, most)
     value = float(start.get(p.name, p.value))
     if not low <= high:
-        raise SceneError(f"bounds: {p.name!r} has no room between {low:g} and {high:g}; allowed: low <= high")
+        raise SceneError(f"bounds: {p.name!r}: empty interval {low:g} to {high:g}; allowed: low <= high")
     if not low <= value <= high:
         if p.name in start:
             raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {low:g} to {high:g}")
@@ -218,7 +218,7 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     flat = value.reshape(-1)
     count = _used_entries(model, section, field, len(flat))
     if entry is not None and entry >= len(flat):
-        raise SceneError(f"{option}: {name!r} has no such entry; allowed: 0 to {len(flat) - 1}")
+        raise SceneError(f"{option}: {name!r}: unknown entry; allowed: 0 to {len(flat) - 1}")
     entries = range(count) if entry is None else [entry]
     stem = name if entry is None else name.rsplit(".", 1)[0]
     return [_parameter(f"{stem}.{i}", ModelPlace(section, index, field.name, i), float(flat[i]), meta) for i in entries]
@@ -227,7 +227,7 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
 def _markers(model: Model, name: str, option: str) -> list[Parameter]:
     links, entry = model.line.links, name.removeprefix(MARKER).lstrip(".")
     if entry and not (entry.isdecimal() and int(entry) < links):
-        raise SceneError(f"{option}: {name!r} has no such link; allowed: {MARKER}.0 to {MARKER}.{links - 1}")
+        raise SceneError(f"{option}: {name!r}: unknown link; allowed: {MARKER}.0 to {MARKER}.{links - 1}")
     each = [int(entry)] if entry else range(links)
     return [Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad") for i in each]
 
@@ -237,19 +237,19 @@ def _node_markers(model: Model, name: str, option: str) -> list[Parameter]:
     every = [Parameter(f"{NODE}.{i}.{axis}", NodeMarkerPlace(i, axis), 0.0, unit="m") for i in nodes for axis in (0, 1)]
     found = [p for p in every if p.name == name] or [p for p in every if p.name.startswith(name + ".")]
     if not found:
-        raise SceneError(f"{option}: {name!r} has no such node; allowed: {NODE}.0 to {NODE}.{nodes[-1]}, each .0 or .1")
+        raise SceneError(f"{option}: {name!r}: unknown node; allowed: {NODE}.0 to {NODE}.{nodes[-1]}, each .0 or .1")
     return found
 
 
 def _lost_frame(name: str, option: str) -> Parameter:
     words = name.removeprefix(LOST).lstrip(".").split(".")
     if len(words) != 2 or not all(word.isdecimal() for word in words):
-        raise SceneError(f"{option}: {name!r} names no frame; allowed: {LOST}.RUN.FRAME, both counted from 0")
+        raise SceneError(f"{option}: {name!r} gives no frame; allowed: {LOST}.RUN.FRAME, both counted from 0")
     return Parameter(name, LostPlace(*map(int, words)), 0.0, unit="s")
 
 
 def _used_entries(model: Model, section: str, field: dataclasses.Field, size: int) -> int:
-    """Entries that exist in the model: a free end has no joint and no held node of its own."""
+    """Number of entries that exist in the model: a free end has no joint and no fixed node."""
     if section != "effects" or field.metadata["shape"] != "joint":
         return size
     return min(size, model.line.links + (1 if model.end_held else 0))
@@ -278,8 +278,8 @@ def _locate(model: Model, name: str, option: str) -> tuple[str, int, dataclasses
 
 
 def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> Model:
-    """The model with these values (k,) in place; differentiable."""
-    for kind in (ModelPlace, Direction):  # what is put in place must not undo what moved it
+    """The model with these values (k,); differentiable."""
+    for kind in (ModelPlace, Direction):  # setting a value must not undo an earlier direction
         for i, p in enumerate(parameters):
             if isinstance(p.where, kind):
                 model = p.where.set_in(model, values[i])
@@ -287,7 +287,7 @@ def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> M
 
 
 def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
-    """The scene with value 0 for damping parameters that it could have but does not, so that its model has them."""
+    """The scene with value 0 for damping parameters that it lacks, so that its model has them."""
     found = {}
     for name in names:
         words = name.split(".")

@@ -1,9 +1,10 @@
-"""What a rig knows of its numbers (`[fit]` of a scene), as priors of the parameters that are free.
+"""Priors of the free parameters from the rig's known numbers (`[fit]` of a scene).
 
-An independent prior holds every free parameter of its path. A common one is a share by which all of its numbers are
-wrong alike: where some of them are free it holds their mean share, and leaves their ratios to the traces. Where masses
-are not free their common share s is carried into the errors: angles are the same when masses, inertias, damping and
-forces all grow by s, so that each free number with a mass in its unit is known no better than to s of itself.
+An independent prior applies to every free parameter of its path. A common one describes a relative error shared by all
+of its numbers: if some of them are free, it constrains their mean relative change and leaves their ratios to the
+traces. If masses are not free, their common relative error s is added to the errors. Angles do not change if masses,
+inertias, damping and forces all grow by s, so each free number with a mass in its unit has at least the relative error
+s.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from fitting.parameters.parameter import Parameter, resolve
 
 @dataclass(frozen=True)
 class Common:
-    """A prior of a mean share: `share . values` is 1 with standard deviation `sigma`."""
+    """A prior of a mean relative change: `share . values` is 1 with standard deviation `sigma`."""
 
     share: np.ndarray
     sigma: float
@@ -32,13 +33,13 @@ class Common:
 
 @dataclass(frozen=True)
 class JointPrior:
-    """What is known of the parameters together.
+    """Joint prior knowledge of the parameters.
 
     Attributes:
         common: priors of several of them.
-        carried: standard deviation of the scale of mass, which no trace of angles tells.
+        carried: standard deviation of the scale of mass, which traces of angles cannot determine.
         massive: power of mass in every parameter's unit (k,).
-        doubt: moves of the parameters (k,) by what could not be told apart, each one standard deviation.
+        doubt: moves of the parameters (k,) by indistinguishable candidates, each one standard deviation.
     """
 
     common: tuple[Common, ...] = ()
@@ -47,7 +48,7 @@ class JointPrior:
     doubt: tuple[np.ndarray, ...] = ()
 
     def carried_covariance(self, values: np.ndarray) -> np.ndarray:
-        """Covariance (k, k) of the parameters by what is carried."""
+        """Covariance (k, k) of the parameters by `carried` and `doubt`."""
         found = np.zeros((len(values), len(values)))
         if self.massive is not None and self.carried:
             move = self.carried * self.massive * values
@@ -56,10 +57,10 @@ class JointPrior:
 
 
 def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> tuple[tuple[Parameter, ...], JointPrior]:
-    """The parameters with the rig's priors, where the caller gave none, and what is known of them together.
+    """The parameters with the rig's priors, unless the caller gave some, and their joint prior.
 
     Raises:
-        SceneError: a prior of no number of the scene, or in a unit that is not the number's.
+        SceneError: the prior of a number that the scene does not have, or with another unit than the number's.
     """
     found, common, carried = list(parameters), [], 0.0
     for i, prior in enumerate([] if scene.fit is None else scene.fit.priors):
@@ -82,7 +83,7 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
 
 
 def _resolve_prior(scene: Scene, model: Model, of: str, option: str) -> Sequence[Parameter]:
-    """The numbers that a prior is of: of the model, else of the scene, such as `sea.current.speed`."""
+    """The numbers that a prior applies to: of the model, otherwise of the scene, such as `sea.current.speed`."""
     name = full_names(scene, [of], option)[0]
     if name.split(".")[0] in ("point", "line", "effects") and scene.written is None:
         return resolve(model, [name], option=option)
@@ -90,7 +91,7 @@ def _resolve_prior(scene: Scene, model: Model, of: str, option: str) -> Sequence
 
 
 def power_of_mass(unit: str) -> int:
-    """1 for a unit that grows with the unit of mass, such as `kg/s` and `N m`; else 0."""
+    """1 for a unit proportional to the unit of mass, such as `kg/s` and `N m`; otherwise 0."""
     above = unit.split("/")[0].split()
     return int(any(word.split("^")[0] in ("kg", "N", "Pa", "J") for word in above))
 
@@ -100,11 +101,11 @@ def _width(prior: PriorSpec, p: Parameter, path: str) -> float:
     if unit == "%":
         return sigma * abs(_nonzero(p, path))
     if unit != p.unit:
-        raise SceneError(f"{path}.unit: {prior.unit!r} does not measure {p.name!r}; allowed: {p.unit}, %")
+        raise SceneError(f"{path}.unit: {prior.unit!r} is not a unit of {p.name!r}; allowed: {p.unit}, %")
     return sigma
 
 
 def _nonzero(p: Parameter, path: str) -> float:
     if p.value == 0:
-        raise SceneError(f"{path}: {p.name!r} is 0, a share of it is nothing; allowed: sigma in {p.unit}")
+        raise SceneError(f"{path}: {p.name!r} is 0, which has no relative error; allowed: sigma in {p.unit}")
     return p.value

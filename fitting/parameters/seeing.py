@@ -1,16 +1,16 @@
-"""What camera, markers and clock make of a motion: angles that are turned, frames that are missing.
+"""Observation of a motion by camera, markers and clock: rotated angles and missing frames.
 
-Markers sit beside what they mark. One of a link is turned against it, which adds to its angle. One of a node at
-p_i is seen at p_i + e_i and moves two links: with d_j = p_{j+1} - p_j, u_j its direction and n_j across it (towards
-larger angles), link j is seen turned by
+Markers have offsets from the parts that they mark. The marker of a link is rotated relative to it, which adds to its
+angle. The marker of a node at p_i is seen at p_i + e_i and affects two links. With d_j = p_{j+1} - p_j, u_j its
+direction and n_j across it (towards larger angles), link j is seen rotated by
 
-    atan2(n_j . x_j, L_j + u_j . x_j),      x_j = e_{j+1} - e_j
+    atan2(n_j . x_j, L_j + u_j . x_j),      x_j = e_{j+1} - e_j.
 
-e_i of a node between links is glued to the link that ends there, e_i = a u_{i-1} + b n_{i-1}; of a held end it stands
-still, e_i = (a, b) in x and z. At a free end it turns the last link alone, as that one's marker does.
+The marker of a node between links is glued to the link that ends there, e_i = a u_{i-1} + b n_{i-1}. At a fixed end it
+is constant, e_i = (a, b) in x and z. At a free end it rotates the last link alone, as the marker of that link does.
 
-Frames that are missing without a mark let the motion go on while the traces' clock stands still: after the frame the
-motion is `lost` later than the clock says, besides what a wrong rate makes of both.
+During frames that are missing without a mark the motion continues while the traces' clock stops. After such a frame the
+motion is `lost` later than the clock reads, in addition to the effect of a wrong rate.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from fitting.traces.planar import directions
 
 
 class Placed(Protocol):
-    """A free number with a place."""
+    """A free number with its position."""
 
     @property
     def where(self) -> Target: ...
 
 
 def camera_angles(model: Model, parameters: Sequence[Placed], values: jax.Array, theta: jax.Array) -> jax.Array:
-    """Angles (..., n) that the camera sees of links at theta (..., n) [rad]; differentiable."""
+    """Angles (..., n) seen by the camera for links at theta (..., n) [rad]; differentiable."""
     turned = theta + node_markers(model, parameters, values, theta)
     return turned + camera_offset(parameters, values, theta.shape[-1])
 
 
 def camera_offset(parameters: Sequence[Placed], values: jax.Array, links: int) -> jax.Array | float:
-    """Rotation of the camera and of the links' markers, of each link (n,) [rad]; 0 where none is free."""
+    """Rotation of the camera and of the links' markers, for each link (n,) [rad]; 0 if none is free."""
     total: jax.Array | float = 0.0
     for i, p in enumerate(parameters):
         if isinstance(p.where, CameraPlace):
@@ -51,7 +51,7 @@ def camera_offset(parameters: Sequence[Placed], values: jax.Array, links: int) -
 
 
 def node_markers(model: Model, parameters: Sequence[Placed], values: jax.Array, theta: jax.Array) -> jax.Array | float:
-    """By how much markers of nodes turn each link (..., n) [rad]; 0 where none is free."""
+    """Rotation of each link by the markers of nodes (..., n) [rad]; 0 if none is free."""
     mine = [(i, p.where) for i, p in enumerate(parameters) if isinstance(p.where, NodeMarkerPlace)]
     if not mine:
         return 0.0
@@ -69,10 +69,10 @@ def node_markers(model: Model, parameters: Sequence[Placed], values: jax.Array, 
 
 
 def clock_rate(parameters: Sequence[Placed], values: jax.Array) -> jax.Array | None:
-    """Time of the motion per time of the traces' clock, scalar [s/s]; None where it is not free."""
+    """Time of the motion per time of the traces' clock, scalar [s/s]; None if it is not free."""
     return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, ClockPlace)), None)
 
 
 def losses(parameters: Sequence[Placed]) -> list[int]:
-    """Which parameters are times that were lost, in their order."""
+    """The parameters that are lost times, in order."""
     return [i for i, p in enumerate(parameters) if isinstance(p.where, LostPlace)]

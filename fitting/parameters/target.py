@@ -1,4 +1,4 @@
-"""Where a free number lives: in the model, along a direction through it, at camera or clock, at a run's release."""
+"""Position of a free number: in the model, along a direction through it, at camera or clock, at a run's release."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ModelPlace:
 
     Attributes:
         section: `points`, `lines` or `effects`.
-        index: in the section.
+        index: within the section.
         field: of the point, line or effect.
         entry: of the field; None is the whole field.
     """
@@ -33,7 +33,7 @@ class ModelPlace:
     entry: int | None = None
 
     def set_in(self, model: Model, value: jax.Array) -> Model:
-        """The model with the value in place; differentiable."""
+        """The model with the value set; differentiable."""
         items = list(getattr(model, self.section))
         old = getattr(items[self.index], self.field)
         whole = self.entry is None
@@ -48,8 +48,8 @@ class Direction:
 
     Attributes:
         slopes: by number of the model's leaf, the derivative of the leaf with respect to the number.
-        origin: where the model is the given one.
-        linear: whether the model is the one of the scene far from the origin too.
+        origin: value for which the model is the given one.
+        linear: whether the model equals that of the scene far from the origin too.
     """
 
     slopes: dict[int, np.ndarray]
@@ -66,7 +66,7 @@ class Direction:
 
 
 def scale_direction(model: Model) -> Direction:
-    """All lengths, places of points and centres of mass larger by one share, moments of inertia by its square."""
+    """Scale all lengths, positions of points and centres of mass by one factor, moments of inertia by its square."""
 
     def grown(share: jax.Array) -> Model:
         line = model.line
@@ -81,7 +81,7 @@ def scale_direction(model: Model) -> Direction:
 
 
 def all_joints(model: Model, field: str) -> Direction:
-    """A coefficient of friction that all joints have more of together, `viscous` or `dry`."""
+    """A common change of a friction coefficient of all joints, `viscous` or `dry`."""
 
     def grown(more: jax.Array) -> Model:
         effects = [
@@ -95,7 +95,7 @@ def all_joints(model: Model, field: str) -> Direction:
 
 @dataclass(frozen=True)
 class CameraPlace:
-    """The rotation of the camera; of one link: how far its marker, or its encoder's zero, is turned against it."""
+    """Rotation of the camera; with a link, the rotation of its marker or its encoder's zero relative to it."""
 
     link: int | None = None
     field: ClassVar[str] = CAMERA
@@ -103,8 +103,7 @@ class CameraPlace:
 
 @dataclass(frozen=True)
 class NodeMarkerPlace:
-    """How far the marker of a node is beside it: along (0) or across (1) the link that ends there; of a held end, in x
-    (0) or z (1)."""
+    """Offset of a node's marker: along (0) or across (1) the link that ends there; at a fixed end, x (0) or z (1)."""
 
     node: int
     axis: int
@@ -113,7 +112,7 @@ class NodeMarkerPlace:
 
 @dataclass(frozen=True)
 class LostPlace:
-    """How much later the motion of a run is than its clock says, from one of its frames on, and that frame's time."""
+    """Delay of the motion of a run relative to its clock, from one of its frames on, and that frame's time."""
 
     run: int
     frame: int
@@ -123,14 +122,14 @@ class LostPlace:
 
 @dataclass(frozen=True)
 class ClockPlace:
-    """How fast the motion's time goes by the traces' clock [s/s]: above 1 where frames are further apart than told."""
+    """Rate of the motion's time relative to the traces' clock [s/s]: above 1 if the true frame interval is longer."""
 
     field: ClassVar[str] = CLOCK
 
 
 @dataclass(frozen=True)
 class ReleasePlace:
-    """The instant (`time`) at which a run is let go, or an `entry` of the `force` that holds it until then."""
+    """The instant (`time`) at which a run is released, or an `entry` of the `force` that holds it until then."""
 
     run: int
     field: str

@@ -1,1 +1,1 @@
-"""What people see of a fit: tables, Markdown, pictures."""
+"""Output of a fit: tables, Markdown, pictures."""

@@ -14,12 +14,12 @@ from fitting.channels.result import ChannelFit
 from fitting.report.report import markdown
 from fitting.report.tables import interval_rows, parameter_rows, significant, step_text
 
-#: Most columns drawn in one picture.
+#: Maximum number of columns drawn in one picture.
 MOST = 6
 
 
 def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
-    """What every channel is and how it was met, with a heading."""
+    """Every channel with its residuals, with a heading."""
     rows = [("channel", "kind", "samples", "RMS of residuals", "noise", "kept", "correlation left")]
     for row in result.channels():
         noise = f"{100 * row['noise']:.3g} %" if row["noise_unit"] == "-" else f"{row['noise']:.3g} {row['noise_unit']}"
@@ -29,7 +29,7 @@ def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
 
 
 def sensitivity_rows(result: ChannelFit) -> list[tuple[str, ...]]:
-    """How much each channel feels each parameter, with a heading."""
+    """Sensitivity of each channel to each parameter, with a heading."""
     names = [s.channel.name for s in result.solution.problem.data.sensors]
     rows = [("parameter", *names)]
     return rows + [
@@ -49,7 +49,7 @@ def between_rows(result: ChannelFit) -> list[tuple[str, ...]]:
 
 
 def summary(result: ChannelFit) -> list[tuple[str, str]]:
-    """What else is said of a fit."""
+    """Further facts about a fit."""
     blocks = result.errors.blocks
     return [
         ("time step", step_text(result, result.solution.problem.dt)),
@@ -60,8 +60,8 @@ def summary(result: ChannelFit) -> list[tuple[str, str]]:
 
 
 def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
-    """Write `report.md`, a picture of every run, and `fitted.toml`, the scene with the fitted values; of several runs
-    with values of their own one scene each, `fitted_RUN.toml`."""
+    """Write `report.md`, a picture of every run, and `fitted.toml`, the scene with the fitted values; if runs have
+    separate values, one scene each, `fitted_RUN.toml`."""
     folder = folder_without(folder, "report.md")
     runs = result.solution.problem.data.runs
     files = [picture(result, i, folder / f"channels_{i + 1}.png") for i in range(len(runs))]
@@ -76,8 +76,8 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
         "## Channels",
         markdown(channel_rows(result)),
         "## Sensitivity",
-        "By how many per cent a channel changes for one per cent of a parameter: of tensions against their root mean "
-        "square, of other channels against their deviation.",
+        "The percentage by which a channel changes for a change of a parameter by 1 %: for tensions relative to their "
+        "root mean square, for other channels relative to their standard deviation.",
         markdown(sensitivity_rows(result)),
         "## Quality",
         "\n".join(f"- {name}: {value}" for name, value in summary(result)),
@@ -101,7 +101,7 @@ def write_scenes(result: ChannelFit, folder: Path) -> list[Path]:
 
 
 def picture(result: ChannelFit, run: int, path: str | Path) -> Path:
-    """Measured samples, the fitted run over them, and residuals in units of the noise, of a run's first columns."""
+    """Measured samples, the fitted run, and residuals in units of the noise, of a run's first columns."""
     problem, e = result.solution.problem, result.solution.evaluation
     panels = []
     for c, sensor in enumerate(problem.data.sensors):

@@ -1,6 +1,6 @@
-"""The packaged example: synthetic traces of scenarios A, B and C, fitted jointly from start values ten times off.
+"""The packaged example: synthetic traces of scenarios A, B and C, fitted jointly from values wrong by a factor 10.
 
-The traces are synthetic: the thesis' measured ones exist as figures only. `dropper demo` runs it.
+The traces are synthetic: the measured ones of the thesis exist as figures only. `dropper demo` runs it.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ LABEL = "the traces are synthetic: simulated with known damping, seen with artif
 
 @dataclass(frozen=True)
 class Example:
-    """What is made up: scenes, true damping, how it is seen, and how far off the fit starts.
+    """Settings of the synthetic data: scenes, true damping, observation, and error of the start values.
 
     Attributes:
         duration: of each trace [s].
         noise: of the angles [rad].
-        times_off: start values over the truth.
+        times_off: ratio of start values to true values.
     """
 
     scenes: tuple[str, ...] = ("dropper-release-a", "dropper-release-b", "dropper-release-c")
@@ -48,7 +48,7 @@ class Example:
 
 
 EXAMPLE = Example()
-#: Part of the progress that making the traces takes.
+#: Fraction of the progress for the simulation of the traces.
 MAKING = 0.4
 
 

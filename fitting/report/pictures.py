@@ -17,16 +17,16 @@ from dropper_jax.plots import style
 from fitting.calibration.result import FitResult
 from fitting.estimate.problem import Solution
 
-#: Most links drawn in one picture; the others are left out, and the title says so.
+#: Maximum number of links in one picture; the title reports how many are left out.
 MOST = 8
 
 
-#: Samples missing in a row that interrupt a line.
+#: Number of consecutive missing samples that interrupt a line.
 GAP = 5
 
 
 def fitted(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Times (m,), measured and simulated angles (m, n) [rad] and which are known, of one run's windows in order."""
+    """Times (m,), measured and simulated angles (m, n) [rad] and which are measured, of one run's windows in order."""
     return _in_order(result.solution, run)
 
 
@@ -43,7 +43,7 @@ def _in_order(solution: Solution, run: int) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def stretches(t: np.ndarray) -> list[slice]:
-    """Parts of the times (m,) without a gap, so that no line is drawn through what was not fitted."""
+    """Parts of the times (m,) without a gap, so that no line is drawn through unfitted stretches."""
     ends = np.flatnonzero(np.diff(t) > GAP * np.median(np.diff(t))) + 1
     return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(t)])]
 
@@ -77,7 +77,7 @@ def traces(result: FitResult, run: int) -> Figure:
     """Measured angles and the fit, per link [rad from the horizontal]."""
     figure, axes, links = _rows(result, f"{result.traces[run].name}: traces and fit [rad from the horizontal]")
     t, measured, simulated, _ = fitted(result, run)
-    # each stretch starts from its own angles, its parameters are those of the fit
+    # each stretch starts from its own angles, with the parameters of the fit
     held = [_in_order(h.solution, run) for h in result.held_out if (h.windows.run == run).any()]
     for j in range(links):
         _line(axes[j], t, simulated[:, j], "fit", lw=1.6, color=style.FIRST)
@@ -93,7 +93,7 @@ def traces(result: FitResult, run: int) -> Figure:
 
 @_with_style
 def residuals(result: FitResult, run: int) -> Figure:
-    """Measured less fitted angles, per link [rad]; the band is twice their deviation."""
+    """Measured minus fitted angles, per link [rad]; the band is twice their standard deviation."""
     figure, axes, links = _rows(result, f"{result.traces[run].name}: residuals [rad]", 1.0)
     t, measured, simulated, _ = fitted(result, run)
     rest = measured - simulated
@@ -129,7 +129,7 @@ def spectra(result: FitResult, run: int) -> Figure:
 
 @_with_style
 def phase_space(result: FitResult, run: int) -> Figure:
-    """Rate against angle of every link, measured (differences) and fitted."""
+    """Rate over angle of every link, measured (differences) and fitted."""
     t, measured, simulated, _ = fitted(result, run)
     links = min(measured.shape[1], MOST)
     columns = min(links, 4)
@@ -152,7 +152,7 @@ def phase_space(result: FitResult, run: int) -> Figure:
 
 @_with_style
 def descent(result: FitResult, _: int) -> Figure:
-    """Loss per sample and parameters from step to step of a gradient descent, of all runs together."""
+    """Loss per sample and parameters in each step of a gradient descent, of all runs together."""
     points, parameters = result.descent, result.parameters[:MOST]
     step = np.arange(len(points))
     figure = style.new_figure(9.0, 1.8 + 1.5 * (1 + len(parameters)))

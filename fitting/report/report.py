@@ -1,4 +1,4 @@
-"""The report of a fit: Markdown and pictures in one folder, each file whole or not at all."""
+"""The report of a fit: Markdown and pictures in one folder, each file written atomically."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from fitting.report.pictures import MOST, PICTURES, descent, fitted
 from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 from fitting.traces.trace import Trace
 
-#: Modes whose damping is given.
+#: Number of modes whose damping is reported.
 MODES = 6
 #: The thesis' parts of a trace [s].
 PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
@@ -44,7 +44,7 @@ def write_report(result: FitResult, folder: str | Path) -> list[Path]:
 
 
 def draw_fit(result: FitResult, folder: str | Path) -> list[Path]:
-    """The pictures of every fitted run, `NAME_RUN.png`, and of a descent to a folder."""
+    """The pictures of every fitted run, `NAME_RUN.png`, and of a descent, written to a folder."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     named = [(run, name) for run, _ in fitted_runs(result) for name in PICTURES]
@@ -53,7 +53,7 @@ def draw_fit(result: FitResult, folder: str | Path) -> list[Path]:
 
 
 def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
-    """Number and trace of every run of which something was fitted."""
+    """Number and trace of every run with fitted samples."""
     return [(run, trace) for run, trace in enumerate(result.traces) if (result.windows.run == run).any()]
 
 
@@ -70,7 +70,7 @@ def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> 
         "\n".join(f"- {name}: {value}" for name, value in summary(result)),
         *([] if energy is None else ["## Energy", f"Without any simulation: {energy.text} (1: the law is right)."]),
         "## Errors along the trace",
-        "RMS of measured less fitted angles [rad], window by window with its own start.",
+        "RMS of measured minus fitted angles [rad], window by window, each with its own start.",
         markdown(part_rows(result)),
         "## Damping of the slowest modes",
         _modes(result),
@@ -101,7 +101,7 @@ def _modes(result: FitResult) -> str:
     model = build_model(fitted_scene(result.scene, result.model, result.parameters, result.values))
     pose = equilibrium(model)
     if pose.status != "ok":
-        return f"No pose at rest was found: {pose.message}."
+        return f"No equilibrium was found: {pose.message}."
     modes = natural_modes(model, pose.state, MODES)
     amplitude = 0.1 * float(np.mean(model.line.length))
     ratios = (modes.damping_ratio, damping_at(model, pose.state, modes, amplitude))
@@ -138,7 +138,7 @@ def correlation_rows(result: FitResult) -> list[tuple[str, ...]]:
 
 
 def not_identifiable(result: FitResult) -> str:
-    """Directions of parameters that the data leave open, in words."""
+    """Directions of parameters that are not identifiable, in words."""
     found = [
         "- " + ", ".join(f"{share:+.2g} {name}" for name, share in direction.items())
         for direction in result.uncertainty.undetermined
@@ -154,7 +154,7 @@ def markdown(rows: Sequence[Sequence[str]]) -> str:
 
 @style.plot_style()
 def one_run_picture(found: OneRun, name: str, path: Path) -> Path:
-    """Measured angles and the run, per link [rad from the horizontal]; faint where it is not to be trusted."""
+    """Measured angles and the run, per link [rad from the horizontal]; faint beyond the prediction horizon."""
     links = min(found.measured.shape[1], MOST)
     figure = style.new_figure(9.0, 1.5 + 1.3 * links)
     axes = figure.subplots(links, 1, sharex=True, squeeze=False)[:, 0]
@@ -162,7 +162,7 @@ def one_run_picture(found: OneRun, name: str, path: Path) -> Path:
     title = f"{name}: one run over the trace{more} [rad from the horizontal]"
     figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
     good = found.t <= found.trusted
-    # one turn is chosen where the run is right, so that a whole one apart is no difference
+    # whole turns are removed once, where the run is reliable
     shift = (
         2 * np.pi * np.round(np.nan_to_num(np.nanmedian((found.measured - found.simulated)[good], axis=0)) / 2 / np.pi)
     )

@@ -1,4 +1,4 @@
-"""What is said of a fit, in rows and pairs for the terminal and the report."""
+"""Facts about a fit, as rows and pairs for the terminal and the report."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fitting.estimate.scene_fit import SceneFit
 
 
 def parameter_rows(result: SceneFit) -> list[tuple[str, ...]]:
-    """Name, value, error, interval, unit and what is to be said of every parameter, with a heading."""
+    """Name, value, error, interval, unit and remarks of every parameter, with a heading."""
     u = result.uncertainty
     rows = [("parameter", "value", "std error", "90 % low", "high", "unit", "")]
     for i, p in enumerate(result.parameters):
@@ -25,7 +25,7 @@ def parameter_rows(result: SceneFit) -> list[tuple[str, ...]]:
 
 
 def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
-    """90 % intervals by profile likelihood, bootstrap and posterior, where asked for, with a heading."""
+    """90 % intervals by profile likelihood, bootstrap and posterior, if requested, with a heading."""
     rows = [("parameter", "by", "90 % low", "high")]
     digits = {
         p.name: significant(v, s)
@@ -44,14 +44,14 @@ def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
 
 
 def noise_text(result: FitResult) -> str:
-    """Size and kind of the noise that the residuals tell."""
+    """Size and kind of the noise estimated from the residuals."""
     found = result.noise_table()
     sizes = ", ".join(f"{x:.2g}" for x in np.ravel(found["sigma_rad"])[:8])
     more = ", ..." if np.size(found["sigma_rad"]) > 8 else ""
     kind = {
         "white": "",
-        "correlated": f"; a sample keeps {np.mean(found.get('kept', 0)):.2g} of the one before",
-        "jitter": f"; frames are late or early by {np.mean(found.get('delay_s', 0)) * 1e3:.2g} ms",
+        "correlated": f"; a sample keeps {np.mean(found.get('kept', 0)):.2g} of the previous one",
+        "jitter": f"; frame times have errors of {np.mean(found.get('delay_s', 0)) * 1e3:.2g} ms",
     }
     return f"{sizes}{more} rad by link{kind[found['kind']]}"
 
@@ -64,14 +64,16 @@ def significant(value: float, error: float) -> int:
 
 
 def step_text(result: SceneFit, step: float) -> str:
-    """The step [s], and how far it moves the estimates."""
+    """The step [s], and how far it shifts the estimates."""
     bias = result.step_bias
-    moves = "" if bias is None else f", moves the estimates by {np.nanmax(np.abs(bias), initial=0):.2g} standard errors"
+    moves = (
+        "" if bias is None else f", shifts the estimates by {np.nanmax(np.abs(bias), initial=0):.2g} standard errors"
+    )
     return f"{step:.3g} s{moves}"
 
 
 def combination(result: FitResult) -> list[tuple[str, str]]:
-    """What the trace determines best of linear and quadratic damping, where both are fitted."""
+    """The best-determined combination of linear and quadratic damping, if both are fitted."""
     best = result.best_combination
     if best is None:
         return []
@@ -88,7 +90,7 @@ def window_lengths(result: FitResult) -> str:
 
 
 def summary(result: FitResult) -> list[tuple[str, str]]:
-    """What else is said of a fit."""
+    """Further facts about a fit."""
     gap = result.solution.gap_weight
     joined = "separate" if gap is None else "joined exactly" if gap == 0 else f"joined, gap weight {gap:g}"
     pairs = [
@@ -113,7 +115,7 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
 
 
 def comparison_rows(laws: Sequence[Law]) -> list[tuple[str, ...]]:
-    """The table for people."""
+    """The table as text."""
     least = min(law.bic for law in laws)
     rows = [
         ("law", "coefficients", "rms [rad]", "held out [rad]", "+- to best", "log score", "share", "BIC - least", "")
@@ -128,7 +130,7 @@ def comparison_rows(laws: Sequence[Law]) -> list[tuple[str, ...]]:
 
 
 def advice_rows(candidates: Sequence[Candidate]) -> list[tuple[str, ...]]:
-    """What else may be wrong, for people."""
+    """Other possible faults, as text."""
     rows = [("may be wrong", "frees", "gain", "p", "")]
     for row in candidates:
         note = (
@@ -136,7 +138,7 @@ def advice_rows(candidates: Sequence[Candidate]) -> list[tuple[str, ...]]:
             if row.worth_naming
             else ""
             if row.identifiable
-            else "not told apart from what is free"
+            else "indistinguishable from free parameters"
         )
         numbers = (f"{row.gain:.1f}", f"{row.p:.2g}") if row.identifiable else ("-", "-")
         rows.append((row.name, ",".join(row.free), *numbers, note))

@@ -1,10 +1,10 @@
-"""The season of a site: weight of the mussels month by month, floats that carry it, and a schedule of least handling.
+"""The season of a site: monthly mussel weight, the floats that carry it, and a schedule with minimum handling.
 
-A float of volume V and density rho_f lifts `g V (rho - rho_f)` under water. With B the pull of all lines on the points
-that carry floats, in poses at rest with these points held where the scene puts them, the floats of a month are safe
-against sinking from `n >= reserve B/lift` on, and against rising out of the water up to `n <= B/(least_share lift)`: B
-is the largest there and the least here over the currents. Poses on these floats at every level of the tide and in every
-current then say how deep the backbone lies.
+A float of volume V and density rho_f has the lift `g V (rho - rho_f)` under water. Let B be the downward force of all
+lines on the points that carry floats, at rest with these points fixed at their positions in the scene. The farm cannot
+sink with `n >= reserve B/lift` floats, with B the maximum over the currents. It cannot rise out of the water with
+`n <= B/(least_share lift)`, with B the minimum over the currents. Equilibria on these floats, at every level of the
+tide and in every current, then give the depth of the backbone.
 """
 
 from fitting.season.page import write_season

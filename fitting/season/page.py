@@ -1,4 +1,4 @@
-"""The season on paper: a page of Markdown with a picture, a CSV of the months, and plain values."""
+"""The report of a season: a Markdown page with a picture, a CSV file of the months, and plain values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses at rest of a month: with the floats' points held, for what they need, and free on their floats."""
+"""Equilibria of a month: with the floats' points fixed, for the required lift, and free on their floats."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from dropper_jax.scene import LineSpec, held_loads, whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.site import Site
 
-#: What a point gets from its floats, and loses without any.
+#: Fields of a point that come from its floats, and that are removed without any.
 BODY = ("mass", "volume", "drag_area", "added_mass")
-#: Drag coefficient on the frontal area and added mass of a float, a sphere (as floats of scenes).
+#: Drag coefficient on the frontal area and added mass of a float, a sphere (as for floats of scenes).
 DRAG, ADDED_MASS = 0.5, 0.5
 
 
 class Water(NamedTuple):
-    """A state of the tide: level [m], speed of the current [m/s], None as in the scene."""
+    """A state of the tide: level [m], speed of the current [m/s], None for that of the scene."""
 
     level: float
     speed: float | None
 
 
 def waters(site: Site) -> tuple[Water, ...]:
-    """Every level with every current of `[season]`, else of `[cases]`."""
+    """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
     own = site.season
     levels = site.lists.levels if own.levels is None else own.levels
     speeds: Sequence[float | None] = [None]
@@ -41,7 +41,7 @@ def waters(site: Site) -> tuple[Water, ...]:
 
 
 def scene_of(site: Site, month: str, water: Water, points: dict[str, dict[str, Any]]) -> Scene:
-    """The farm of a month at rest in the water: mussels on its lines, some of its points in the place of theirs."""
+    """The farm of a month at rest in the water: with mussels on its lines, and some points replaced."""
     table = site.scene.as_written()
     for line in table["line"]:
         growth = site.growth[month].get(line.get("name"))
@@ -59,12 +59,12 @@ def scene_of(site: Site, month: str, water: Water, points: dict[str, dict[str, A
     return overgrown(Scene.from_dict(table, site.scene.name))
 
 
-#: What makes a current change in time: a state of the tide has one speed.
+#: Fields that make a current change in time: a state of the tide has one speed.
 CHANGING = ("time", "factor", "amplitude", "period", "phase")
 
 
 def bare_points(site: Site, names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """The points as they are written, without what floats give them."""
+    """The points as specified, without the fields that floats give them."""
     points = {point["name"]: point for point in site.scene.as_written()["point"]}
     return {name: {k: v for k, v in points[name].items() if k not in BODY} for name in names}
 
@@ -82,23 +82,23 @@ def _wet(scene: Scene, line: LineSpec) -> np.ndarray:
 
 
 def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[np.ndarray, dict[str, float]]:
-    """What the lines pull down on each float point (points,) [N] where the scene puts it, and the lines' wet weights.
+    """Downward force of the lines on each float point (points,) [N] at its position in the scene, and wet weights.
 
     Raises:
-        SceneError: no pose at rest.
+        SceneError: no equilibrium found.
     """
     held = {name: {**point, "kind": "fixed"} for name, point in bare_points(site, names).items()}
     scene = scene_of(site, month, water, held)
     pose = equilibrium(build_model(scene))
     if pose.status != "ok":
-        raise SceneError(f"season: {month}, level {water.level:+g} m: no pose at rest: {pose.message}")
+        raise SceneError(f"season: {month}, level {water.level:+g} m: no equilibrium: {pose.message}")
     loads = held_loads(scene, pose.positions, pose.tension)
     ends = _end_weights(scene)
     return np.array([ends[name] - loads[name][2] for name in names]), wet_weights(scene)
 
 
 def _end_weights(scene: Scene) -> dict[str, float]:
-    """Weight in water [N] of the half links next to each point: it stands on the point's node, in no link's tension."""
+    """Weight in water [N] of the half links next to each point, which act on the point's node."""
     found = {point.name: 0.0 for point in scene.points}
     for line in scene.lines:
         own = 0.5 * _wet(scene, line)
@@ -108,10 +108,10 @@ def _end_weights(scene: Scene) -> dict[str, float]:
 
 
 def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> dict[str, Any]:
-    """The pose on its floats: depths [m] below the level of the backbone, status.
+    """The equilibrium on its floats: depths [m] of the backbone below the level, status.
 
     Returns:
-        {level_m, speed_m_per_s, status, shallowest_m, deepest_m}: of the lines of `[backbone]`, else of the points.
+        {level_m, speed_m_per_s, status, shallowest_m, deepest_m}: of the lines of `[backbone]`, otherwise the points.
     """
     points = bare_points(site, list(floats))
     for name, count in floats.items():
@@ -136,7 +136,7 @@ def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> di
 
 
 def _body(site: Site, count: int) -> dict[str, Any]:
-    """Mass, volume, drag and added mass of some floats at a point."""
+    """Mass, volume, drag and added mass of the floats at a point."""
     if not count:
         return {}
     own = site.season

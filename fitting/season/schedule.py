@@ -1,4 +1,4 @@
-"""Schedule of floats with least handling: as few visits as can be, and on them as few floats moved as can be."""
+"""Schedule of floats with minimum handling: the fewest visits, and among these the fewest floats moved."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 
 def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:
-    """Floats in place in every month.
+    """Number of installed floats in every month.
 
-    Of all plans within the bounds those with the fewest months in which the number changes, of these one that moves
-    the fewest floats, of these that with fewest floats at last. Found month by month over the numbers that are a bound
-    of some month: a plan that changes to another number can be slid to one of these without another visit or float.
+    Of all plans within the bounds, those with the fewest months of change are selected, then those that move the fewest
+    floats, and finally the one with the fewest floats. The search goes month by month over numbers that are a bound of
+    some month: a change to any other number can be shifted to one of these without another visit or float.
 
     Args:
-        low, high: least and most floats of each month; where low is above high, low is taken.
-        start: floats in place before the first month; their first change is a visit too. None: they are set out fresh.
+        low, high: minimum and maximum floats of each month; where low is above high, low is used.
+        start: floats before the first month; their first change is a visit too. None: they are newly installed.
     """
     spans = [(lo, max(lo, hi)) for lo, hi in zip(low, high, strict=True)]
     numbers = sorted({n for span in spans for n in span} | ({start} if start is not None else set()))
@@ -36,7 +36,7 @@ def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) 
 
 
 def spread(count: int, need: Sequence[float]) -> list[int]:
-    """Floats over points in proportion to what each needs, whole numbers by largest remainders."""
+    """Floats distributed over points in proportion to their needs, as whole numbers by largest remainders."""
     total = sum(max(x, 0.0) for x in need)
     share = [count * max(x, 0.0) / total if total > 0.0 else count / len(need) for x in need]
     found = [int(x) for x in share]

@@ -1,4 +1,4 @@
-"""The season month by month: what the floats must carry, how many there are, and how the farm then lies."""
+"""The season month by month: required lift, number of floats, and the resulting geometry of the farm."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from fitting.site import Site
 from fitting.site.parts import match_names
 
 SCHEMA = 1
-#: How often bounds are drawn in where the farm does not lie within its depths.
+#: Maximum number of times that bounds are tightened when the farm leaves its depths.
 ROUNDS = 4
 
 
 def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
     """The season of a site with `[season]` and `[[growth]]`.
 
-    Bounds come from the pull on the held points; the schedule is then looked at in free poses at rest at every state of
-    the tide, and where the backbone leaves its depths the bounds are drawn in by a float for each row and tried again.
+    Bounds come from the force on the fixed points. The schedule is then checked by free equilibria at every state of
+    the tide. If the backbone leaves its depths, the bounds are tightened by a float for each row and tried again.
 
     Returns:
         {points, lift_n, months: [{month, wet_weight_n, need_n, least, most, floats, change, by_point, poses, sinking_m,
         lifting_m, holds}], visits, handled, holds, flags}.
 
     Raises:
-        SceneError: no `[season]`, no months, a float that does not lift, or no pose at rest.
+        SceneError: no `[season]`, no months, a float without lift, or no equilibrium.
     """
     if site.season is None:
         raise SceneError("season: missing; needed: [season] with `points` and `volume`")
@@ -42,12 +42,12 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
     lift = _lift(site)
     say, all_waters = progress or silent, waters(site)
     months, rows = list(site.growth), []
-    # at the level of the scene, for which its points are placed: floats at the surface go with the tide, others stay
+    # at the scene's water level, for which its points are placed: floats at the surface follow the tide, others stay
     held = [Water(0.0, speed) for speed in dict.fromkeys(water.speed for water in all_waters)]
     for i, month in enumerate(months):
         pulls = []
         for j, water in enumerate(held):
-            say(0.5 * (i + j / len(held)) / len(months), f"{month}: what the floats must carry")
+            say(0.5 * (i + j / len(held)) / len(months), f"{month}: lift required of the floats")
             force, weights = needs(site, month, water, names)
             pulls.append(force)
         rows.append(_month(site, month, weights, np.array(pulls), lift))
@@ -79,7 +79,7 @@ def _lift(site: Site) -> float:
 
 
 def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float) -> dict[str, Any]:
-    """Weights and bounds of a month; pulls (waters, points) [N]."""
+    """Weights and bounds of a month; forces on the points (waters, points) [N]."""
     total = pulls.sum(axis=1)
     own = site.season
     share = own.least_share
@@ -99,7 +99,7 @@ def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray,
 def _lying(
     site: Site, row: dict[str, Any], names: list[str], count: int, all_waters: tuple[Water, ...], cache: dict[Any, Any]
 ) -> dict[str, Any]:
-    """How the farm lies on so many floats: rows by state of the tide, and how far it is from its limits."""
+    """Geometry of the farm on this number of floats: rows by state of the tide, and distance from its limits."""
     floats = dict(zip(names, spread(count, row["need_by_point_n"]), strict=True))
     key = (row["month"], count)
     if key not in cache:
@@ -152,11 +152,11 @@ def _flags(row: dict[str, Any]) -> list[str]:
     if row["least"] > row["most"]:
         flags.append(
             f"{month}: at least {row['least']} floats against sinking, at most {row['most']} against rising: no number "
-            "does both; smaller floats, a smaller reserve or least_share"
+            "satisfies both. Use smaller floats, a smaller reserve or least_share"
         )
     bad = [pose for pose in row["poses"] if pose["status"] != "ok"]
     if bad:
-        flags.append(f"{month}: no pose at rest at level {bad[0]['level_m']:+g} m: its depths are not known")
+        flags.append(f"{month}: no equilibrium at level {bad[0]['level_m']:+g} m: its depths are unknown")
     for key, what in (("sinking_m", "too deep"), ("lifting_m", "too high")):
         if row[key] is not None and row[key] < 0.0:
             flags.append(f"{month}: the backbone lies {-row[key]:.2g} m {what} on {row['floats']} floats")

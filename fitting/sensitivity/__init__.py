@@ -1,4 +1,4 @@
-"""What a quantity depends on: exact derivatives along the whole run, and indices over ranges of parameters."""
+"""Sensitivity of a quantity: exact derivatives along the whole run, and indices over ranges of parameters."""
 
 from fitting.sensitivity.derivatives import Local, local, windows
 from fitting.sensitivity.problem import Study, ranges, study

@@ -1,8 +1,8 @@
-"""How much a quantity depends on parameters: exact local derivatives, and how far they can be trusted.
+"""Sensitivity of a quantity to parameters: exact local derivatives, and their range of validity.
 
-Local derivatives go through the whole run, static start included, in forward and in reverse mode. In a chaotic motion
-they grow like exp(lambda t) and soon say nothing about a change of finite size: the horizon tells when, and averages
-over windows shorter than that still mean something beyond.
+Local derivatives include the whole run and its static start, in forward and in reverse mode. In a chaotic motion they
+grow like exp(lambda t) and soon do not predict the effect of a finite change. The horizon is the time until then.
+Averages over windows shorter than the horizon remain meaningful beyond it.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from dropper_jax.study.lyapunov import horizon, lyapunov
 from fitting.parameters.parameter import apply
 from fitting.sensitivity.problem import Plan, Study
 
-#: Growth of a small error up to which derivatives are trusted: a change of 1 % has then become one of 100 %.
+#: Growth of a small error up to which derivatives are valid: a change of 1 % has then become one of 100 %.
 GROWTH = 100.0
-#: Part of that growth below which the forward derivatives themselves show that a run is not chaotic.
+#: Fraction of that growth below which the forward derivatives themselves show that a run is not chaotic.
 SCREENED = 0.1
 
 
@@ -37,10 +37,10 @@ class Local:
         names, units, values: of the parameters.
         of, unit, value: the quantity.
         forward: dQ/dp (p,).
-        horizon: time [s] up to which derivatives are trusted; `duration` [s] of the run.
-        reverse: dQ/dp by reverse mode (p,); None unless it was asked for.
-        exponent: growth rate of small errors [1/s]; None where it was not needed.
-        window: length [s] of the windows of the means; None where the whole run is trusted.
+        horizon: time [s] up to which derivatives are valid; `duration` [s] of the run.
+        reverse: dQ/dp by reverse mode (p,); None unless requested.
+        exponent: growth rate of small errors [1/s]; None if it was not needed.
+        window: length [s] of the windows of the means; None if derivatives are valid for the whole run.
         window_mean, window_error: mean derivative of the windows' values and its standard error (p,).
     """
 
@@ -61,7 +61,7 @@ class Local:
 
     @property
     def scaled(self) -> np.ndarray:
-        """`p/Q dQ/dp` (p,): per cent of the quantity for one per cent of the parameter; NaN where Q is 0."""
+        """`p/Q dQ/dp` (p,): percentage change of the quantity for 1 % change of the parameter; NaN if Q is 0."""
         return self.forward * self.values / self.value if self.value else np.full(len(self.names), np.nan)
 
     @property
@@ -75,21 +75,21 @@ class Local:
 
     @property
     def mismatch(self) -> float | None:
-        """Largest difference of the two modes, relative to the largest derivative; None without the reverse one."""
+        """Maximum difference of the two modes, relative to the maximum derivative; None without reverse mode."""
         if self.reverse is None:
             return None
         size = float(np.max(np.abs(self.forward), initial=0.0))
         return float(np.max(np.abs(self.forward - self.reverse), initial=0.0)) / size if size else 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """The fields, and what is made of them."""
+        """The fields and the properties derived from them."""
         return {**dataclasses.asdict(self), "scaled": self.scaled, "trusted": self.trusted}
 
 
 @cached_jit(static=("plan",), brief=True)
 def _forward(plan: Plan, model: Model, near: State, values: jax.Array) -> tuple[jax.Array, ...]:
-    """Derivatives (p,) and value of the quantity; how far each parameter moves the nodes, `max |dr/dp|` (p,), and the
-    largest extent of a node's motion."""
+    """Derivatives (p,) and value of the quantity; the displacement of nodes by each parameter, `max |dr/dp|` (p,), and
+    the maximum extent of a node's motion."""
 
     def along(direction: jax.Array) -> tuple[jax.Array, ...]:
         at = partial(plan.evaluate, model, near)
@@ -106,13 +106,13 @@ def _reverse(plan: Plan, model: Model, near: State, values: jax.Array) -> jax.Ar
 
 
 def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
-    """Exact derivatives of the study at its values, and how far to trust them.
+    """Exact derivatives of the study at its values, and their range of validity.
 
-    Where no parameter's change of 1 % moves any node by more than a tenth of the motion's extent, the whole run is
-    trusted. Elsewhere the growth of small errors is computed, a program of its own.
+    If no parameter's change of 1 % moves any node by more than 10 % of the motion's extent, the derivatives are valid
+    for the whole run. Otherwise the growth of small errors is computed by a separate program.
 
     Args:
-        check: compute the derivatives by reverse mode too, and the growth rate in any case.
+        check: also compute the derivatives by reverse mode, and the growth rate in any case.
     """
     at = jnp.asarray(problem.values, problem.model.dtype)
     say(0.0, "forward derivatives")
@@ -158,8 +158,8 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
 def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean derivative of the quantity over windows of about `length` [s] that start on the motion itself.
 
-    Each window's start is held, so that no derivative is carried further than the window: what a parameter does to
-    the quantity within one horizon, averaged over the states that the motion visits.
+    Each window's start is fixed, so that derivatives only accumulate within the window. The result is the effect of a
+    parameter on the quantity within one horizon, averaged over the states of the motion.
 
     Returns:
         mean and standard error (p,), and the windows' length [s].

@@ -28,21 +28,21 @@ from fitting.parameters.parameter import Parameter, apply, with_effects
 from fitting.parameters.target import Direction
 from fitting.sensitivity.quantities import PERIOD, Quantity, quantity
 
-#: Runs advanced together in global studies.
+#: Number of runs advanced together in global studies.
 CHUNK = 64
-#: Standard range of a parameter in global studies, each way.
+#: Default range of a parameter in global studies, in both directions.
 SPREAD = 0.2
 
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What a program of a study is compiled for: all of it that is not a number of the model.
+    """Key of a compiled program of a study: everything that is not a number of the model.
 
     Attributes:
         of: the quantity.
-        parameters: where the values go; their own start values and bounds are left out.
+        parameters: positions of the values; their own start values and bounds are omitted.
         start, run: of the scene.
-        stepper: with means for steps that resist, or without.
+        stepper: with or without fallbacks for steps that do not converge.
     """
 
     of: Quantity
@@ -61,7 +61,7 @@ class Plan:
         return integrate(self.stepper, model, s, self.run.dt, steps, self.run.save_every, checkpoint)[1]
 
     def measure(self, model: Model, s: State, run: Trajectory) -> jax.Array:
-        """The quantity, NaN where a step failed."""
+        """The quantity, NaN if a step failed."""
         if self.of.at_rest:
             return self.of(model, s.r, run, s.t[None])
         t = s.t + (1 + jnp.arange(run.r.shape[0])) * (self.run.dt * self.run.save_every)
@@ -70,7 +70,7 @@ class Plan:
     def evaluate(
         self, model: Model, near: State, values: jax.Array, checkpoint: bool = False
     ) -> tuple[jax.Array, Trajectory]:
-        """The quantity of the model with these values (p,), and the run that it is of."""
+        """The quantity of the model with these values (p,), and the corresponding run."""
         model = apply(model, self.parameters, values)
         s = self.initial_state(model, near)
         run = standing(s) if self.of.at_rest else self.march(model, s, self.run.saves, checkpoint)
@@ -81,8 +81,8 @@ class Plan:
 class Study:
     """A quantity of a scene as a function of parameters, `study(values)`, values (p,) -> scalar; differentiable.
 
-    Without `retries` a step that resists makes the value NaN: derivatives of halved steps take most of the compilation,
-    and hardly any run needs them. `local` and `batch` turn them on where they do.
+    Without `retries` a step that does not converge makes the value NaN. Derivatives of halved steps take most of the
+    compilation, and few runs need them. `local` and `batch` turn them on if needed.
     """
 
     scene: Scene
@@ -108,7 +108,7 @@ class Study:
 
     @cached_property
     def plan(self) -> Plan:
-        """What its programs are compiled for."""
+        """The key of its compiled programs."""
         where = tuple(Parameter(p.name, p.where, 0.0) for p in self.parameters)
         return Plan(self.of, where, self.scene.start, self.scene.run, self.stepper)
 
@@ -121,25 +121,25 @@ class Study:
         return self.plan.march(model, s, saves, checkpoint)
 
     def measure(self, model: Model, s: State, run: Trajectory) -> jax.Array:
-        """The quantity, NaN where a step failed."""
+        """The quantity, NaN if a step failed."""
         return self.plan.measure(model, s, run)
 
     def __call__(self, values: jax.Array, checkpoint: bool = False) -> jax.Array:
         return self.plan.evaluate(self.model, self.start, values, checkpoint)[0]
 
     def check_held(self) -> None:
-        """Refuse a static start that is free to move, where derivatives were not found.
+        """Reject a static start with an unconstrained direction, for which no derivatives were found.
 
         Raises:
-            SceneError: naming the node.
+            SceneError: with the name of the node.
         """
         start = self.scene.start
         if start.kind != "static":
             return
         free = free_motion(self.model, self.start, nodal_loads(self.model, start.release_nodes, start.release_force))
         if free:
-            why = "allowed: a pose that is held on all sides"
-            raise SceneError(f"start: the static pose does not follow the parameters: {free}; {why}")
+            why = "Use a pose that is constrained in all directions"
+            raise SceneError(f"start: the static pose does not follow the parameters: {free}. {why}")
 
     def batch(self, values: np.ndarray) -> np.ndarray:
         """The quantity of many values (cases, p) -> (cases,), `CHUNK` at a time in one compiled program."""
@@ -151,7 +151,7 @@ class Study:
 
 
 def standing(s: State) -> Trajectory:
-    """The saved states of a run that has not begun: its start alone."""
+    """The saved states of a run that has not started: its start alone."""
     one = lambda tree: jax.tree.map(lambda a: a[None], tree)  # noqa: E731
     none, never = jnp.zeros((1,), jnp.int32), jnp.full((1,), -1, jnp.int32)
     return Trajectory(
@@ -177,7 +177,7 @@ def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
 
 
 def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:
-    """Range of each parameter in a global study: the given one, else 20 % each way, inside its bounds."""
+    """Range of each parameter in a global study: the given one, otherwise +-20 %, inside its bounds."""
     given = given or {}
     full = dict(zip(full_names(problem.scene, list(given), "range"), given.values(), strict=True))
     for name, (low, high) in full.items():
@@ -187,8 +187,7 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
     for p in problem.parameters:
         if isinstance(p.where, Direction) and not p.where.linear:
             raise SceneError(
-                f"to: the model does not follow {p.name!r} along a straight line; allowed: such numbers in local "
-                "studies, or `dropper sweep`"
+                f"to: the model is not linear in {p.name!r}. Use it in local studies, or in `dropper sweep`"
             )
         spread = SPREAD * p.scale
         found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))

@@ -1,4 +1,4 @@
-"""Numbers that sum up a motion, by name (`tension.3.max`, `angle.1.std`): differentiable functions of saved states."""
+"""Scalar quantities of a motion, by name (`tension.3.max`, `angle.1.std`): differentiable functions of saved states."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from dropper_jax.stepping.observe import observe
 #: Slope of the S-N curve in `fatigue`; 3 is usual for ropes and chains (DNV-OS-E301).
 SLOPE = 3.0
 
-#: What is followed in time: unit, whether it is counted by link or by node, meaning.
+#: Signals in time: unit, whether they are counted by link or by node, meaning.
 SIGNALS = {
-    "tension": ("N", "link", "tension of a link; without a number that of all links"),
+    "tension": ("N", "link", "tension of a link; without a number, of all links"),
     "angle": ("rad", "link", "angle of a link from the horizontal, positive downwards, -pi/2 to pi/2"),
-    "excursion": ("m", "node", "distance of a free node from where it started; without a number the largest one"),
+    "excursion": ("m", "node", "distance of a free node from its start position; without a number the maximum"),
     "x": ("m", "node", "position of a free node"),
     "y": ("m", "node", "position of a free node"),
     "z": ("m", "node", "position of a free node"),
@@ -48,12 +48,12 @@ def _peak(x: jax.Array) -> jax.Array:
 
 
 def _highest(x: jax.Array) -> jax.Array:
-    """The largest value (times, members): the top of the parabola through it and its two neighbours in time.
+    """The maximum value (times, members): the vertex of the parabola through it and its two neighbours in time.
 
-    The largest sample alone has the derivative of a fixed time: beside the top it is off by the slope there, of the
-    first order in the step, and of short peaks by several times.
+    The derivative of the largest sample alone is that at a fixed time. Away from the maximum it has an error from the
+    slope there, of first order in the step, and of several hundred per cent for short peaks.
     """
-    # the member that reaches highest, and when
+    # the member with the highest value, and its time
     member = jnp.argmax(jnp.max(x, axis=0))
     x = x[:, member]
     k = jnp.argmax(x)
@@ -69,14 +69,14 @@ def _std(x: jax.Array) -> jax.Array:
     return _root(jnp.mean((x - jnp.mean(x, axis=0)) ** 2))
 
 
-#: The statistic of the start alone: for a static start it is statics, and nothing is run for it.
+#: The statistic of the start alone: for a static start only statics is computed, without a run.
 START = "start"
-#: The signal that only a start has.
+#: The signal that exists only for a start.
 PERIOD = "period"
 
-#: Statistics of a signal (times, members); `max` and `min` are tops of parabolas through three samples; `start` is of
-#: the state at t = 0; `fatigue` is `(mean |x - mean x|^3)^(1/3)`, the amplitude of equal damage at an equal rate of
-#: cycles; `peak` the height of the largest line of the amplitude spectrum (Hann window).
+#: Statistics of a signal (times, members). `max` and `min` are vertices of parabolas through three samples; `start`
+#: refers to the state at t = 0; `fatigue` is `(mean |x - mean x|^3)^(1/3)`, the amplitude of equal damage at an equal
+#: rate of cycles; `peak` is the height of the highest line of the amplitude spectrum (Hann window).
 STATISTICS: dict[str, Callable[[jax.Array], jax.Array]] = {
     "max": _highest,
     "min": lambda x: -_highest(-x),
@@ -110,7 +110,7 @@ class Quantity:
 
     @property
     def at_rest(self) -> bool:
-        """Whether it is of the start alone."""
+        """Whether it depends on the start alone."""
         return self.statistic == START
 
     def __call__(self, model: Model, start: jax.Array, run: Trajectory, t: jax.Array) -> jax.Array:
@@ -143,22 +143,22 @@ def quantity(name: str, model: Model) -> Quantity:
     """The quantity of a name such as `tension.3.max`, `excursion.max`, `angle.1.std`, `energy.final`.
 
     Raises:
-        SceneError: an unknown signal or statistic, or a link or node that is not there.
+        SceneError: an unknown signal or statistic, or a link or node that does not exist.
     """
     signal, *middle, statistic = name.split(".") if "." in name else (name, "")
     for what, word, known in (("signal", signal, SIGNALS), ("statistic", statistic, STATISTICS)):
         if word not in known:
             raise SceneError(
-                f"of: {name!r}: {word!r} is no {what}; {nearest(word, known)}; allowed: SIGNAL[.NUMBER].STATISTIC"
+                f"of: {name!r}: {word!r} is not a {what}; {nearest(word, known)}; allowed: SIGNAL[.NUMBER].STATISTIC"
             )
     if signal == PERIOD and statistic != START:
-        raise SceneError(f"of: {name!r}: a natural period is of the static pose; allowed: period.1.start")
+        raise SceneError(f"of: {name!r}: a natural period belongs to the static pose; allowed: period.1.start")
     counted = SIGNALS[signal][1]
     if not middle:
         if signal in ("angle", "x", "y", "z", PERIOD):
-            raise SceneError(f"of: {name!r} names no {counted}; allowed: such as {signal}.1.{statistic}")
+            raise SceneError(f"of: {name!r} has no {counted}; allowed: such as {signal}.1.{statistic}")
         return Quantity(name, signal, None, statistic)
     most = {"link": model.line.links, "node": model.free_nodes, "mode": 3 * model.free_nodes, None: 0}[counted]
     if len(middle) > 1 or not middle[0].isdecimal() or not 1 <= int(middle[0]) <= most:
-        raise SceneError(f"of: {name!r}: {'.'.join(middle)!r} is no {counted or 'part'}; allowed: 1 to {most}")
+        raise SceneError(f"of: {name!r}: {'.'.join(middle)!r} is not a {counted or 'part'}; allowed: 1 to {most}")
     return Quantity(name, signal, int(middle[0]), statistic)

@@ -19,10 +19,11 @@ class Global:
     """Indices over a box of parameters.
 
     Attributes:
-        method: `sobol` (first: share of the variance by the parameter alone; total: with its interactions) or `morris`
-            (first: mean |elementary effect| [unit of the quantity per range]; total: their standard deviation).
+        method: `sobol` (first: fraction of the variance by the parameter alone; total: with its interactions) or
+            `morris` (first: mean |elementary effect| [unit of the quantity per range]; total: their standard
+            deviation).
         names, ranges: of the parameters.
-        first, first_error, total, total_error: (p,), errors at 95 % (NaN where there is none).
+        first, first_error, total, total_error: (p,), errors at 95 % (NaN if not available).
         runs, mean, std: number of runs, mean and standard deviation of the quantity over them.
     """
 
@@ -37,7 +38,7 @@ class Global:
     mean: float
     std: float
 
-    #: Cases that fail are refused before there are indices.
+    #: Cases that fail are rejected before indices are computed.
     finite: ClassVar[bool] = True
 
     def to_json(self) -> dict[str, Any]:
@@ -74,7 +75,7 @@ def global_indices(
     values = np.asarray(function(points), float)
     bad = int(np.sum(~np.isfinite(values)))
     if bad:
-        raise SceneError(f"samples: {bad} of {len(values)} cases failed; allowed: ranges in which every case runs")
+        raise SceneError(f"samples: {bad} of {len(values)} cases failed. Use ranges in which every case runs")
     if np.ptp(values) <= 1e-12 * np.max(np.abs(values)):
         zero = np.zeros(len(names))
         return Global(method, list(names), list(box), zero, zero, zero, zero, len(values), float(values.mean()), 0.0)

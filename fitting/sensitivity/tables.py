@@ -1,4 +1,4 @@
-"""What is said of sensitivities on the terminal."""
+"""Sensitivities as text for the terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fitting.sensitivity.screening import Global
 
 
 def local_text(found: Local) -> str:
-    """Derivatives for people, the largest first, and how far to trust them."""
+    """Derivatives as text, the largest first, and their range of validity."""
     order = np.argsort(-np.abs(found.scaled if np.isfinite(found.scaled).all() else found.forward))
     head = ["parameter", "value", "dQ/dp", "p/Q dQ/dp"]
     windowed = not found.trusted
@@ -41,7 +41,7 @@ def local_text(found: Local) -> str:
 
 
 def global_text(found: Global, of: str) -> str:
-    """Indices for people, the largest first."""
+    """Indices as text, the largest first."""
     sobol = found.method == "sobol"
     rows = [
         [

@@ -16,7 +16,7 @@ def local_picture(found: Local, path: str | Path) -> Path:
     """Scaled derivatives as bars, the largest on top."""
     values = found.scaled if np.isfinite(found.scaled).all() else found.forward
     label = "change of the quantity for 1 % of the parameter [%]" if values is not found.forward else "dQ/dp"
-    note = f"whole run of {found.duration:g} s" if found.trusted else f"NOT to be trusted beyond {found.horizon:.2g} s"
+    note = f"whole run of {found.duration:g} s" if found.trusted else f"NOT valid beyond {found.horizon:.2g} s"
     return _bars(found.names, [values], [""], label, f"{found.of} = {found.value:.4g} {found.unit}; {note}", path)
 
 
@@ -24,7 +24,7 @@ def global_picture(found: Global, of: str, path: str | Path) -> Path:
     """Sobol's first and total indices, or Morris' mean and spread, as bars."""
     sobol = found.method == "sobol"
     labels = ["alone", "with interactions"] if sobol else ["mean |effect|", "spread"]
-    axis = "share of the variance [-]" if sobol else "effect over the whole range [unit of the quantity]"
+    axis = "fraction of the variance [-]" if sobol else "effect over the whole range [unit of the quantity]"
     errors = [found.first_error, found.total_error]
     return _bars(found.names, [found.first, found.total], labels, axis, f"{of}: {found.runs} runs", path, errors)
 

@@ -1,4 +1,4 @@
-"""Load cases of a site: what is combined, and what each changes in the scene."""
+"""Load cases of a site: the combinations, and the change of the scene by each."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from fitting.site.parts import match_names
 from fitting.site.sections import GrowthTable, SeaState
 
 INTACT, BROKEN = "intact", "broken"
-#: Time [s] of a break that does not happen in a case: entries of other cases stay in the one compiled program.
+#: Time [s] of breaks that belong to other cases: their entries stay in the one compiled program.
 NEVER = 1e9
-#: Profile of a current over depth, which cases keep; its change in time they do not.
+#: Fields of a current that cases keep: its profile over depth, but not its change in time.
 PROFILE = ("kind", "exponent", "reference", "veer")
 
 
 @dataclasses.dataclass(frozen=True)
 class Break:
-    """A state with a broken line: its label, the line (or piece of one) and link that parts, and its `[[failure]]`."""
+    """A state with a broken line: its label, the line (or piece of one) and link that breaks, and its `[[failure]]`."""
 
     name: str
     line: str
@@ -34,11 +34,11 @@ class Break:
 
 @dataclasses.dataclass(frozen=True)
 class Storm:
-    """A load case: everything but the seed.
+    """A load case without its seed.
 
     Attributes:
         number: from 0.
-        direction: of the waves [rad]; `level` [m]; `current`: table of `[sea.current]`, None as in the scene.
+        direction: of the waves [rad]; `level` [m]; `current`: table of `[sea.current]`, None for that of the scene.
         current_name, month, state: names; month None for the bare scene, state `intact` or the broken line.
     """
 
@@ -57,18 +57,18 @@ class Storm:
 
     @property
     def kind(self) -> str:
-        """`intact` or `broken`: which factor counts."""
+        """`intact` or `broken`: selects the factor."""
         return INTACT if self.broken is None else BROKEN
 
     @property
     def still(self) -> tuple[Any, ...]:
-        """What the pose at rest depends on."""
+        """The values that the equilibrium depends on."""
         heading = None if self.current is None else self.current["direction"]
         return self.current_name, heading, self.level, self.month
 
     @property
     def name(self) -> str:
-        """A label of few words."""
+        """A short label."""
         parts = [self.sea_state.name, f"{np.degrees(self.direction):g} deg", self.current_name]
         parts += [f"level {self.level:+g} m" if self.level else None, self.month]
         return ", ".join(p for p in [*parts, None if self.broken is None else f"{self.state} broken"] if p)
@@ -83,7 +83,7 @@ class Case:
 
 
 def storms(site: Any) -> tuple[Storm, ...]:
-    """All load cases of a site; states run fastest, sea states slowest."""
+    """All load cases of a site; states vary fastest, sea states slowest."""
     lists = site.lists
     combined = itertools.product(
         site.sea_states,
@@ -112,10 +112,10 @@ def _current(site: Any, given: dict[str, Any] | None, direction: float) -> tuple
 
 
 def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | None, ...]:
-    """States of `[cases]`: None for intact, else what breaks; patterns give one state for each of their lines.
+    """States of `[cases]`: None for intact, otherwise the broken line; patterns give one state for each of their lines.
 
     Raises:
-        SceneError: no such line or link, or a state that is named twice.
+        SceneError: an unknown line or link, or a duplicate state.
     """
     lines = {line.name: line for line in whole_lines(scene)}
     found: list[Break | None] = []
@@ -137,7 +137,7 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
 
 
 def _locate_link(scene: Scene, name: str, link: int | None, path: str) -> tuple[str, int]:
-    """Line or piece and link (from 1) of a link of a whole line; the middle one where none is given."""
+    """Line or piece and link (from 1) of a link of a whole line; the middle link if none is given."""
     pieces: list[LineSpec] = [line for line in scene.lines if name in (line.name, line.piece_of)]
     total = sum(line.links for line in pieces)
     at = total // 2 + 1 if link is None else link
@@ -148,22 +148,22 @@ def _locate_link(scene: Scene, name: str, link: int | None, path: str) -> tuple[
             break
         at -= line.links
     if line.rigid:
-        raise SceneError(f"{path}: the links of {name!r} are rigid and do not break; allowed: a line that stretches")
+        raise SceneError(f"{path}: the links of {name!r} are rigid and do not break. Use a line that stretches")
     return line.name, at
 
 
 def growth_of(tables: tuple[GrowthTable, ...], lines: tuple[str, ...], path: str) -> dict[str, dict[str, Any]]:
-    """`[line.growth]` by line, of a month's tables.
+    """`[line.growth]` by line, from a month's tables.
 
     Raises:
-        SceneError: a pattern that matches nothing, or a line that two tables claim.
+        SceneError: a pattern without a match, or a line in two tables.
     """
     found: dict[str, dict[str, Any]] = {}
     for table in tables:
         for name in match_names(table.lines, lines, f"{path}.{table.month}.lines"):
             if name in found:
                 raise SceneError(
-                    f"{path}.{table.month}.lines: {name!r} has mussels of this month already; allowed: once a month"
+                    f"{path}.{table.month}.lines: {name!r} already has mussels in this month; allowed: once a month"
                 )
             found[name] = table.growth.table()
     return found

@@ -1,4 +1,4 @@
-"""Parts and anchors of a site: names that patterns find, capacities, factors."""
+"""Parts and anchors of a site: names matched by patterns, capacities, factors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.scene import AnchorSpec
 from fitting.site.sections import AnchorTable, Curve
 
-#: Names in an error line.
+#: Maximum number of names in an error message.
 SHOWN = 6
 
 
@@ -22,9 +22,9 @@ class Part:
 
     Attributes:
         name: in reports.
-        lines: names of its lines, as they were written in the scene.
-        capacity: (lines,) [N] breaking load; of a line whose links differ the least.
-        factor: on its loads by kind of state, `intact` and `broken`; a state that no case has may be None.
+        lines: names of its lines, as specified in the scene.
+        capacity: (lines,) [N] breaking load; the minimum if the links of a line differ.
+        factor: on its loads by kind of state, `intact` and `broken`; None for a state without cases.
         curve: its fatigue curve, or None.
         of_scene: whether the capacity is the breaking load of the scene's lines, and so follows its parameters.
     """
@@ -39,7 +39,7 @@ class Part:
 
 @dataclasses.dataclass(frozen=True)
 class Anchor:
-    """Held points of one kind, with what holds them and the factors on their loads."""
+    """Fixed points of one kind, with their anchors and the factors on their loads."""
 
     name: str
     points: tuple[str, ...]
@@ -47,17 +47,17 @@ class Anchor:
     factor: dict[str, float | None]
 
     def utilisation(self, horizontal: np.ndarray, upward: np.ndarray) -> np.ndarray:
-        """Load over what is held (...), without a factor, for horizontal and upward loads (...) [N]."""
+        """Ratio of load to capacity (...), without a factor, for horizontal and upward loads (...) [N]."""
         table = self.table
         spec = AnchorSpec(self.points[0], table.kind, table.weight, table.friction, table.capacity, 1.0)
         return spec.utilisation(horizontal, upward)
 
 
 def match_names(patterns: Iterable[str], names: Sequence[str], path: str, what: str = "line") -> tuple[str, ...]:
-    """Names that any of the patterns finds, in their order.
+    """Names that match any of the patterns, in order.
 
     Raises:
-        SceneError: a pattern that finds nothing (with the nearest name).
+        SceneError: a pattern without a match (with the nearest name).
     """
     found = set()
     for pattern in patterns:
@@ -74,17 +74,17 @@ def _nearest_hint(pattern: str, names: Sequence[str]) -> str:
 
 
 def short(names: Sequence[str]) -> str:
-    """The first names of many."""
+    """The first names of a long list."""
     names = list(names)
-    more = f", ... ({len(names)} in all)" if len(names) > SHOWN else ""
+    more = f", ... ({len(names)} in total)" if len(names) > SHOWN else ""
     return (", ".join(names[:SHOWN]) or "none") + more
 
 
 def refuse_overlap(groups: Sequence[tuple[str, Sequence[str]]], what: str) -> None:
-    """Refuse a name that two groups claim; groups are (path, names)."""
+    """Reject a name that belongs to two groups; groups are (path, names)."""
     owner: dict[str, str] = {}
     for path, names in groups:
         for name in names:
             if name in owner:
-                raise SceneError(f"{path}: {what} {name!r} belongs to {owner[name]} already; allowed: one of the two")
+                raise SceneError(f"{path}: {what} {name!r} already belongs to {owner[name]}; allowed: one of the two")
             owner[name] = path

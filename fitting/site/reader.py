@@ -1,4 +1,4 @@
-"""SITE.toml: read, checked against its scene, and refused in one line where it cannot be used."""
+"""SITE.toml: read and checked against its scene; invalid input is rejected in one line."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from fitting.site.sections import (
 )
 from fitting.site.site import Site
 
-#: Sections that are read here, and those that others read.
+#: Sections that are read here, and those that other modules read.
 SITE_KEYS = (
     *("name", "description", "scene", "unchecked", "parameters", "set", "run", "sea_state", "cases"),
     *("growth", "factors", "part", "anchor", "exclusion", "backbone", "season"),
@@ -49,17 +49,17 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     """The site of a TOML file, of a packaged name, or of plain values.
 
     Args:
-        folder: where the scene's file is looked for first; the site's own where left out.
+        folder: first folder to search for the scene's file; default: the site's own.
 
     Raises:
-        SceneError: one line with the section, the value and what is allowed.
+        SceneError: one line with the section, the value and the allowed range.
     """
     file = None if isinstance(source, Mapping) else Path(source)
     table = read_table(source if file is None else _parse(file), "site")
     check_keys(table, (*SITE_KEYS, *PASSED), "")
     scene = _scene(table, Path(folder) if folder is not None else (file or Path()).parent)
     if scene.sea is None:
-        raise SceneError(f"scene: {scene.name!r} has no [sea]; allowed: a scene with water")
+        raise SceneError(f"scene: {scene.name!r} has no [sea]. Use a scene with water")
     lines = tuple(line.name for line in whole_lines(scene))
     run = RunValues.read(table.get("run", {}), "run")
     lists = CaseLists.read(table.get("cases", {}), "cases")
@@ -119,10 +119,10 @@ def packaged_sites() -> dict[str, Traversable]:
 
 
 def site_text(source: str | Path) -> bytes:
-    """What stands in a site's file, or in that of a packaged site.
+    """The text of a site's file, or of a packaged site.
 
     Raises:
-        SceneError: there is no such file, nor a packaged site of that name.
+        SceneError: neither a file nor a packaged site has this name.
     """
     file, packaged = Path(source), packaged_sites()
     if str(source) in packaged and not file.exists():
@@ -139,9 +139,9 @@ def _parse(file: Path) -> dict[str, Any]:
 
 
 def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
-    """The scene with `[parameters]` and `[set]` put in."""
+    """The scene with the values of `[parameters]` and `[set]`."""
     if "scene" not in table:
-        raise SceneError("scene: missing; needed: a scene's file beside this one, or the name of a packaged scene")
+        raise SceneError("scene: missing; needed: a scene's file in this folder, or the name of a packaged scene")
     source: Any = table["scene"]
     if isinstance(source, Mapping):
         scene = Scene.from_dict(source)
@@ -161,7 +161,7 @@ def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 
 
 def _flat(table: Mapping[str, Any], path: str = "") -> dict[str, Any]:
-    """Values by path, `sea.depth = 25` written with or without quotes; waves and currents go whole."""
+    """Values by path, `sea.depth = 25` with or without quotes; waves and currents are set as whole tables."""
     found: dict[str, Any] = {}
     for key, value in table.items():
         inner = f"{path}.{key}" if path else key
@@ -177,14 +177,14 @@ def _items(table: Mapping[str, Any], section: str) -> list[tuple[int, Any]]:
 def _unique(path: str, names: Sequence[str]) -> None:
     for name in names:
         if list(names).count(name) > 1:
-            raise refuse(path, name, "is used twice", "a name of its own")
+            raise refuse(path, name, "is used twice", "a unique name")
 
 
 def _check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
     if run.skip >= run.duration:
-        raise refuse("run.skip", run.skip, "leaves nothing of the run", f"0 to less than {run.duration:g} s")
+        raise refuse("run.skip", run.skip, "covers the whole run", f"0 to less than {run.duration:g} s")
     if broken and lists.break_time is not None and not run.skip <= lists.break_time < run.duration:
-        why = "is not in the part of the run that counts"
+        why = "is outside the counted part of the run"
         raise refuse("cases.break_time", lists.break_time, why, f"{run.skip:g} to less than {run.duration:g} s")
 
 
@@ -226,7 +226,7 @@ def _parts(
     taken = {name for _, names in groups for name in names}
     left = [name for name in lines if name not in taken]
     if left:
-        raise SceneError(f"part: no part has the lines {short(left)}; allowed: a [[part]] with them, or `unchecked`")
+        raise SceneError(f"part: no part has the lines {short(left)}. Use a [[part]] with them, or `unchecked`")
     return tuple(found)
 
 
@@ -235,7 +235,7 @@ def _capacity(part: PartTable, capacity: Plain, line: str, path: str) -> float:
         return part.capacity
     if capacity is None:
         raise SceneError(
-            f"{path}.capacity: missing; needed: the breaking load [N] of {part.name!r}, for {line!r} has no "
+            f"{path}.capacity: missing; needed: the breaking load [N] of {part.name!r}, because {line!r} has no "
             "`breaking_load` in the scene"
         )
     return float(np.min(capacity))
@@ -246,7 +246,7 @@ def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> dict[st
     found = {kind: getattr(own, kind) or getattr(table, kind) for kind in ("intact", "broken")}
     for kind in sorted(kinds):
         if found[kind] is None:
-            raise SceneError(f"{path}: missing; needed: a number, or `{kind}` in [factors], for cases are {kind}")
+            raise SceneError(f"{path}: missing; needed: a number, or `{kind}` in [factors], because cases are {kind}")
     return found
 
 
@@ -256,7 +256,7 @@ def _anchors(table: Mapping[str, Any], held: Sequence[str], factors: Factors, ki
         path, own = f"anchor.{i}", dict(read_table(item, f"anchor.{i}"))
         given = own.pop("factor", None)
         anchor = AnchorTable.read(own, path)
-        points = match_names(anchor.points, held, f"{path}.points", "held point")
+        points = match_names(anchor.points, held, f"{path}.points", "fixed point")
         groups.append((path, points))
         factor = _factor(given, factors, kinds, f"{path}.factor")
         found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, factor))
@@ -266,29 +266,29 @@ def _anchors(table: Mapping[str, Any], held: Sequence[str], factors: Factors, ki
 
 
 def _check_currents(site: Site) -> None:
-    """Currents of one kind: cases share a compiled program."""
+    """Check that currents are of one kind, because cases share a compiled program."""
     kinds = {storm.current.get("kind", "uniform") for storm in site.storms if storm.current is not None}
     if len(kinds) > 1:
         raise refuse("cases.currents", sorted(kinds), "are of different kinds", "currents of one kind")
     if "table" in kinds and any("velocities" not in (s.current or {}) for s in site.storms):
-        why = "the scene's current is a table of heights; a speed does not say how it scales"
-        raise SceneError(f"cases.currents: {why}; allowed: tables as [sea.current] with heights and velocities")
+        why = "the scene's current is a table of heights, which a speed cannot scale"
+        raise SceneError(f"cases.currents: {why}. Use tables as [sea.current] with heights and velocities")
 
 
 def check_breaking(site: Any) -> None:
-    """Refuse a sea state beyond breaking at any level of the tide, by depth or by steepness.
+    """Reject a sea state beyond breaking at any level of the tide, by depth or by steepness.
 
-    `Hs <= 0.6 (depth + level)`, and Hs at most that of the steepest seas of the mean period Tz (DNV-RP-C205, as
-    `dropper sea` has it).
+    `Hs <= 0.6 (depth + level)`, and Hs at most that of the steepest seas of the mean period Tz (DNV-RP-C205, as in
+    `dropper sea`).
 
     Raises:
-        SceneError: the sea state, its height, and the limit.
+        SceneError: with the sea state, its height, and the limit.
     """
     spec = site.scene.sea
     levels = [float(level) for level in site.lists.levels]
     for level in levels:
         if spec.depth + level <= 0.0:
-            raise SceneError(f"cases.levels: {level:g} m lies below the bed; allowed: above {-spec.depth:g} m")
+            raise SceneError(f"cases.levels: {level:g} m is below the seabed; allowed: above {-spec.depth:g} m")
     lowest = min(levels)
     for i, state in enumerate(site.sea_states):
         if state.hs == 0.0:

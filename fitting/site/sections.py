@@ -1,4 +1,4 @@
-"""Sections of a site as they are written, each with the ranges of its values."""
+"""Sections of a site as specified in the file, each with the ranges of its values."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from dropper_jax.scene import GrowthSpec
 from dropper_jax.scene.anchor import KINDS
 from dropper_jax.sea.spectrum import SHAPES
 
-#: Density of a float's foam and shell over its volume [kg/m^3], as that of `float` in scenes.
+#: Density of a float's foam and shell over its volume [kg/m^3], as for `float` in scenes.
 FLOAT_DENSITY = 80.0
 
 
 class Section:
-    """A section whose fields are declared; `PATTERNS` names the keys that take a pattern or a list of them."""
+    """A section with declared fields; `PATTERNS` lists the keys that take a pattern or a list of them."""
 
     PATTERNS: tuple[str, ...] = ()
 
@@ -44,13 +44,13 @@ def patterns(meaning: str, **kwargs: Any) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class RunValues(Section):
-    """`[run]`: how every case is run and what is made of its seeds."""
+    """`[run]`: settings of every run, and the statistics over its seeds."""
 
     duration: float = parameter("simulated time of a run", unit="s", low=0.0, open_low=True)
     dt: float | None = parameter("time step", unit="s", low=0.0, open_low=True, optional=True)
     seeds: int = whole_number("realisations of each sea", default=10)
     first_seed: int = whole_number("seed of the first one", low=0, default=1)
-    skip: float = parameter("time at the start that counts for nothing", unit="s", low=0.0, default=30.0)
+    skip: float = parameter("time at the start that is not counted", unit="s", low=0.0, default=30.0)
     ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, optional=True)
     storm: float = parameter("duration of the storm", unit="s", low=0.0, open_low=True, default=10800.0)
     characteristic: str = option("characteristic load", choices=("mean", "most_probable"), default="mean")
@@ -61,7 +61,7 @@ class RunValues(Section):
 
 @dataclasses.dataclass(frozen=True)
 class SeaState(Section):
-    """`[[sea_state]]`: an irregular sea; Hs of 0 is calm."""
+    """`[[sea_state]]`: an irregular sea; Hs = 0 is calm water."""
 
     name: str = option("name", type=str)
     hs: float = parameter("significant wave height", unit="m", low=0.0)
@@ -74,10 +74,10 @@ class SeaState(Section):
     )
     spreading: float | None = parameter("s of cos^2s spreading", unit="-", low=0.0, optional=True)
     directions: int = whole_number("directions per frequency", default=1)
-    hours: float | None = parameter("of it in a year", unit="h", low=0.0, high=8766.0, optional=True)
+    hours: float | None = parameter("hours of it in a year", unit="h", low=0.0, high=8766.0, optional=True)
 
     def waves(self, direction: float, seed: int) -> dict[str, Any]:
-        """`[sea.waves]` of its travel direction [rad] and seed."""
+        """`[sea.waves]` for a travel direction [rad] and a seed."""
         keys = ("hs", "tp", "spectrum", "gamma", "count", "frequencies", "spreading", "directions")
         given = {key: getattr(self, key) for key in keys if getattr(self, key) is not None}
         return {"kind": "spectrum", **given, "direction": direction, "seed": seed}
@@ -85,11 +85,11 @@ class SeaState(Section):
 
 @dataclasses.dataclass(frozen=True)
 class CaseLists(Section):
-    """`[cases]`: what is combined."""
+    """`[cases]`: values to be combined."""
 
     PATTERNS = ("states", "months")
 
-    directions: Any = parameter("towards which the waves travel", unit="deg", shape="table", default=(0.0,))
+    directions: Any = parameter("travel directions of the waves", unit="deg", shape="table", default=(0.0,))
     currents: tuple[dict[str, Any], ...] = ()
     current_direction: float | None = None
     levels: Any = parameter("of the tide", unit="m", shape="table", default=(0.0,))
@@ -99,7 +99,7 @@ class CaseLists(Section):
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
-        """A checked section; currents become tables with `name`, those without `direction` go as the others."""
+        """A checked section; currents become tables with `name`; those without `direction` use the common one."""
         own = dict(read_table(table, path))
         currents = own.pop("currents", [])
         heading = own.pop("current_direction", "waves")
@@ -112,11 +112,11 @@ class CaseLists(Section):
         for key in ("directions", "levels"):
             values = [float(x) for x in getattr(found, key)]
             if len(set(values)) < len(values):
-                raise refuse(f"{path}.{key}", values, "has a value twice", "every value once")
+                raise refuse(f"{path}.{key}", values, "has a duplicate value", "every value once")
         tables = [_current(item, f"{path}.currents.{i}") for i, item in enumerate(_list(currents, f"{path}.currents"))]
         names = [item["name"] for item in tables]
         if len(set(names)) < len(names):
-            raise refuse(f"{path}.currents", names, "has a current twice", "every current once")
+            raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
         heading = None if heading == "waves" else heading
         return dataclasses.replace(found, currents=tuple(tables), current_direction=heading)
 
@@ -126,7 +126,7 @@ def _list(value: Plain, path: str) -> list[Any]:
 
 
 def _current(item: Plain, path: str) -> dict[str, Any]:
-    """A current as a table with a name; of a number its speed."""
+    """A current as a table with a name; a number is its speed."""
     if not isinstance(item, Mapping):
         speed = read_number(item, path, {"low": 0.0, "unit": "m/s"}, "a speed >= 0 m/s, or a table as [sea.current]")
         return {"name": f"{speed:g} m/s", "speed": speed}
@@ -158,14 +158,14 @@ class GrowthTable(Section):
 class Factors(Section):
     """`[factors]`: the user's table of factors on loads."""
 
-    intact: float | None = parameter("with all lines whole", unit="-", low=1.0, optional=True)
-    broken: float | None = parameter("where a line breaks", unit="-", low=1.0, optional=True)
-    source: str = option("where they are from", type=str, default="not given: check against your standard")
+    intact: float | None = parameter("with all lines intact", unit="-", low=1.0, optional=True)
+    broken: float | None = parameter("if a line breaks", unit="-", low=1.0, optional=True)
+    source: str = option("source of the factors", type=str, default="not given: check against your standard")
     edition: str = option("edition of the source", type=str, default="not given")
 
     @classmethod
     def of(cls, value: Plain, path: str) -> Factors:
-        """Those of a part: a number for all states, or a table."""
+        """Factors of a part: a number for all states, or a table."""
         if isinstance(value, Mapping):
             return cls.read(value, path)
         number = read_number(value, path, {"low": 1.0}, "a number >= 1, or { intact = ..., broken = ... }")
@@ -176,14 +176,14 @@ class Factors(Section):
 class Curve(Section):
     """A part's own fatigue curve, `N = k (range/capacity)^-m`."""
 
-    k: float = parameter("cycles at a range of the capacity", unit="-", low=0.0, open_low=True)
+    k: float = parameter("cycles at a range equal to the capacity", unit="-", low=0.0, open_low=True)
     m: float = parameter("slope", unit="-", low=0.0, open_low=True)
-    source: str = option("where it is from", type=str, default="not given")
+    source: str = option("source of the curve", type=str, default="not given")
 
 
 @dataclasses.dataclass(frozen=True)
 class PartTable(Section):
-    """`[[part]]` as it is written, its factor and curve apart."""
+    """`[[part]]` as specified, without its factor and curve."""
 
     PATTERNS = ("lines",)
 
@@ -194,17 +194,17 @@ class PartTable(Section):
 
 @dataclasses.dataclass(frozen=True)
 class AnchorTable(Section):
-    """`[[anchor]]` as it is written: kinds as in scenes."""
+    """`[[anchor]]` as specified: kinds as in scenes."""
 
     PATTERNS = ("points",)
 
-    points: tuple[str, ...] = patterns("held points")
+    points: tuple[str, ...] = patterns("fixed points")
     name: str | None = option("name in reports", type=str, default=None)
     kind: str = option("how it holds", choices=tuple(KINDS), default="tested")
     weight: float | None = parameter("weight in water", unit="N", low=0.0, open_low=True, optional=True)
-    friction: float | None = parameter("friction against the bed", unit="-", low=0.0, open_low=True, optional=True)
+    friction: float | None = parameter("friction with the seabed", unit="-", low=0.0, open_low=True, optional=True)
     capacity: float | None = parameter("load it was tested to", unit="N", low=0.0, open_low=True, optional=True)
-    uplift: float | None = parameter("largest angle of the load", unit="deg", low=0.0, high=90.0, optional=True)
+    uplift: float | None = parameter("maximum angle of the load", unit="deg", low=0.0, high=90.0, optional=True)
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
@@ -219,7 +219,7 @@ class AnchorTable(Section):
 
 @dataclasses.dataclass(frozen=True)
 class Exclusion(Section):
-    """`[exclusion]`: how far nodes may go from where calm water leaves them."""
+    """`[exclusion]`: maximum displacement of nodes from their positions in calm water."""
 
     PATTERNS = ("lines",)
 
@@ -229,7 +229,7 @@ class Exclusion(Section):
 
 @dataclasses.dataclass(frozen=True)
 class Backbone(Section):
-    """`[backbone]`: depths below the water's level between which lines are to stay at rest."""
+    """`[backbone]`: range of depths below the water's level for lines at rest."""
 
     PATTERNS = ("lines",)
 
@@ -254,10 +254,10 @@ class SeasonValues(Section):
     points: tuple[str, ...] = patterns("free points with a volume that carry floats")
     volume: float = parameter("of one float", unit="m^3", low=0.0, open_low=True)
     density: float = parameter("of a float over its volume", unit="kg/m^3", low=0.0, default=FLOAT_DENSITY)
-    reserve: float = parameter("lift of all floats over what is needed, at least", unit="-", low=1.0, default=1.3)
+    reserve: float = parameter("minimum ratio of the lift of all floats to the need", unit="-", low=1.0, default=1.3)
     least_share: float = parameter(
-        "what is needed over the lift, at least: floats that carry less rise", unit="-", low=0.0, high=1.0, default=0.1
+        "minimum ratio of the need to the lift: floats that carry less rise", unit="-", low=0.0, high=1.0, default=0.1
     )
-    start: int | None = whole_number("floats in place before the first month", low=0, default=None)
+    start: int | None = whole_number("floats before the first month", low=0, default=None)
     currents: Any = parameter("of the static poses", unit="m/s", shape="table", optional=True)
     levels: Any = parameter("of the static poses", unit="m", shape="table", optional=True)

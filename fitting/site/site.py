@@ -23,12 +23,12 @@ class Site:
     """A site, read and checked.
 
     Attributes:
-        scene: the farm with `[parameters]` and `[set]` put in; its template is kept.
+        scene: the farm with the values of `[parameters]` and `[set]`; its template is kept.
         growth: mussels by month, and by line the table of `[line.growth]`.
-        states: what breaks; None where nothing does.
-        raw: sections that are passed on (`variable`, `objective`, `constraint`, `optimise`), as they were written.
-        table: plain values of the site as it was written.
-        file: where it was read; None for plain values.
+        states: the broken line; None for the intact farm.
+        raw: sections that are passed on (`variable`, `objective`, `constraint`, `optimise`), unchanged.
+        table: plain values of the site as specified.
+        file: source file; None for plain values.
     """
 
     name: str
@@ -51,11 +51,11 @@ class Site:
 
     @cached_property
     def lines(self) -> tuple[str, ...]:
-        """Names of the scene's lines as they were written."""
+        """Names of the scene's lines as specified."""
         return tuple(line.name for line in whole_lines(self.scene))
 
     def matching(self, patterns: Iterable[str]) -> tuple[str, ...]:
-        """Lines that the patterns find."""
+        """Lines that match the patterns."""
         return match_names(patterns, self.lines, "lines")
 
     @cached_property
@@ -64,7 +64,7 @@ class Site:
         return storms(self)
 
     def portable(self) -> dict[str, Any]:
-        """Plain values from which `read_site` makes the same site anywhere, those of the scene in place of its name."""
+        """Plain values for `read_site`, independent of files: they contain the scene's values instead of its name."""
         own = {key: value for key, value in self.table.items() if key not in ("parameters", "set")}
         return {**own, "name": self.name, "scene": self.scene.as_written()}
 
@@ -79,19 +79,19 @@ class Site:
 
     @property
     def break_time(self) -> float:
-        """When lines break [s]."""
+        """Time of breaks [s]."""
         given = self.lists.break_time
         return 0.5 * (self.run.skip + self.run.duration) if given is None else given
 
     def run_of(self, storm: Storm) -> RunValues:
-        """Values of the run of a load case: where a line breaks, what comes before counts for nothing."""
+        """Values of the run of a load case: if a line breaks, the time before the break is not counted."""
         if storm.broken is None:
             return self.run
         return dataclasses.replace(self.run, skip=max(self.run.skip, self.break_time))
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds of states that are there: `intact`, `broken`."""
+        """Kinds of states that occur: `intact`, `broken`."""
         found = {INTACT if state is None else BROKEN for state in self.states}
         return tuple(kind for kind in (INTACT, BROKEN) if kind in found)
 
@@ -102,11 +102,11 @@ class Site:
         return tuple(name for name in self.lines if name in found)
 
     def prepared(self, scene: Scene | None = None, dt: float | None = None) -> Scene:
-        """The scene that all cases are changes of: with the run's values, and with all that cases change in place.
+        """The common scene of all cases: with the run's values, and with every table that cases change.
 
         Args:
-            scene: another version of the farm, with the same names; `site.scene` where left out.
-            dt: time step [s], where it is not the site's.
+            scene: another version of the farm, with the same names; default: `site.scene`.
+            dt: time step [s], if it differs from the site's.
 
         Raises:
             SceneError: as for any scene.
@@ -129,16 +129,16 @@ class Site:
         return base.with_values(self.changes(self.cases[0]))
 
     def changes(self, case: Case) -> dict[str, Any]:
-        """What a case changes in `prepared`: values by path."""
+        """Changes of `prepared` by a case: values by path."""
         return {**self.still_changes(case.storm), **self.moving_changes(case)}
 
     def moving_changes(self, case: Case) -> dict[str, Any]:
-        """What of it the pose at rest does not depend on: waves, breaks."""
+        """Its values that do not affect the equilibrium: waves, breaks."""
         storm = case.storm
         return {"sea.waves": storm.sea_state.waves(storm.direction, case.seed), **self.break_changes(storm)}
 
     def still_changes(self, storm: Storm) -> dict[str, Any]:
-        """What of it the pose at rest depends on: current, level, mussels."""
+        """Its values that affect the equilibrium: current, level, mussels."""
         found: dict[str, Any] = {"sea.level": {"offset": storm.level}}
         if storm.current is not None:
             found["sea.current"] = storm.current
@@ -148,7 +148,7 @@ class Site:
         return found
 
     def break_changes(self, storm: Storm) -> dict[str, Any]:
-        """When what breaks in any case breaks in this one."""
+        """Time of a break in this case, for each line that breaks in any case."""
         return {
             f"failure.{state.entry}.time": self.break_time if state == storm.broken else NEVER
             for state in self.states

@@ -1,4 +1,4 @@
-"""Grids of cases in batches over all devices, kept chunk by chunk, resumable; and scored against a trace."""
+"""Grids of cases in batches over all devices, stored chunk by chunk, resumable; and scored against a trace."""
 
 from fitting.sweep.against_trace import TraceScores, sweep_against_trace
 from fitting.sweep.plan import QUANTITIES

@@ -23,23 +23,23 @@ from fitting.traces.planar import check_planar, wrap
 from fitting.traces.trace import Convention, Trace, check_trace, read_trace
 
 PARTS = ("head", "middle", "tail")
-#: Where the head and the middle end, in parts of the trace: 12 and 25 s of the thesis' 50 s (its Figure 8.1).
+#: End of head and middle, as fractions of the trace: 12 and 25 s of the thesis' 50 s (its Figure 8.1).
 ENDS = (0.24, 0.5)
-#: Fewest samples of a part, for which an amplitude spectrum makes sense.
+#: Minimum number of samples of a part, for a meaningful amplitude spectrum.
 FEWEST = 10
-#: Distance of a time from the nearest known sample, in intervals, from which on the sample is missing.
+#: Distance of a time from the nearest known sample, in intervals, above which the sample counts as missing.
 NEAR = 0.75
 
 
 @dataclass(frozen=True)
 class Against:
-    """What runs are compared with.
+    """Reference data for the comparison of runs.
 
     Attributes:
         trace: angles [rad] from the horizontal, positive downwards.
-        t, measured: samples (k,) [s] and (k, n) [rad], NaN where one is missing.
-        interpolated: the same, interpolated where one is missing.
-        ends: times [s] at which head, middle and tail end.
+        t, measured: samples (k,) [s] and (k, n) [rad], NaN if missing.
+        interpolated: the same, interpolated where samples are missing.
+        ends: end times [s] of head, middle and tail.
     """
 
     trace: Trace
@@ -73,11 +73,11 @@ class Against:
 
 @dataclass(frozen=True)
 class TraceScores:
-    """How far each case of a sweep is from a trace.
+    """Deviation of each case of a sweep from a trace.
 
     Attributes:
         against: the trace.
-        sweep: what the sweep did.
+        sweep: result of the sweep.
         values: of the cases (cases, axes).
         status: of the cases (cases,), indices of `STATUS`.
         angle: RMS angle error (cases, 3) [rad] over the links and samples of a part, as shortest turns.
@@ -85,7 +85,7 @@ class TraceScores:
             and simulated amplitudes (Hann window), RMS over the links.
         best: case with the smallest RMS angle error of the head, where the motion is large.
         simulated: its angles (k, n) [rad].
-        warnings: on how the trace was read.
+        warnings: about the reading of the trace.
     """
 
     against: Against
@@ -108,7 +108,7 @@ class TraceScores:
         return int(np.nanargmin(getattr(self, by)[:, part]))
 
     def run_at(self, values: Sequence[float]) -> np.ndarray:
-        """Angles (k, n) [rad] of one more run, at other values (axes,) such as fitted ones; NaN where it fails."""
+        """Angles (k, n) [rad] of one more run, at other values (axes,) such as fitted ones; NaN if it fails."""
         plan = self.sweep.plan
         return angles(plan, run_at(plan, np.asarray(values, float))["positions"][0])
 
@@ -131,7 +131,7 @@ class TraceScores:
 
 @dataclass(frozen=True)
 class FittedScore:
-    """A fit of what is varied to the same trace: its status, values and standard errors (axes,), and one run at them.
+    """A fit of the varied inputs to the same trace: status, values and standard errors (axes,), and one run at them.
 
     Attributes:
         simulated: angles (k, n) [rad] of that run.
@@ -148,7 +148,7 @@ class FittedScore:
 
     @classmethod
     def of(cls, scores: TraceScores, status: str, values: np.ndarray, errors: np.ndarray) -> FittedScore:
-        """The fit's values run from the scene's start, as the cases are."""
+        """A run with the fit's values from the scene's start, like the cases."""
         simulated = scores.run_at(values)
         return cls(scores.paths, status, values, errors, simulated, *scores.against.score(simulated))
 
@@ -188,9 +188,9 @@ def sweep_against_trace(
         scene, vary, out: as in `sweep`.
         trace: CSV file or `Trace`.
         parts: times [s] at which the head and the middle end; default `ENDS` of the trace.
-        integrator: default rattle_4 for point masses, whose error is below a camera's noise; else the scene's.
+        integrator: default rattle_4 for point masses, whose error is below a camera's noise; otherwise the scene's.
         until: samples from this time [s] on are not compared.
-        convention: how the trace counts angles; default as the file says, else guessed from the scene.
+        convention: angle convention of the trace; default from the file, otherwise inferred from the scene.
         **settings: further arguments of `sweep`.
 
     Raises:
@@ -202,7 +202,7 @@ def sweep_against_trace(
     check_planar(model, start)
     moved = next((path for path in vary if path.startswith("point.")), None)
     if moved:
-        raise SceneError(f"vary: {moved!r} moves an end; allowed with a trace: paths outside [[point]]")
+        raise SceneError(f"vary: {moved!r} moves an end. With a trace, use paths outside [[point]]")
     trace = trace if isinstance(trace, Trace) else read_trace(trace, model.line.links)
     if trace.links != model.line.links:
         raise SceneError(
@@ -230,13 +230,13 @@ def sweep_against_trace(
         if np.isfinite(scores[0, case, 0]) and (best is None or scores[0, case, 0] < scores[0, best, 0]):
             best, simulated = case, run
     if best is None:
-        raise SceneError("vary: no case ran to its end; allowed: values for which the scene runs, or a smaller --dt")
+        raise SceneError("vary: no case ran to its end. Use values for which the scene runs, or a smaller --dt")
     values = plan.inputs(np.arange(plan.cases))
     return TraceScores(against, result, values, found["status"][:], *scores, best, simulated, warnings)
 
 
 def at_samples(scene: Scene, trace: Trace) -> Scene:
-    """The scene that runs over the span of a trace, saves at its samples' interval, and takes steps that divide it."""
+    """The scene adapted to a trace: it runs over its span, saves at its sample interval, with steps that divide it."""
     span = float(trace.t[-1] - trace.t[0])
     interval = span / round(span / trace.interval)  # times in files are rounded
     every = max(1, int(np.ceil(interval / scene.run.dt - 1e-9)))
@@ -245,7 +245,7 @@ def at_samples(scene: Scene, trace: Trace) -> Scene:
 
 
 def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
-    """Angles (k, n) [rad] at times (k,); NaN where no known sample is near."""
+    """Angles (k, n) [rad] at times (k,); NaN if no known sample is near."""
     found = trace.at(t)
     for known, column in zip(np.isfinite(trace.theta).T, found.T, strict=True):
         times = trace.t[known]
@@ -256,10 +256,10 @@ def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
 
 
 def part_ends(t: np.ndarray, parts: Sequence[float] | None) -> tuple[float, float, float]:
-    """Times [s] at which head, middle and tail of samples at `t` end.
+    """End times [s] of head, middle and tail of samples at `t`.
 
     Raises:
-        SceneError: two times that do not split them in three.
+        SceneError: two times that do not split the samples into three parts.
     """
     last = float(t[-1])
     ends = tuple(last * part for part in ENDS) if parts is None else tuple(map(float, parts))

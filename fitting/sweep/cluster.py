@@ -1,4 +1,4 @@
-"""Work on a Dask cluster: calls of one function, their results as they are done."""
+"""Work on a Dask cluster: calls of one function, with results as they finish."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from dropper_jax.run.storage import extra
 
 
 def done_on(scheduler: Any, call: Callable[..., Any], jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
-    """Numbers of calls and their results, as the workers finish; a call of a worker that died is done elsewhere.
+    """Numbers of calls and their results, as the workers finish; the call of a dead worker is repeated elsewhere.
 
     Args:
         scheduler: address of a Dask scheduler, or a client.
         jobs: arguments of each call.
 
     Raises:
-        SceneError: a scheduler that cannot be reached.
+        SceneError: the scheduler cannot be reached.
     """
     distributed = extra("distributed", "sweep")
     own = isinstance(scheduler, str)

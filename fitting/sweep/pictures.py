@@ -1,4 +1,4 @@
-"""Pictures of a sweep: each kept quantity over one varied input, or over two as a map; its cases against a trace."""
+"""Pictures of a sweep: each stored quantity over one varied input, or over two as a map; its cases against a trace."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from fitting.sweep.run import open_sweep
 def draw_sweep(path: str | Path, folder: str | Path) -> list[Path]:
     """A picture `QUANTITY.png` for each quantity of a sweep with one value per case.
 
-    Over one input a line; over two a map; of more inputs the mean over all but the first two.
+    One input gives a line, two give a map; with more inputs, the mean over all but the first two.
 
     Raises:
-        SceneError: the sweep kept no quantity that has one value per case.
+        SceneError: the sweep stored no quantity with one value per case.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -51,23 +51,23 @@ def draw_sweep(path: str | Path, folder: str | Path) -> list[Path]:
                 axes.set_title(f"mean over {', '.join(map(_words, extra))}", loc="left")
             files.append(style.save(figure, folder / f"{name}.png"))
     if not files:
-        raise SceneError(f"{path}: keeps no quantity to draw; allowed: a sweep of {', '.join(QUANTITIES)}")
+        raise SceneError(f"{path}: contains no quantity to draw. Use a sweep of {', '.join(QUANTITIES)}")
     return files
 
 
 #: Draws one panel: axes, scores, the fit, the part.
 Row = Callable[[Axes, TraceScores, FittedScore | None, int], None]
-#: Most links with curves of their own, and highest frequency of a spectrum [Hz].
+#: Maximum number of links with separate curves, and maximum frequency of a spectrum [Hz].
 MOST_LINKS, MOST_HZ = 9, 6.0
-#: Rows of the picture with maps; of more rows the panels are lower.
+#: Number of rows in the picture with maps above which panels are lower.
 MAPPED = 3
 
 
 def draw_against_trace(scores: TraceScores, folder: str | Path, fit: FittedScore | None = None) -> list[Path]:
-    """Pictures of cases scored against a trace, with the fit where it is given.
+    """Pictures of cases scored against a trace, with the fit if given.
 
-    `scores.png`: maps of the angle error over what is varied, with curves and spectra of the link that moves most, of
-    head, middle and tail; `curves.png` and `spectra.png`: those of all links.
+    `scores.png` shows maps of the angle error over the varied inputs, with curves and spectra of the link that moves
+    most, for head, middle and tail. `curves.png` and `spectra.png` show those of all links.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -115,7 +115,7 @@ def _busiest(scores: TraceScores) -> int:
 
 
 def _of_all(scores: TraceScores, fit: FittedScore | None) -> list[tuple[str, np.ndarray, str, float]]:
-    """Name, angles (k, n), colour and width of what is drawn over the measured curve; turns are those measured."""
+    """Name, angles (k, n), colour and width of the lines over the measured curve; with the measured number of turns."""
     named = lambda values: ", ".join(f"{_words(p.rsplit('.', 1)[-1])} {v:.4g}" for p, v in zip(scores.paths, values))  # noqa: E731, B905
     found = [(f"best case: {named(scores.values[scores.best])}", scores.simulated, style.SECOND, 1.2)]
     if fit is not None and np.isfinite(fit.simulated).all():
@@ -149,7 +149,7 @@ def _spectra(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int
 
 
 def _map_row(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int) -> None:
-    """RMS angle error over the first two of what is varied, or one; the best of what else is varied."""
+    """RMS angle error over the first one or two varied inputs; the best over the other inputs."""
     x, error = scores.values[:, 0], scores.angle[:, part]
     axes.set_xlabel(_label(scores, 0))
     _scale(axes.set_xscale, x)
@@ -189,7 +189,7 @@ def _label(scores: TraceScores, axis: int) -> str:
 
 
 def _scale(set_scale: Callable[..., None], values: np.ndarray) -> None:
-    """A logarithmic axis where values span more than a factor of ten; zero is left of the smallest."""
+    """A logarithmic axis if values span more than a factor of ten; zero is drawn left of the smallest."""
     positive = values[values > 0]
     if (values < 0).any() or not len(positive) or positive.max() < 10 * positive.min():
         return

@@ -1,7 +1,7 @@
-"""What a sweep computes: the grid of cases, how each value reaches the model, and what identifies the sweep.
+"""Definition of a sweep: the grid of cases, how each value enters the model, and what identifies the sweep.
 
-A value that only replaces numbers of the model (a damping coefficient) is put in place inside the compiled program.
-Anything else (a length, a sea state, a start angle) goes through the scene, on the host, once per distinct combination.
+A value that only replaces numbers of the model (a damping coefficient) is set inside the compiled program. Any other
+value (a length, a sea state, a start angle) goes through the scene, on the host, once per distinct combination.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.naming import DAMPING, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
 
-#: What can be recorded of each case, with unit and meaning; `links` and `trace` add dimensions.
+#: Quantities that can be recorded for each case, with unit and meaning; `links` and `trace` add dimensions.
 QUANTITIES = {
-    "tension_max": ("N", "largest tension of any link"),
+    "tension_max": ("N", "maximum tension of any link"),
     "tension_mean": ("N", "mean tension over links and time"),
-    "tension_min": ("N", "smallest tension of any link"),
-    "angle_max": ("rad", "largest angle of each link from the downward vertical"),
-    "excursion": ("m", "largest distance of a node from where it started"),
+    "tension_min": ("N", "minimum tension of any link"),
+    "angle_max": ("rad", "maximum angle of each link from the downward vertical"),
+    "excursion": ("m", "maximum distance of a node from its start position"),
     "energy_final": ("J", "kinetic and potential energy at the end"),
 }
-#: Share of the memory that is left which the table of all cases may take.
+#: Fraction of the free memory that the table of all cases may use.
 SHARE = 0.5
 SEED = "sea.waves.seed"
 STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 FORMAT = 1
-#: What JSON holds.
+#: A JSON value.
 Plain = str | float | bool | None | list["Plain"] | dict[str, "Plain"]
 
 
@@ -59,12 +59,12 @@ class Plan:
 
     Attributes:
         scene: the base case.
-        axes: what is varied; the last one runs fastest.
+        axes: varied inputs; the last one varies fastest.
         quantities: names from `QUANTITIES`.
         traces: also record nodes' positions and tensions at every saved time.
         chunk: cases advanced together on one device.
         settings: further fields of `Stepper`.
-        listed: whether the axes' values go together, row by row, in place of every combination.
+        listed: whether the axes' values are paired row by row instead of combined.
     """
 
     scene: Scene
@@ -107,7 +107,7 @@ class Plan:
         return np.arange(chunk * self.chunk, min((chunk + 1) * self.chunk, self.cases))
 
     def identity(self) -> dict[str, Any]:
-        """Plain values that say which sweep this is; from them `from_identity` makes the same plan."""
+        """Plain values that identify the sweep; `from_identity` makes the same plan from them."""
         return {
             "format": FORMAT,
             "scene": self.scene.as_written(),
@@ -152,8 +152,8 @@ def make_plan(
     vary = {path: np.asarray(values) for path, values in vary.items()}
     if listed and (seeds or len({values.size for values in vary.values()}) > 1):
         counts = ", ".join(f"{path} {values.size}" for path, values in vary.items())
-        what = "seeds, of which each row would need its own" if seeds else f"lists of different lengths ({counts})"
-        raise SceneError(f"listed: {what}; allowed: as many values of every path, without seeds")
+        what = "seeds, which rows cannot have separately" if seeds else f"lists of different lengths ({counts})"
+        raise SceneError(f"listed: {what}. Use equally many values of every path, without seeds")
     if seeds:
         vary[SEED] = np.arange(seeds) + _first_seed(scene)
     if not vary:
@@ -166,27 +166,27 @@ def make_plan(
             raise SceneError(f"quantities: {name!r} is unknown; {nearest(name, QUANTITIES)}")
     _check_cases({path: values.size for path, values in vary.items()}, len(names), listed)
     paths = _paths(scene, list(vary))
-    # the first value of every axis is in the base, so that an effect that the scene lacks is there to be varied
+    # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
     base = scene.with_values({path: values[0].item() for path, values in zip(paths, vary.values(), strict=True)})
     axes = tuple(_axis(base, path, values) for path, values in zip(paths, vary.values(), strict=True))
     return Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
 
 
 def _check_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> None:
-    """Refuse a grid or list whose table has no room in memory."""
+    """Reject a grid or list whose table does not fit into memory."""
     cases = max(counts.values()) if listed else math.prod(counts.values())
     need, left = 8 * cases * (3 * len(counts) + quantities + 2), available_memory()
     if need > SHARE * left:
         what = f"{' x '.join(str(count) for count in counts.values())} values are {cases:.3g} cases"
         raise SceneError(
-            f"vary: {what}, whose table needs {in_words(need)} of memory, and {in_words(left)} are left; allowed: fewer"
+            f"vary: {what}, whose table needs {in_words(need)} of memory; only {in_words(left)} are free. Use fewer"
         )
 
 
 def _first_seed(scene: Scene) -> int:
     waves = (scene.to_dict().get("sea") or {}).get("waves") or {}
     if waves.get("kind") != "spectrum":
-        raise SceneError("seeds: nothing in this scene is random; allowed: a scene whose sea has a wave spectrum")
+        raise SceneError("seeds: nothing in this scene is random. Use a scene whose sea has a wave spectrum")
     return int(waves.get("seed", 0))
 
 
@@ -195,7 +195,7 @@ def _paths(scene: Scene, names: list[str]) -> list[str]:
     found = []
     for name in names:
         if name.startswith("run."):
-            raise SceneError(f"vary: {name!r} belongs to the compiled program; allowed: one sweep for each value")
+            raise SceneError(f"vary: {name!r} belongs to the compiled program. Use one sweep for each value")
         found.append(name if name.count(".") >= 2 else full_names(scene, [name], "vary")[0])
     for path in found:
         if found.count(path) > 1:
@@ -205,7 +205,7 @@ def _paths(scene: Scene, names: list[str]) -> list[str]:
 
 def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
     if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
-        raise SceneError(f"vary: {path}: allowed: at least one finite number")
+        raise SceneError(f"vary: {path}: no finite numbers; allowed: at least one")
     changed = [scene.with_values({path: value.item()}) for value in (values[0], values[-1])]
     words = path.split(".")
     still = words[0] == "effects" and words[1] in DAMPING and words[2] in DAMPING[words[1]]
@@ -221,7 +221,7 @@ def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
 
 
 def same(one: Model, other: Model) -> bool:
-    """Whether two models hold the same numbers."""
+    """Whether two models have the same numbers."""
     a, b = jax.tree.leaves(one), jax.tree.leaves(other)
     return jax.tree.structure(one) == jax.tree.structure(other) and all(map(np.array_equal, a, b))
 

@@ -1,4 +1,4 @@
-"""One compiled program that runs a chunk of cases on every device and keeps only what was asked for."""
+"""One compiled program that runs a chunk of cases on every device and returns only the requested quantities."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from fitting.sweep.plan import STATUS, Plan
 
 
 class Tally(NamedTuple):
-    """Running extremes and sums of one case; `cosine` (n,) is the least one of each link's angle from straight down."""
+    """Running extremes and sums of one case; `cosine` (n,) is the minimum of each link's angle from straight down."""
 
     largest: jax.Array
     smallest: jax.Array
@@ -40,7 +40,7 @@ Tree = TypeVar("Tree")
 
 
 class Pending(NamedTuple):
-    """Chunks under way: their numbers, cases that the scene refuses (members,), arrays (members, ...) by name."""
+    """Chunks in progress: their numbers, cases that the scene rejects (members,), arrays (members, ...) by name."""
 
     chunks: list[int]
     refused: np.ndarray
@@ -50,8 +50,8 @@ class Pending(NamedTuple):
 class Program:
     """Runs of a plan, `devices` chunks at a time.
 
-    The same numbers come out whatever the number of devices and whichever chunks are run together: a case has its
-    place in its chunk, and the chunk runs on one device.
+    Results do not depend on the number of devices or on which chunks run together: a case has a fixed position in its
+    chunk, and the chunk runs on one device.
     """
 
     def __init__(self, plan: Plan, devices: int | None = None) -> None:
@@ -69,7 +69,7 @@ class Program:
             self._compiled = self._program().lower(*self._arguments(chunks)[0]).compile()
 
     def __call__(self, chunks: list[int]) -> Pending:
-        """Start the chunks (at most one per device); `collect` waits for the numbers."""
+        """Start the chunks (at most one per device); `collect` waits for the results."""
         self.compile(chunks)
         arguments, refused = self._arguments(chunks)
         return Pending(chunks, refused, self._compiled(*arguments))
@@ -88,7 +88,7 @@ class Program:
         return tuple(map(jax.device_put, arguments, axes)), refused
 
     def at(self, values: np.ndarray) -> dict[str, np.ndarray]:
-        """One more case, of other values (axes,), by the same compiled program; arrays (1, ...) by name."""
+        """One more case, with other values (axes,), by the same compiled program; arrays (1, ...) by name."""
         axes = tuple(replace(axis, values=np.array([x])) for axis, x in zip(self.plan.axes, values, strict=True))
         other = copy(self)
         other.plan = replace(self.plan, axes=axes, listed=True)
@@ -109,7 +109,7 @@ class Program:
         }
 
     def _members(self, values: np.ndarray) -> tuple[Model, State, np.ndarray]:
-        """Models and starts, one for all or one per case, and which cases the scene refuses."""
+        """Models and starts, one for all or one per case, and which cases the scene rejects."""
         refused = np.zeros(len(values), bool)
         if not self.by_start:
             return *self.plan.base, refused
@@ -135,7 +135,7 @@ class Program:
             return None
         shapes = [jnp.shape(a) for a in jax.tree.leaves(model)]
         if shapes != [jnp.shape(a) for a in jax.tree.leaves(plan.base[0])]:
-            raise SceneError(f"vary: {', '.join(values)}: changes the model's shape; allowed: one sweep for each value")
+            raise SceneError(f"vary: {', '.join(values)}: changes the model's shape. Use one sweep for each value")
         return model, start
 
     def _program(self) -> jax.stages.Wrapped:
@@ -152,7 +152,7 @@ def stack(trees: list[Tree]) -> Tree:
 
 
 def case_model(plan: Plan, model: Model, values: jax.Array) -> Model:
-    """The model with the values (axes,) of one case in place."""
+    """The model with the values (axes,) of one case."""
     for axis, value in zip(plan.axes, values, strict=True):
         if axis.parameters:
             model = apply(model, axis.parameters, jnp.broadcast_to(value, (len(axis.parameters),)))
@@ -191,10 +191,10 @@ def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.
 
 def _count(model: Model, start: State, s: State, tally: Tally, row: Trajectory) -> Tally:
     links = model.links(s.r, model.ends(s.t))
-    # rigid links are as long as they are; those that stretch are measured
+    # rigid links keep their lengths; those that stretch are measured
     length = safe_norm(links) if model.line.axial.elastic else model.line.length
     tension = row.tension[0]
-    # once it is NaN it stays so: `maximum` carries it on
+    # a NaN is permanent: `maximum` propagates it
     return Tally(
         jnp.maximum(tally.largest, jnp.max(tension)),
         jnp.minimum(tally.smallest, jnp.min(tension)),

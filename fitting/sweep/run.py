@@ -1,4 +1,4 @@
-"""`sweep`: a grid of cases in batches over all devices, kept chunk by chunk, resumable; also over a Dask cluster."""
+"""`sweep`: a grid of cases in batches over all devices, stored chunk by chunk, resumable; also over a Dask cluster."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ Scheduler = Any
 
 
 class SweepStopped(RuntimeError):
-    """A sweep that could not go on (a full disk); what was written is whole, and the same call continues it."""
+    """A sweep that had to stop (full disk); written chunks are complete, and the same call resumes."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepResult:
-    """What a call did.
+    """Result of a call.
 
     Attributes:
         path: the Zarr folder.
-        cases, resumed: number of cases of the sweep, and how many of them were there before.
+        cases, resumed: number of cases of the sweep, and how many of them were resumed.
         counts: cases by status.
         steps: time steps of one case.
         compile_s, run_s: wall time of the first chunks' compilation, and of everything after it [s].
         steps_per_s: steps of all cases that this call ran over `run_s`, saving included.
-        fallbacks: what ran by `vmap` instead of side by side in the registers.
-        plan: what was computed.
+        fallbacks: operations that ran by `vmap` instead of the batched kernels.
+        plan: the sweep.
     """
 
     path: Path
@@ -78,25 +78,25 @@ def sweep(
     listed: bool = False,
     **settings: Any,
 ) -> SweepResult:
-    """Run every combination of values and keep what was asked for in a Zarr folder.
+    """Run every combination of values and store the requested quantities in a Zarr folder.
 
     Args:
         scene: packaged name, TOML file, plain values or a `Scene`; its `[run]` sets step, duration and integrator.
-        vary: values by path (or unique short name); the last one runs fastest.
-        out: folder; where it holds a part of the same sweep, only the rest is run.
+        vary: values by path (or unique short name); the last one varies fastest.
+        out: folder; if it contains a part of the same sweep, only the rest is run.
         seeds: number of realisations of a random sea.
         quantities: names from `QUANTITIES`, default all.
-        traces: also keep positions and tensions at every saved time.
+        traces: also store positions and tensions at every saved time.
         chunk: cases advanced together on a device; about 64 keep 7 links in the cache of a core.
         scheduler: a Dask client or the address of a scheduler; its workers run the chunks.
         progress: called with the fraction done and a line of text.
-        mix_versions: go on with a part that was made with other versions of JAX or of this package.
-        listed: values go together, the first of every path, then the second: a list of cases, not a grid.
+        mix_versions: resume a part that was made with other versions of JAX or of this package.
+        listed: pair the values, the first of every path, then the second: a list of cases, not a grid.
         **settings: further fields of `Stepper`.
 
     Raises:
-        SceneError: for anything a user can mend.
-        SweepStopped: the disk refuses; the finished chunks are kept.
+        SceneError: for any invalid input.
+        SweepStopped: the disk cannot be written; the finished chunks are kept.
     """
     plan = make_plan(scene, vary, seeds, quantities, traces, chunk, listed, **settings)
     say = progress or silent
@@ -108,7 +108,7 @@ def sweep(
 
 
 def _fill(store: Store, scheduler: Scheduler | None, say: Progress) -> SweepResult:
-    """Run what is not there."""
+    """Run the missing chunks."""
     plan, done = store.plan, store.chunks_done()
     todo = [c for c in range(plan.chunks) if not done[c]]
     before = sum(len(plan.cases_of(c)) for c in range(plan.chunks) if done[c])
@@ -143,7 +143,7 @@ def _write(store: Store, chunk: int, found: Found, count: int) -> None:
         reason = error.strerror or error
         raise SweepStopped(
             f"{store.path}: cannot be written: {reason}; {count} of {store.plan.cases} cases are kept, "
-            "the same call goes on"
+            "the same call resumes"
         ) from None
 
 
@@ -169,12 +169,12 @@ def _program(identity: str, devices: int | None) -> Program:
 
 
 def run_at(plan: Plan, values: np.ndarray) -> Found:
-    """One more case of a sweep, at other values (axes,), by the program of its chunks: arrays (1, ...) by name."""
+    """One more case of a sweep, with other values (axes,), by the program of its chunks: arrays (1, ...) by name."""
     return _program(json.dumps(plan.identity()), None).at(values)
 
 
 def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:
-    """One chunk of the sweep with this identity, on a worker; and what its program left to `vmap`."""
+    """One chunk of the sweep with this identity, on a worker; and the operations that ran by `vmap`."""
     program = _program(identity, 1)
     return program.collect(program([chunk]))[chunk], program.fallbacks
 
@@ -191,7 +191,7 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     """The results on their grid: one dimension per varied input; of listed cases one dimension, `case`.
 
     Raises:
-        SceneError: a folder that is no sweep.
+        SceneError: a folder that is not a sweep.
     """
     xr = extra("xarray", "io")
     extra("zarr", "sweep")
@@ -205,6 +205,6 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
         if len(names) == 1:
             return flat.swap_dims(case=names[0])
         return flat.load().set_index(case=names).unstack("case").transpose(*names, ...)
-    except Exception as error:  # whatever xarray, Zarr and its codecs say about damaged bytes
+    except Exception as error:  # any error of xarray, Zarr and its codecs on damaged bytes
         reason = " ".join(str(error).split())[:200]
-        raise SceneError(f"{path}: is no sweep; allowed: a folder written by `dropper sweep` ({reason})") from None
+        raise SceneError(f"{path}: is not a sweep. Use a folder written by `dropper sweep` ({reason})") from None

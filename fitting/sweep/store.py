@@ -1,6 +1,6 @@
-"""Results of a sweep on disk: a Zarr group that xarray reads, filled chunk by chunk, whole after a kill at any moment.
+"""Results of a sweep on disk: a Zarr group for xarray, filled chunk by chunk, consistent after a kill at any moment.
 
-A chunk's status is written last and in one piece: only a chunk whose status is there counts as done.
+A chunk's status is written last and atomically: only a chunk with a status counts as done.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 
 IDENTITY = "dropper_jax_sweep"
 PENDING = -1
-#: Versions that must be those of the part that is there.
+#: Packages whose versions must match those of the existing part.
 PACKAGES = ("jax", "jaxlib", "dropper-jax")
-#: Differences named in a refusal.
+#: Number of differences listed in an error message.
 NAMED = 3
 #: Dimensions of the arrays besides the inputs.
 DIMENSIONS = ("case", "time", "node", "link", "axis")
 
 
 def input_names(paths: list[str]) -> list[str]:
-    """Names of the inputs in the store: the last part of a path where that tells it apart, else the whole path."""
+    """Names of the inputs in the store: the last part of a path if it is unique, otherwise the whole path."""
     short = [path.rsplit(".", 1)[-1] for path in paths]
     taken = {*QUANTITIES, "status", "failed_at", "positions", "tension", *DIMENSIONS}
     unclear = [name.isdecimal() or name in taken or short.count(name) > 1 for name in short]
@@ -40,16 +40,16 @@ def input_names(paths: list[str]) -> list[str]:
 
 
 class Store:
-    """The group of one plan: made where there is none, continued where it belongs to the same inputs.
+    """The group of one plan: created if missing, resumed if it belongs to the same inputs.
 
-    One process fills it: it holds the lock until `close`.
+    One process fills it and holds the lock until `close`.
 
     Args:
-        mix_versions: go on where a part was made with other versions of JAX or of this package.
+        mix_versions: resume a part made with other versions of JAX or of this package.
 
     Raises:
-        SceneError: a folder that is no sweep, is damaged, was made with other versions, is being filled by another
-            process, or belongs to other inputs, with what differs.
+        SceneError: a folder that is not a sweep, is damaged, was made with other versions, is locked by another
+            process, or belongs to other inputs, with the differences.
     """
 
     def __init__(self, path: str | Path, plan: Plan, versions: dict[str, str], mix_versions: bool = False) -> None:
@@ -71,16 +71,16 @@ class Store:
         except BaseException as error:
             remove(part)
             self.lock.release()
-            if isinstance(error, OSError):  # Zarr's name no file
+            if isinstance(error, OSError):  # messages of Zarr do not name the file
                 raise unwritable(self.path, error) from None
             raise
 
     def close(self) -> None:
-        """Let another process fill it."""
+        """Release the lock."""
         self.lock.release()
 
     def _check_versions(self, here: dict[str, str], mixed: bool) -> None:
-        """Refuse a part made with other versions, or note them where mixing is wanted."""
+        """Reject a part made with other versions, or record them if mixing is allowed."""
         group = extra("zarr", "sweep").open_group(self.path, mode="r+")
         there = group.attrs.get("versions", {})
         there = there if isinstance(there, dict) else {}
@@ -97,16 +97,16 @@ class Store:
             group.attrs["versions_mixed"] = [*(earlier if isinstance(earlier, list) else []), here]
 
     def _check_arrays(self) -> None:
-        """Refuse a group whose arrays are not those of the plan."""
+        """Reject a group whose arrays are not those of the plan."""
         plan = self.plan
         inner = {name: about[0] for name, about in self._variables().items()}
         shapes = {name: (plan.cases, *own) for name, own in {**inner, "failed_at": (), "status": ()}.items()}
         try:
             found = {name: tuple(self.group[name].shape) for name in shapes}
-        except Exception:  # whatever Zarr says about damaged metadata
+        except Exception:  # any error of Zarr on damaged metadata
             found = {}
         if found != shapes:
-            raise SceneError(f"{self.path}: is damaged: its arrays are not those of the sweep; allowed: a new folder")
+            raise SceneError(f"{self.path}: is damaged: its arrays are not those of the sweep. Use a new folder")
 
     def _check(self) -> None:
         zarr = extra("zarr", "sweep")
@@ -114,10 +114,8 @@ class Store:
             there = json.loads(zarr.open_group(self.path, mode="r").attrs[IDENTITY])
             if not isinstance(there, dict):
                 raise TypeError
-        except Exception:  # whatever Zarr says about a folder that is none
-            raise SceneError(
-                f"{self.path}: is there and is no sweep; allowed: a new folder, or a sweep to go on"
-            ) from None
+        except Exception:  # any error of Zarr on a folder that is not a group
+            raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
         found = differences(self.plan.identity(), there)
         if found:
             more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
@@ -140,9 +138,9 @@ class Store:
         )
         names = " ".join(input_names([axis.path for axis in plan.axes]))
         for name in (*self._variables(), "failed_at", "status"):
-            group[name].attrs["coordinates"] = names  # plain xarray takes them as coordinates
+            group[name].attrs["coordinates"] = names  # xarray reads them as coordinates
         group.attrs.update({IDENTITY: json.dumps(plan.identity()), "versions": versions, "Conventions": "CF-1.11"})
-        with warnings.catch_warnings():  # readers of Zarr 3 take it, though its specification does not have it yet
+        with warnings.catch_warnings():  # Zarr 3 supports it, though its specification does not have it yet
             warnings.simplefilter("ignore")
             extra("zarr", "sweep").consolidate_metadata(group.store)
 
@@ -189,21 +187,21 @@ class Store:
         return array
 
     def chunks_done(self) -> list[bool]:
-        """Which chunks are whole."""
+        """Which chunks are complete."""
         return [self._is_done(chunk) for chunk in range(self.plan.chunks)]
 
     def _is_done(self, chunk: int) -> bool:
         cases = self.plan.cases_of(chunk)
         try:
             return bool(np.all(self.group["status"][cases[0] : cases[-1] + 1] != PENDING))
-        except Exception:  # cut off while it was written
+        except Exception:  # interrupted while it was written
             return False
 
     def write(self, chunk: int, found: dict[str, np.ndarray]) -> None:
         """Append one chunk, its status last.
 
         Raises:
-            OSError: with the folder's name, where the disk refuses.
+            OSError: with the folder's name, if the disk cannot be written.
         """
         cases = self.plan.cases_of(chunk)
         try:

@@ -1,1 +1,1 @@
-"""Angle traces: what tracking writes and fitting reads, how they count angles, and made-up ones."""
+"""Angle traces: the format that tracking writes and fitting reads, their conventions, and synthetic ones."""

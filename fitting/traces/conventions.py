@@ -1,7 +1,7 @@
-"""How a trace counts its angles: named by the user or the file, else guessed; always checked against the scene.
+"""Angle convention of a trace: specified by the user or the file, otherwise inferred; always checked with the scene.
 
-Two facts tell conventions apart. Links between held ends must close, which only the right zero and side do; and links
-hang: the mean direction of each over the run is near that of the resting line, which only the right sign does.
+Two facts distinguish conventions. Links between fixed ends must close, which requires the right zero and side. Links
+hang: the mean direction of each over the run is near that of the line at rest, which requires the right sign.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from dropper_jax.model import Model
 from fitting.traces.planar import wrap
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 
-#: A named convention is refused when another one fits better by this much [rad] and by this factor.
+#: Difference of misfit [rad], and its ratio, by which another convention must fit better to reject the specified one.
 WORSE_BY, WORSE_TIMES = 0.3, 2.0
-#: Rates beyond this many sqrt(g/L) are no motion of a pendulum in radians.
+#: Rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians.
 FASTEST = 15.0
-#: Part of the shortest link's period over which rates are taken to judge the unit: noise of 10 mrad is small over it.
+#: Fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small then.
 UNIT_STEP = 0.05
-#: Samples needed in a period of the shortest link as a pendulum.
+#: Minimum number of samples per period of the shortest link as a pendulum.
 SAMPLES_PER_PERIOD = 6
 
 
@@ -31,10 +31,10 @@ def settle_convention(trace: Trace, model: Model, requested: Convention) -> tupl
     """The trace in the model's convention, and warnings.
 
     Args:
-        requested: what the caller names; it comes before what the file names.
+        requested: given by the caller; it takes precedence over the file.
 
     Raises:
-        SceneError: units of degrees that nobody named, or a named convention that the scene contradicts.
+        SceneError: angles in degrees without a unit, or a specified convention that contradicts the scene.
     """
     named = requested.over(trace.convention)
     check_sampling(trace, model)
@@ -47,16 +47,16 @@ def settle_convention(trace: Trace, model: Model, requested: Convention) -> tupl
     if scored[own] > WORSE_TIMES * scored[best] and scored[own] > scored[best] + WORSE_BY:
         raise SceneError(
             f"{trace.name}: zero={own[0]}, sign={own[1]} is {scored[own]:.2f} rad from the scene's pose, "
-            f"zero={best[0]}, sign={best[1]} only {scored[best]:.2f}; allowed: the convention that fits"
+            f"zero={best[0]}, sign={best[1]} only {scored[best]:.2f}. Use the convention that fits"
         )
     warnings = [f"{trace.name}: {warning}" for warning in trace.warnings]
     if named.zero is None or (named.sign is None and own[1] != 1):
-        warnings.append(f"{trace.name}: angles taken as zero={own[0]}, sign={own[1]} (guessed from the scene's pose)")
+        warnings.append(f"{trace.name}: angles read as zero={own[0]}, sign={own[1]} (inferred from the scene's pose)")
     return trace.in_model_convention(Convention(own[0], own[1], named.unit or "rad")), warnings
 
 
 def check_sampling(trace: Trace, model: Model) -> None:
-    """Refuse samples that are too far apart for the shortest link."""
+    """Reject samples that are too far apart for the shortest link."""
     period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / GRAVITY)
     if trace.interval > period / SAMPLES_PER_PERIOD:
         raise SceneError(
@@ -66,7 +66,7 @@ def check_sampling(trace: Trace, model: Model) -> None:
 
 
 def check_unit(trace: Trace, model: Model, named: Convention) -> None:
-    """Ask about the unit where the nodes move as only degrees make them (or, named degrees, as only radians).
+    """Ask for the unit if the nodes move too fast for radians (or, with degrees specified, too slowly for degrees).
 
     In a fall from twice the length of the chain to its lowest point a node reaches v^2/2 = 2 g sum L. The typical frame
     of a motion in radians is slower; degrees make v^2 3300 times larger.
@@ -76,7 +76,7 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
     if named.unit != "deg" and _specific_energy(trace, model) > 2 * GRAVITY * float(
         np.sum(np.asarray(model.line.length))
     ):
-        fix = "name the unit: deg or rad" if named.unit is None else "the unit is rad; allowed: --unit deg"
+        fix = "specify the unit: deg or rad" if named.unit is None else "the unit is rad; allowed: --unit deg"
         raise SceneError(f"{trace.name}: theta reaches {largest:.3g} and looks like degrees; {fix}")
     rate = np.abs(np.diff(trace.theta, axis=0) / np.diff(trace.t)[:, None])
     if named.unit == "deg" and largest < np.pi and np.nanmax(rate) < fastest:
@@ -86,7 +86,7 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
 
 
 def _specific_energy(trace: Trace, model: Model) -> float:
-    """Kinetic energy over mass [J/kg] of the nodes in the median frame, the angles taken for radians."""
+    """Kinetic energy per mass [J/kg] of the nodes in the median frame, with angles read as radians."""
     period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / GRAVITY)
     apart = max(1, round(UNIT_STEP * period / trace.interval))
     step = trace.t[apart:] - trace.t[:-apart]
@@ -110,7 +110,7 @@ def resting_angles(model: Model) -> np.ndarray:
 
 
 def _scores(trace: Trace, model: Model, unit: str | None) -> dict[tuple[str, int], float]:
-    """Misfit [rad] of every convention: departure of the mean directions from rest, plus what closing them takes."""
+    """Misfit [rad] of every convention: deviation of the mean directions from rest, plus the correction that closes."""
     rest = resting_angles(model)
     found = {}
     for zero, sign in product(ZEROS, map(int, SIGNS)):

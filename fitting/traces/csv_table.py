@@ -1,7 +1,7 @@
-"""CSV files of measured columns, under a header with `t`: numbers, empty or `nan` where a sample is missing.
+"""CSV files of measured columns, with a header that contains `t`: numbers, empty or `nan` for missing samples.
 
-Columns are separated by commas, semicolons, tabs or spaces. Decimal commas are read where commas do not separate
-columns. Text is UTF-8, or UTF-16 with a byte order mark, as spreadsheets write it.
+Columns are separated by commas, semicolons, tabs or spaces. Decimal commas are accepted if columns are not separated by
+commas. Text is UTF-8, or UTF-16 with a byte order mark, as written by spreadsheets.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dropper_jax.base.errors import SceneError
 
 
 class CsvTable(NamedTuple):
-    """A file's name, its comments, the names of its columns, and its rows, still unread."""
+    """A file's name, its comments, the names of its columns, and its unparsed rows."""
 
     file: str
     comments: tuple[str, ...]
@@ -29,7 +29,7 @@ class CsvTable(NamedTuple):
         """The columns (columns, k).
 
         Raises:
-            SceneError: a row of another length, a cell that is no number.
+            SceneError: a row of another length, a cell that is not a number.
         """
         return _numbers(self.file, self.names, self.rows)
 
@@ -38,7 +38,7 @@ def read_csv(path: Path, columns: str) -> CsvTable:
     """The columns of a CSV file; lines that begin with # are comments.
 
     Args:
-        columns: what the header must have, for errors, such as `t, theta_1..n`.
+        columns: the required header, for error messages, such as `t, theta_1..n`.
 
     Raises:
         SceneError: a file that cannot be read, no samples, no column t.
@@ -59,7 +59,7 @@ def read_csv(path: Path, columns: str) -> CsvTable:
     try:
         rows = _split(body)
     except csv.Error as error:
-        raise SceneError(f"{path.name}: no CSV: {error}; allowed: columns {columns}") from None
+        raise SceneError(f"{path.name}: not a CSV file: {error}; allowed: columns {columns}") from None
     names = [name.strip() for name in rows[0]]
     if all(_is_number(name) for name in names):
         raise SceneError(f"{path.name}: has no header; allowed: a first row with the names of the columns, {columns}")
@@ -71,7 +71,7 @@ def read_csv(path: Path, columns: str) -> CsvTable:
 def _split(body: list[str]) -> list[list[str]]:
     """Cells of all rows, with decimal points."""
     header = body[0]
-    # names of columns hold none of these, so that the header decides; csv.Sniffer takes decimal commas for separators
+    # column names contain none of these, so the header decides; csv.Sniffer mistakes decimal commas for separators
     separator = next((mark for mark in ";\t," if mark in header), None)
     if separator is None and " " in header.strip():
         rows = [line.split() for line in body]
@@ -83,7 +83,7 @@ def _split(body: list[str]) -> list[list[str]]:
 
 
 def _with_point(cell: str) -> str:
-    """The cell with a decimal point in the position of a decimal comma."""
+    """The cell with a decimal point instead of a decimal comma."""
     return cell.replace(",", ".") if "." not in cell and cell.count(",") == 1 else cell
 
 
@@ -96,42 +96,42 @@ def _is_number(cell: str) -> bool:
 
 
 def refuse_twice(file: str, names: list[str]) -> None:
-    """Refuse a column that is there twice."""
+    """Reject a duplicate column."""
     if len(set(names)) != len(names):
-        raise SceneError(f"{file}: a column is there twice; found: {', '.join(names)[:80]}")
+        raise SceneError(f"{file}: duplicate column; found: {', '.join(names)[:80]}")
 
 
 def check_times(name: str, t: np.ndarray) -> None:
-    """Refuse times that are missing or do not increase.
+    """Reject times that are missing or do not increase.
 
     Raises:
         SceneError: with the file or trace and the first such row.
     """
     if not np.isfinite(t).all():
-        raise SceneError(f"{name}: t: row {int(np.argmin(np.isfinite(t))) + 1} is missing; allowed: every time")
+        raise SceneError(f"{name}: t: row {int(np.argmin(np.isfinite(t))) + 1} is missing. Use a time in every row")
     step = np.diff(t)
     if len(step) and (step < 0).all():
-        raise SceneError(f"{name}: t: decreases from row to row; allowed: increasing times, turn the rows around")
+        raise SceneError(f"{name}: t: decreases from row to row; allowed: increasing times. Reverse the rows")
     if (step <= 0).any():
         row = int(np.argmax(step <= 0)) + 2
         what = "is repeated" if step[row - 2] == 0 else "goes back"
         if row > 10 and t[row - 1] - t[0] < 0.1 * (t[row - 2] - t[0]):
-            what = "starts again: two runs in one file; allowed: one file per run, cut this one before that row"
+            what = "starts again: two runs in one file. Use one file per run: cut this one before that row"
             raise SceneError(f"{name}: t: {t[row - 1]:g} s in row {row} {what}")
         raise SceneError(f"{name}: t: {t[row - 1]:g} s in row {row} {what}; allowed: increasing times")
 
 
-#: Rows in which an exact value must be repeated to be taken for a mark of missing samples.
+#: Number of exact repetitions above which a value may be a mark of missing samples.
 REPEATED = 3
-#: Typical distances of a column's samples from the line through their neighbours beyond which such a value is off.
-#: Values of a coarse encoder repeat too, but lie between their neighbours.
+#: Distance of such a value from the line through its neighbours, in typical distances of the column, above which it is
+#: a mark. Values of a coarse encoder also repeat, but lie between their neighbours.
 OFF = 20.0
-#: The same as a part of the range of the column: a coarse encoder at rest toggles between neighbours.
+#: The same as a fraction of the column's range: a coarse encoder at rest toggles between neighbours.
 PART_OF_RANGE = 0.1
 
 
 def placeholder(values: np.ndarray) -> float | None:
-    """The value that marks missing samples of a column (k,), such as -999 or 0; None where there is none.
+    """The value that marks missing samples of a column (k,), such as -999 or 0; None if there is no such value.
 
     It is repeated exactly, and most of its repetitions lie far off the samples before and after them.
     """
@@ -154,8 +154,8 @@ def _numbers(file: str, names: list[str], rows: list[list[str]]) -> np.ndarray:
     for i, row in enumerate(rows):
         if len(row) == 2 * len(names):
             raise SceneError(
-                f"{file}: row {i + 1} has {len(row)} values for {len(names)} columns: decimal commas between columns "
-                "that commas separate; allowed: decimal points, or semicolons between columns"
+                f"{file}: row {i + 1} has {len(row)} values for {len(names)} columns: decimal commas in a file with "
+                "comma-separated columns. Use decimal points, or semicolons between columns"
             )
         if len(row) != len(names):
             raise SceneError(f"{file}: row {i + 1} has {len(row)} values; allowed: {len(names)}, one per column")
@@ -167,7 +167,7 @@ def _numbers(file: str, names: list[str], rows: list[list[str]]) -> np.ndarray:
             except ValueError:
                 raise SceneError(
                     f"{file}: row {i + 1}, {names[j]}: {cell.strip()!r} is not a number; "
-                    "leave the cell of a missing sample empty"
+                    "leave the cells of missing samples empty"
                 ) from None
     table[np.isinf(table)] = np.nan
     return table.T

@@ -1,4 +1,4 @@
-"""Mistakes that a trace file may have, each with its fix and the change of the angles that undoes it."""
+"""Possible mistakes of a trace file, each with its correction and the change of the angles that undoes it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fitting.traces.trace import Convention
 
 
 class Change(NamedTuple):
-    """A mistake in words, its fix, and the change of the angles (k, n) [rad] as the file counts them that undoes it."""
+    """A mistake in words, its correction, and the change of the angles (k, n) [rad] in the file's convention."""
 
     mistake: str
     fix: str
@@ -27,23 +27,23 @@ def in_model(theta: np.ndarray, at: Convention) -> np.ndarray:
 
 
 def changes(links: int) -> Iterator[Change]:
-    """Changes that need no number: links mirrored, angles relative, columns in another order."""
+    """Changes without a number: mirrored links, relative angles, other orders of columns."""
     mirrors = (
-        ("has the wrong sign", "turn the sign of", lambda theta: -theta),
+        ("has the wrong sign", "reverse the sign of", lambda theta: -theta),
         ("is measured from the link's other end", "add half a turn to", lambda theta: theta + np.pi),
-        ("is mirrored", "take half a turn less the angles of", lambda theta: np.pi - theta),
+        ("is mirrored", "use half a turn minus the angles of", lambda theta: np.pi - theta),
     )
     for mistake, fix, mirror in mirrors:
         for j in range(links):
             name = f"theta_{j + 1}"
             yield Change(f"{name} {mistake}", f"{fix} {name}", _of_column(j, mirror))
-    # a wrong sign of all is a matter of the convention
-    yield Change("all links are mirrored (seen from behind)", "take half a turn less all angles", mirrors[2][2])
+    # a wrong sign of all angles is a matter of the convention
+    yield Change("all links are mirrored (seen from behind)", "use half a turn minus all angles", mirrors[2][2])
     if links > 1:
         total = lambda theta: np.cumsum(theta, axis=1)  # noqa: E731
         yield Change("angles are relative to the link before", "add up the angles from theta_1 on", total)
         fix = "name the columns from the first hook on"
-        if links > 2:  # of two they are swapped
+        if links > 2:  # with two links they are swapped
             yield Change("columns are in the reverse order", fix, lambda theta: theta[:, ::-1])
         turned = lambda theta: theta[:, ::-1] + np.pi  # noqa: E731
         yield Change("columns are in the reverse order, and links measured from their other end", fix, turned)

@@ -1,9 +1,9 @@
-"""Links that move in one vertical plane: angles and rates as minimal coordinates, closed between two held ends.
+"""Links that move in one vertical plane: angles and rates as minimal coordinates, closed between two fixed ends.
 
 Angles are polar angles from the horizontal, positive downwards: link j is `d = L (cos theta, 0, -sin theta)`. With a
-free end every angle is a coordinate. With a held end the links must close, `sum of d_j = D`, and likewise their rates,
-which takes two of them; a local chart around a reference pose is then `theta = close_chain(theta_ref + N z)` with N an
-orthonormal basis of the closed directions at the reference.
+free end every angle is a coordinate. With a fixed end the links must close, `sum of d_j = D`, and likewise their rates,
+which removes two coordinates. A local chart around a reference pose is then `theta = close_chain(theta_ref + N z)`,
+with N an orthonormal basis of the closed directions at the reference.
 """
 
 from __future__ import annotations
@@ -17,24 +17,26 @@ from dropper_jax.base.renamed import old_names
 from dropper_jax.model import Model, State
 from dropper_jax.run.start import from_angles
 
-#: Newton iterations of the closure; from 0.1 rad off four leave rounding (convergence is quadratic).
+#: Newton iterations of the closure; from a distance of 0.1 rad four reach rounding (convergence is quadratic).
 CLOSURE_ITERATIONS = 4
-#: Largest y [m] or [m/s] of a scene that counts as plane.
+#: Maximum |y| [m] or [m/s] of a scene that counts as plane.
 PLANE = 1e-9
 
 
 def check_planar(model: Model, start: State) -> None:
-    """Refuse a scene that traces of polar angles cannot describe.
+    """Reject a scene that traces of polar angles cannot describe.
 
     Raises:
         SceneError: ends that move, or a start outside the vertical plane y = const.
     """
     if model.moving:
-        raise SceneError("effects.end_motion: ends that move cannot be fitted; allowed: a scene with ends at rest")
+        raise SceneError("effects.end_motion: moving ends cannot be fitted. Use a scene with ends at rest")
     held = np.asarray(model.ends(start.t).positions)[:, 1]
     y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + held[0], held])
     if np.ptp(y) > PLANE:
-        raise SceneError("start: leaves the vertical plane; allowed: a motion in the x-z plane, traces hold one angle")
+        raise SceneError(
+            "start: leaves the vertical plane; allowed: a motion in the x-z plane, as traces have one angle"
+        )
 
 
 def freedoms(model: Model) -> int:
@@ -59,14 +61,14 @@ def _closing(model: Model, theta: jax.Array, rows: jax.Array) -> jax.Array:
 
 
 def gap(model: Model, theta: jax.Array) -> jax.Array:
-    """How far the chain of links ends from its held end, (2,) [m] in x and z."""
+    """Distance from the end of the chain of links to its fixed end, (2,) [m] in x and z."""
     ends = model.ends(jnp.zeros((), model.dtype))
     reach = model.line.length @ directions(theta)[0]
     return reach - (ends.end - ends.start)[jnp.array([0, 2])]
 
 
 def close_chain(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The nearby angles (n,) [rad] and rates (n,) [rad/s] that close; the same ones for a free end."""
+    """The nearby angles (n,) [rad] and rates (n,) [rad/s] that satisfy closure; unchanged for a free end."""
     if not model.end_held:
         return theta, omega
 
@@ -89,13 +91,13 @@ def chart(model: Model, theta: np.ndarray) -> np.ndarray:
 
 
 def to_state(model: Model, theta: jax.Array, omega: jax.Array) -> State:
-    """The core's state of angles and rates (n,)."""
+    """The simulator's state for angles and rates (n,)."""
     still = jnp.zeros_like(theta)
     return from_angles(model, theta, still, omega, still, zero="horizontal")
 
 
 def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Angles and rates (n,) of free nodes (nodes, 3); velocities along the links (a midpoint scheme's) do not count."""
+    """Angles and rates (n,) of free nodes (nodes, 3); velocities along links (of midpoint schemes) are ignored."""
     ends = model.ends(jnp.zeros((), model.dtype))
     link = model.links(r, ends)
     rate = model.rates(v, None)
@@ -106,7 +108,7 @@ def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax
 
 def wrap(angle: jax.Array) -> jax.Array:
     """The angle as the shortest turn, in [-pi, pi] [rad]."""
-    host = np if isinstance(angle, np.ndarray) else jnp  # operations of JAX outside a program compile one by one
+    host = np if isinstance(angle, np.ndarray) else jnp  # JAX operations outside a program compile one by one
     return angle - 2 * np.pi * host.round(angle / (2 * np.pi))
 
 

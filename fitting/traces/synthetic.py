@@ -1,4 +1,4 @@
-"""Synthetic traces with known truth: a simulated run, seen by a camera."""
+"""Synthetic traces with known truth: a simulated run, observed by a camera."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from fitting.traces.trace import Convention, Trace
 
 @dataclass(frozen=True)
 class Camera:
-    """How a run is seen.
+    """Observation of a run.
 
     Attributes:
         rate: frames per second [Hz].
         angle_noise: white noise of the angles [rad].
-        pixel_noise: white noise of every node's image [pixel]; through the geometry each link's angle gets a noise of
-            about `pixel_noise sqrt(2) pixel/L`, correlated between neighbours, which share a node.
+        pixel_noise: white noise of every node's image [pixel]; the noise of each link's angle is then about
+            `pixel_noise sqrt(2) pixel/L`, correlated between neighbours, which share a node.
         pixel: size of a pixel at the dropper [m].
         offset: rotation of the camera [rad].
-        outliers: share of samples that are wrong by up to half a radian.
-        missing: share of samples that are lost.
+        outliers: fraction of samples that are wrong by up to half a radian.
+        missing: fraction of samples that are lost.
         delay: time of the first frame after the release [s].
     """
 
@@ -56,19 +56,17 @@ class Motion:
 def simulate_truth(
     scene: SceneLike, duration: float, rate: float = 60.0, substeps: int = 40, integrator: str = "energy_momentum"
 ) -> Motion:
-    """A run of a scene, by default by another integrator and at a 20 times finer step than a fit takes."""
+    """A run of a scene, by default with another integrator and a 20 times finer step than a fit uses."""
     scene = load_scene(scene)
     model, start = build(scene)
     stepper = make_stepper(model, integrator, "auto", track_work=False)
     frames = round(duration * rate)
-    for kind in dict.fromkeys(
-        (stepper.plain, stepper)
-    ):  # without retries, which few runs need, there is less to compile
+    for kind in dict.fromkeys((stepper.plain, stepper)):  # without retries, which few runs need, compilation is shorter
         trajectory = _run(kind, model, start, 1 / (rate * substeps), frames * substeps, substeps)
         if int(trajectory.first_bad[-1]) < 0:
             break
     else:
-        raise SceneError("synthetic: the run of the truth failed; allowed: a scene that runs, a finer step")
+        raise SceneError("synthetic: the run of the true model failed. Use a scene that runs, or a finer step")
     ends = model.ends(0.0)
     free = np.concatenate([np.asarray(start.r)[None], np.asarray(trajectory.r)])
     nodes_at = jax.vmap(lambda r: model.nodes(r, ends))
@@ -81,7 +79,7 @@ def _run(stepper: Stepper, model: Model, start: State, h: float, steps: int, eve
 
 
 def observe(motion: Motion, camera: Camera, seed: int, name: str = "synthetic") -> Trace:
-    """Angles from the horizontal, as the camera sees them; the same seed gives the same noise."""
+    """Angles from the horizontal, as seen by the camera; the same seed gives the same noise."""
     rng = np.random.default_rng(seed)
     keep = motion.t >= camera.delay - 1e-12
     nodes = motion.nodes[keep][..., [0, 2]]

@@ -1,7 +1,7 @@
-"""Angle traces: what tracking writes and fitting reads.
+"""Angle traces: the format that tracking writes and fitting reads.
 
 A file is a CSV with columns `t, theta_1..n[, omega_1..n][, se_1..n]` and comment lines such as
-`# zero=down, sign=1, unit=rad`; a missing sample is empty. Comments `# warning: ...` are kept as warnings. Inside,
+`# zero=down, sign=1, unit=rad`; a missing sample is empty. Comments `# warning: ...` become warnings. Internally,
 angles are from the horizontal, positive downwards.
 """
 
@@ -22,22 +22,22 @@ from dropper_jax.base.files import atomic_write
 from fitting.traces.csv_table import check_times, placeholder, read_csv, refuse_twice
 
 ZEROS, SIGNS, UNITS = ("horizontal", "down"), ("1", "-1"), ("rad", "deg")
-#: What comments begin with that are warnings.
+#: Prefix of comments that are warnings.
 WARNING = "warning: "
-#: Fewest samples of a trace that can be windowed at all.
+#: Minimum number of samples of a trace that can be windowed.
 FEWEST = 10
 
 
 @dataclass(frozen=True)
 class Convention:
-    """How angles are counted: where zero is, the sign and the unit; None where it is not named."""
+    """Convention of angles: direction of zero, sign and unit; None if not specified."""
 
     zero: str | None = None
     sign: int | None = None
     unit: str | None = None
 
     def over(self, other: Convention) -> Convention:
-        """This one, completed by another."""
+        """This convention, completed by another."""
         pick = lambda a, b: b if a is None else a  # noqa: E731
         return Convention(pick(self.zero, other.zero), pick(self.sign, other.sign), pick(self.unit, other.unit))
 
@@ -53,7 +53,7 @@ class Trace:
         omega: rates (k, n) or None.
         se: standard errors (k, n) [rad] or None.
         convention: how the angles are counted in the file.
-        warnings: what whoever made it says of it, which a fit says again.
+        warnings: remarks of the trace's author, which a fit repeats.
     """
 
     name: str
@@ -108,7 +108,7 @@ def read_trace(path: str | Path, links: int | None = None) -> Trace:
     """A trace from a CSV file.
 
     Raises:
-        SceneError: one line with the file, what is wrong and what is allowed.
+        SceneError: one line with the file, the error and the allowed values.
     """
     path = Path(path)
     table = read_csv(path, "t, theta_1..n")
@@ -150,7 +150,7 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
 
 
 def _convention(file: str, comment: str) -> Convention:
-    found = dict(re.findall(r"\b(\w+)\s*=\s*([^\s,;]+)", comment))  # \b: once a word, however long
+    found = dict(re.findall(r"\b(\w+)\s*=\s*([^\s,;]+)", comment))  # \b: once per word, of any length
     return convention(found.get("zero"), found.get("sign"), found.get("unit"), file)
 
 
@@ -164,16 +164,16 @@ def convention(zero: str | None, sign: str | int | None, unit: str | None, where
 
 
 def check_trace(trace: Trace) -> None:
-    """Refuse times and values that cannot be fitted.
+    """Reject times and values that cannot be fitted.
 
     Raises:
-        SceneError: naming the trace and the first thing that is wrong.
+        SceneError: with the trace and the first error.
     """
     t, theta = trace.t, trace.theta
     check_times(trace.name, t)
     known = np.isfinite(theta).sum(axis=0)
     if (known == 0).any():
-        raise SceneError(f"{trace.name}: theta_{int(np.argmin(known)) + 1}: every sample is missing; allowed: numbers")
+        raise SceneError(f"{trace.name}: theta_{int(np.argmin(known)) + 1}: every sample is missing; needed: numbers")
     if known.min() < FEWEST:
         raise SceneError(
             f"{trace.name}: theta_{int(np.argmin(known)) + 1}: {known.min()} samples; allowed: at least {FEWEST}"
@@ -182,26 +182,26 @@ def check_trace(trace: Trace) -> None:
         if (mark := placeholder(column)) is not None:
             raise SceneError(
                 f"{trace.name}: theta_{j + 1}: {mark:g} in {int((column == mark).sum())} rows, far from the rows "
-                "before and after them, seems to mark missing samples; allowed: empty cells where samples are missing"
+                "before and after them, seems to mark missing samples; allowed: empty cells for missing samples"
             )
     if np.nanmax(np.nanmax(theta, axis=0) - np.nanmin(theta, axis=0)) < 1e-9:
-        raise SceneError(f"{trace.name}: theta: is constant, nothing moves; allowed: a motion")
+        raise SceneError(f"{trace.name}: theta: is constant, nothing moves. Use a trace with motion")
     if trace.se is not None and not np.nanmin(trace.se) > 0:
         raise SceneError(f"{trace.name}: se: {np.nanmin(trace.se):g} is not positive; allowed: standard errors > 0")
 
 
-#: Degree of the polynomial through a start's samples, and the growth from one reach that is tried to the next.
+#: Degree of the polynomial through a start's samples, and the ratio of successive trial reaches.
 DEGREE, WIDER = 3, 1.3
-#: Standard deviations of chi-square by which a polynomial may miss its samples and still leave no more than noise.
+#: Standard deviations of chi-square by which a polynomial may miss its samples and still count as noise.
 LEFT_OVER = 2.0
 
 
 def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray, longest: float) -> np.ndarray:
     """Angle and rate (n, 2) of every link at `at` [s], from the least-squares cubics through the samples around it.
 
-    Each cubic reaches as far as the motion lets it: the largest reach of at least five samples, at most `longest` [s],
-    at which it misses them by no more than the noise `sigma` (n,). On uniform samples this is Savitzky and Golay's
-    smoother (1964). Missing samples (NaN) are skipped.
+    Each cubic has the largest reach of at least five samples, at most `longest` [s], at which it misses the samples by
+    no more than the noise `sigma` (n,). On uniform samples this is the smoother of Savitzky and Golay (1964). Missing
+    samples (NaN) are skipped.
     """
     found = np.full((theta.shape[1], 2), np.nan)
     for column in range(theta.shape[1]):
@@ -224,7 +224,7 @@ def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray,
 
 
 def smoothers(width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (width, width) of a cubic through `width` even samples: its values at all of them, and its rates.
+    """Weights (width, width) of a cubic through `width` equidistant samples: its values at all of them, and its rates.
 
     The middle rows are the filters of Savitzky and Golay (1964).
     """
@@ -234,7 +234,7 @@ def smoothers(width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def smooth(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Angles and rates (N, n) by cubics through `width` samples around each; at both ends by the last whole one."""
+    """Angles and rates (N, n) by cubics through `width` samples around each; at both ends by the last full one."""
     half = width // 2
     around = np.lib.stride_tricks.sliding_window_view(theta, width, axis=0)  # (N - width + 1, n, width)
     found = []
@@ -244,28 +244,28 @@ def smooth(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.n
     return found[0], found[1]
 
 
-#: Deviations, by all samples' own measure, that a spike is off the mean of its neighbours.
+#: Distance of a spike from the mean of its neighbours, in typical distances of all samples.
 SPIKE = 10.0
 
 
 def without_spikes(trace: Trace) -> Trace:
-    """The trace with single samples missing that lie far off both their neighbours: they are no part of a motion."""
+    """The trace with isolated outliers marked as missing: they are far from both their neighbours."""
     theta = trace.theta.copy()
     for column in theta.T:
         off = np.abs(column[1:-1] - 0.5 * (column[:-2] + column[2:]))
         if not np.isfinite(off).any():
             continue
         beside = np.maximum(np.r_[0.0, np.nan_to_num(off[:-1])], np.r_[np.nan_to_num(off[1:]), 0.0])
-        # the neighbours of a spike are half as far off
+        # the neighbours of a spike deviate half as much
         spike = (off > SPIKE * np.nanmedian(off) / 0.6745) & (off > 1.5 * beside)
         column[1:-1][spike] = np.nan
     return replace(trace, theta=theta)
 
 
-#: Orders of differences tried for the noise; high ones see through faster motions.
+#: Orders of differences tried for the noise; high ones suppress faster motions.
 ORDERS = (3, 4, 6, 8)
-#: Frames of a block of differences, and the share of the blocks, the calmest ones, that tell the noise: links that whip
-#: are fast for a part of the time only.
+#: Frames of a block of differences, and the fraction of the blocks, the calmest ones, that determine the noise: links
+#: that whip are fast for only part of the time.
 BLOCK, CALM = 24, 0.35
 
 
@@ -282,11 +282,11 @@ def noise(trace: Trace) -> np.ndarray:
 
 
 def noise_by_differences(values: np.ndarray) -> np.ndarray:
-    """Standard deviation (n,) of white noise on even samples (N, n) of a smooth motion; NaN where too few are known.
+    """Standard deviation (n,) of white noise on equidistant samples (N, n) of a smooth motion; NaN with too few.
 
-    White noise of deviation s gives differences of order q and deviation `s sqrt(C(2 q, q))`; a smooth motion nearly
-    none. The smallest over the orders is taken, in the calmest blocks of time, and compared with what white noise of
-    known size gives by the same choice.
+    White noise of standard deviation s gives differences of order q and standard deviation `s sqrt(C(2 q, q))`; those
+    of a smooth motion nearly vanish. The minimum over the orders is used, in the calmest blocks of time, and compared
+    with the result of the same procedure for white noise of known size.
     """
     if len(values) <= max(ORDERS):
         return np.full(values.shape[1], np.nan)
@@ -295,7 +295,7 @@ def noise_by_differences(values: np.ndarray) -> np.ndarray:
 
 
 def _calm_difference(theta: np.ndarray) -> np.ndarray:
-    """Size (n,) of the differences in the calmest blocks, the smallest over `ORDERS`; NaN where too few are known."""
+    """Size (n,) of the differences in the calmest blocks, the minimum over `ORDERS`; NaN with too few samples."""
     best = np.full(theta.shape[1], np.nan)
     for order in ORDERS:
         size = np.abs(np.diff(theta, order, axis=0)) / np.sqrt(comb(2 * order, order))
@@ -317,7 +317,7 @@ def _median(block: np.ndarray) -> np.ndarray:
 
 
 def _rounding(column: np.ndarray) -> float:
-    """Smallest difference [rad] that the sensor tells: of the sorted values; next to nothing for unrounded ones."""
+    """Minimum difference [rad] that the sensor resolves: of the sorted values; nearly zero for unrounded ones."""
     steps = np.diff(np.unique(column[np.isfinite(column)]))
     steps = steps[steps > 1e-9]
     return float(steps.min()) if len(steps) else 0.0

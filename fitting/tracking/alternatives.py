@@ -1,4 +1,4 @@
-"""A picture of the orders in which a film allows its nodes, for the user to name the right one."""
+"""A picture of the node orders that a film allows, from which the user selects the right one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.overlay import write_text
 from fitting.tracking.video import Video, opencv
 
-#: Colours (blue, green, red) of links and numbers; alternatives shown at most; width of one picture [pixel].
+#: Colours (blue, green, red) of links and numbers; maximum number of alternatives shown; width of one picture [pixel].
 LINK, NUMBER, SHOWN, WIDTH = (178, 114, 0), (0, 94, 213), 6, 560
 
 

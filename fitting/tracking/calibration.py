@@ -18,11 +18,11 @@ from fitting.tracking.video import opencv, read_image
 
 #: Largest reprojection error [pixel] of a calibration that may be used; the thesis reached 0.15.
 LARGEST_ERROR = 1.0
-#: Fewest pictures in which the board must be found: fewer do not determine focal length and bending together.
+#: Minimum number of pictures with the board: fewer do not determine both focal length and distortion.
 FEWEST = 4
-#: A focal length beyond this many image widths is no camera's: the search ran away.
+#: Focal length in image widths above which the calibration has diverged.
 LONGEST_FOCUS = 20.0
-NOT_CONVERGED = "calibration: did not converge; allowed: pictures at several slants and places"
+NOT_CONVERGED = "calibration: did not converge. Use pictures at several slants and positions"
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Lens:
 
     Attributes:
         matrix: (3, 3) [pixel]; distortion: (5,) k1, k2, p1, p2, k3.
-        error: RMS reprojection error [pixel]; pictures: how many showed the board.
+        error: RMS reprojection error [pixel]; pictures: number of pictures that show the board.
         size: (width, height) [pixel] of the pictures.
-        others: the lens by all pictures but one, for each: how far it is known (jackknife).
+        others: the lens from all pictures but one, for each: its uncertainty (jackknife).
     """
 
     matrix: np.ndarray
@@ -62,7 +62,7 @@ class Lens:
 
 @dataclass(frozen=True)
 class Plane:
-    """Where the motion takes place: metres (right, up) of straight pixels, by a homography (3, 3)."""
+    """The plane of motion: metres (right, up) of straight pixels, by a homography (3, 3)."""
 
     homography: np.ndarray
 
@@ -73,7 +73,7 @@ class Plane:
 
 
 def corners(image: np.ndarray, board: tuple[int, int]) -> np.ndarray | None:
-    """Inner corners of the chessboard (columns x rows, 2) [pixel], or None where it is not found."""
+    """Inner corners of the chessboard (columns x rows, 2) [pixel], or None if it is not found."""
     cv2 = opencv()
     found, where = cv2.findChessboardCornersSB(image, board, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
     return where.reshape(-1, 2).astype(np.float32) if found else None
@@ -88,7 +88,7 @@ def board_points(board: tuple[int, int], square: float) -> np.ndarray:
 
 
 def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -> Lens:
-    """The lens from pictures of a chessboard in different places and at different slants.
+    """The lens from pictures of a chessboard at different positions and slants.
 
     Args:
         board: inner corners, columns and rows; their distance does not matter here.
@@ -115,14 +115,14 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     if lens.error > LARGEST_ERROR:
         raise SceneError(
             f"calibration: reprojection error {lens.error:.3g} pixel; allowed: at most {LARGEST_ERROR:g} "
-            "(a flat board, sharp pictures, several slants)"
+            "(use a flat board, sharp pictures, several slants)"
         )
     others = [_lens(found[:i] + found[i + 1 :], board, size) for i in range(len(found))]
     return replace(lens, others=tuple(other for other in others if other is not None))
 
 
 def _lens(found: list[np.ndarray], board: tuple[int, int], size: tuple[int, int]) -> Lens | None:
-    """The lens by boards whose corners are `found`, or None where the search runs away."""
+    """The lens from boards with corners `found`, or None if the calibration diverges."""
     cv2 = opencv()
     points = [board_points(board, 1.0)] * len(found)
     try:
@@ -148,7 +148,7 @@ def plane_from_board(picture: str | Path, lens: Lens | None, board: tuple[int, i
     if found is None:
         raise SceneError(
             f"{Path(picture).name}: no board of {board[0]} x {board[1]} inner corners found; "
-            "allowed: a sharp picture of all of it"
+            "use a sharp picture of the whole board"
         )
     if lens is not None and lens.size != image.shape[::-1]:
         raise SceneError(
@@ -161,11 +161,11 @@ def plane_from_board(picture: str | Path, lens: Lens | None, board: tuple[int, i
 
 
 def _level_homography(homography: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """The homography turned (and mirrored) so that at `middle`, on the camera's axis, image up is +y and right is +x.
+    """The homography rotated (and mirrored) so that at `middle`, on the camera's axis, image up is +y and right is +x.
 
-    Where a camera that does not roll looks slantwise at an upright plane, its level lines run together in the picture,
-    and so do its upright ones but for one: that through the camera's axis is a column of pixels. (Rows elsewhere are
-    off by slant times angle from the axis: 8 mrad for a slant of 7 degrees.)
+    If a camera without roll looks slantwise at a vertical plane, the plane's horizontal lines converge in the picture.
+    Its vertical lines converge as well, except for the one through the camera's axis, which is a column of pixels.
+    (Rows elsewhere are off by slant times angle from the axis: 8 mrad for a slant of 7 degrees.)
     """
     plane = Plane(homography)
     right, down = (plane.to_metres(middle + 0.5 * d) - plane.to_metres(middle - 0.5 * d) for d in np.eye(2))
@@ -177,5 +177,5 @@ def _level_homography(homography: np.ndarray, middle: np.ndarray) -> np.ndarray:
 
 
 def plane_from_scale(metres_per_pixel: float) -> Plane:
-    """A plane square to the camera's axis."""
+    """A plane perpendicular to the camera's axis."""
     return Plane(np.diag([metres_per_pixel, -metres_per_pixel, 1.0]))

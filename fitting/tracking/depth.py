@@ -1,12 +1,12 @@
-"""Motion out of the plane, by links that seem to shorten and no camera that looks on from one place explains.
+"""Motion out of the plane, detected from links that seem to shorten in a way that no fixed camera explains.
 
-A link that swings out of the plane by psi is seen with cos psi of its length. So is one that a slanting camera or a
-bending lens shows too short, but always by as much in the same place and direction:
+A link that swings out of the plane by psi is seen with cos psi of its length. A slanting camera or a bending lens also
+shortens links, but always by the same amount at the same position and direction:
 
     log l = a + (1, x, z) (b cos 2 theta + c sin 2 theta) + (x, z, x^2, x z, z^2) d + rest,
 
-where theta is the link's angle and (x, z) its middle. What of the rest goes on from one frame to the next is no noise
-of the marks: it is motion out of the plane.
+where theta is the link's angle and (x, z) its middle. The part of the rest that persists from frame to frame cannot be
+noise of the marks: it is motion out of the plane.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ import numpy as np
 
 from fitting.tracking.flattening import link_lengths
 
-#: Deviation of a link's length, as a share of it, from which motion out of the plane is named (a swing of 0.1 rad),
-#: and from which any change of lengths is.
+#: Relative standard deviation of a link's length above which motion out of the plane is reported (a swing of 0.1 rad),
+#: and above which any change of lengths is.
 NAMED, CHANGED = 0.003, 0.03
-#: Fewest pairs of frames that tell.
+#: Minimum number of pairs of frames.
 FEWEST = 30
 
 
 def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
-    """A line where links change their lengths, which rigid ones in the plane of motion do not.
+    """A line if links change their lengths, which rigid ones in the plane of motion do not.
 
     Args:
-        flat: places (k, n, 2) in the plane of motion, in any unit.
-        used: (k, n - 1), frames in which a link is seen.
+        flat: positions (k, n, 2) in the plane of motion, in any unit.
+        used: (k, n - 1), frames in which a link is detected.
     """
     away = out_of_plane(flat, used)
     worst = int(np.argmax(away))
     if away[worst] > NAMED:
         return (
-            f"motion out of the plane: link {worst + 1} seems to change its length by {100 * away[worst]:.2g} %, as no "
-            "camera that stands still shows a motion in the plane",
+            f"motion out of the plane: link {worst + 1} seems to change its length by {100 * away[worst]:.2g} %, which "
+            "a fixed camera cannot show for a motion in the plane",
         )
     length = np.where(used, link_lengths(flat), np.nan)
     known = [column[np.isfinite(column)] for column in length.T]
@@ -49,7 +49,7 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
 
 
 def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Deviation of the links' lengths that motion out of the plane leaves (n - 1,), as shares of the lengths."""
+    """Relative standard deviation of the links' lengths (n - 1,) due to motion out of the plane."""
     length, middle = link_lengths(flat), 0.5 * (flat[:, 1:] + flat[:, :-1])
     along = np.diff(flat, axis=1)
     twice = 2 * np.arctan2(along[..., 1], along[..., 0])

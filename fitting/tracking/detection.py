@@ -1,9 +1,9 @@
 """Circles in a frame, to a few hundredths of a pixel.
 
-Seeds are local extrema of a difference of two Gaussians, matched to the radius; the same at a quarter of the cost on a
-picture made smaller. Around each seed the edge is found along rays where the brightness crosses half way from the
-inside to the outside, and a circle is fitted to the edge points robustly: rays on which another marker touches, or a
-post hides the edge, drop out, so that half a circle is enough. Motion blur lengthens a marker on both sides alike.
+Seeds are local extrema of a difference of two Gaussians, matched to the radius; on a reduced picture this costs a
+quarter. Around each seed the edge is found along rays where the brightness crosses half way from the inside to the
+outside. A circle is fitted robustly to the edge points: rays on which another marker touches, or a post hides the edge,
+are rejected, so that half a circle is enough. Motion blur lengthens a marker equally on both sides.
 """
 
 from __future__ import annotations
@@ -15,32 +15,32 @@ import numpy as np
 from fitting.tracking.video import opencv
 
 RAYS = 48
-#: Distance of samples along a ray [pixel], and how far they go [radius].
+#: Distance of samples along a ray [pixel], and its length [radius].
 RAY_STEP, RAY_REACH = 0.5, 1.8
-#: Radius [pixel] to which pictures are made smaller before seeds are sought.
+#: Radius [pixel] to which pictures are reduced for the search of seeds.
 SEED_RADIUS = 4.0
-#: Widths of the two Gaussians [radius]; the difference answers best to discs 1.15 times as large.
+#: Widths of the two Gaussians [radius]; the difference responds best to discs 1.15 times as large.
 NARROW, WIDE, BEST = 0.6, 1.2, 1.15
-#: Answers [grey] below this are noise.
+#: Minimum answer [grey] above the noise.
 FAINTEST = 2.0
 #: Answer of a marker [that of the other spots]: noise reaches 1.3, discs of 10 grey levels in noise of 5 give 13.
 OUTSTANDING = 2.0
-#: Share of a marker's usual answer from which a spot is a seed, and share of rays that must show an edge.
+#: Fraction of a marker's usual answer above which a spot is a seed, and fraction of rays that must show an edge.
 SEED_SHARE, RAY_SHARE = 0.35, 0.55
-#: Allowed radius and contrast, as shares of the usual ones.
+#: Allowed radius and contrast, as fractions of the usual ones.
 SMALLEST, LARGEST, CONTRAST_SHARE = 0.85, 1.35, 0.6
-#: Share of rays below which a part of the rim is hidden, and error of the centre then [missing radius]: measured behind
-#: posts, 0.9 to 2.
+#: Fraction of rays below which a part of the rim is hidden, and error of the centre then [missing radius]: measured
+#: behind posts, 0.9 to 2.
 FULL_CIRCLE, HIDDEN = 0.95, 1.2
-#: Deviation of the radius [radius] and of an edge point [pixel]; passes in which departures are reweighted.
+#: Standard deviation of the radius [radius] and of an edge point [pixel]; reweighting passes.
 RADIUS_SPREAD, EDGE_NOISE, REWEIGHTED = 0.04, 0.1, 8
-#: Radii [pixel] tried where none is named.
+#: Radii [pixel] that are tried by default.
 RADII = tuple(float(r) for r in np.geomspace(2.5, 40.0, 14))
 
 
 @dataclass(frozen=True)
 class MarkerAppearance:
-    """What a marker looks like: radius [pixel], brighter or darker than its rim, a seed's answer, contrast [grey]."""
+    """Appearance of a marker: radius [pixel], brighter or darker than its rim, a seed's answer, contrast [grey]."""
 
     radius: float
     bright: bool
@@ -80,7 +80,7 @@ def learn_appearance(
                 best = MarkerAppearance(BEST * size, shade, float(answers[nodes - 1]))
     if best.answer < FAINTEST:
         return replace(best, answer=0.0)
-    for _ in range(3):  # where the rim is sought depends on the radius
+    for _ in range(3):  # the search radius for the rim depends on the radius
         fitted = detect(image, best)
         if len(fitted) < nodes:
             break
@@ -96,7 +96,7 @@ def learn_appearance(
 
 
 def stands_out(image: np.ndarray, appearance: MarkerAppearance, nodes: int) -> bool:
-    """Whether the `nodes` strongest spots are more than the strongest of many alike, as noise has them."""
+    """Whether the `nodes` strongest spots are clearly stronger than the many similar ones of noise."""
     answers = _spots(image, appearance.radius, appearance.bright)[1][2 * nodes :]
     return appearance.answer > 0 and (
         len(answers) < 2 * nodes or appearance.answer > OUTSTANDING * float(np.median(answers))
@@ -110,7 +110,7 @@ def detect(image: np.ndarray, appearance: MarkerAppearance) -> Circles:
 
 
 def detect_at(image: np.ndarray, appearance: MarkerAppearance, guesses: np.ndarray) -> Circles:
-    """Circles at the places (m, 2) [pixel] where markers are expected, and within a radius around."""
+    """Circles at the positions (m, 2) [pixel] where markers are expected, and within a radius around them."""
     height, width = image.shape
     step = 0.7 * appearance.radius * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
     seeds = (guesses[:, None] + step).reshape(-1, 2)
@@ -145,7 +145,7 @@ def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, 
 
 
 def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> Circles:
-    """A circle around each seed (m, 2); those without enough of an edge are left out."""
+    """A circle around each seed (m, 2); those without enough of an edge are omitted."""
     angle = 2 * np.pi * np.arange(RAYS) / RAYS
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     along = np.arange(0.0, RAY_REACH * appearance.radius + RAY_STEP, RAY_STEP)
@@ -170,7 +170,7 @@ def _brightness(image: np.ndarray, seeds: np.ndarray, ray: np.ndarray, along: np
 
 
 def _edges(light: np.ndarray, along: np.ndarray, appearance: MarkerAppearance) -> tuple[np.ndarray, np.ndarray]:
-    """Distance (m, rays) at which each ray crosses half way from inside to outside, NaN where not; contrast (m,)."""
+    """Distance (m, rays) at which each ray crosses half way from inside to outside, otherwise NaN; contrast (m,)."""
     inside = np.median(light[..., along <= 0.5 * appearance.radius], axis=(1, 2))
     rim = (along > 1.25 * appearance.radius) & (along < 1.6 * appearance.radius)
     outside = np.median(light[..., rim], axis=(1, 2))
@@ -186,11 +186,11 @@ def _edges(light: np.ndarray, along: np.ndarray, appearance: MarkerAppearance) -
 
 
 def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray, ...]:
-    """Centres (m, 2) relative to the seeds, radii, standard errors [pixel], shares of rays used.
+    """Centres (m, 2) relative to the seeds, radii, standard errors [pixel], fractions of rays used.
 
-    To first order in the offset c, an edge point lies at `radius + c . ray` along its ray, with the radius known to a
-    few per cent from the other circles. The sum of absolute departures is made least (by reweighting), so that the
-    edge of a post that cuts off up to a third of the rays does not count; then rays beyond three deviations drop out.
+    To first order in the offset c, an edge point lies at `radius + c . ray` along its ray; the radius is known to a few
+    per cent from the other circles. The sum of absolute deviations is minimised (by reweighting), so that the edge of a
+    post that cuts off up to a third of the rays has no influence. Rays beyond three standard deviations are rejected.
     """
     design = np.concatenate([ray, np.ones((RAYS, 1))], axis=1)
     known = np.isfinite(edge)
@@ -209,10 +209,10 @@ def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray
     count = used.sum(axis=1)
     variance = (used * off**2).sum(axis=1) / np.maximum(count - 2, 1)
     inverse = np.linalg.inv(np.einsum("mr,ri,rj->mij", used, ray, ray) + 1e-9 * np.eye(2))
-    # neighbouring rays share pixels: an independent edge point per pixel of the rim at most
+    # neighbouring rays share pixels: at most one independent edge point per pixel of the rim
     shared = max(1.0, RAYS / (2 * np.pi * usual))
     error = np.sqrt(shared * variance * 0.5 * (inverse[:, 0, 0] + inverse[:, 1, 1]))
-    # what hides a part of the rim draws the circle off as much as it makes it small
+    # an obstacle that hides part of the rim shifts the centre by as much as it reduces the radius
     error = np.where(count < FULL_CIRCLE * RAYS, np.hypot(error, HIDDEN * found[:, 2]), error)
     return found[:, :2], usual + found[:, 2], np.maximum(error, 1e-3), count / RAYS
 
@@ -220,14 +220,14 @@ def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray
 def _solve(
     design: np.ndarray, weight: np.ndarray, value: np.ndarray, prior: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Departures (m, rays) and coefficients (m, 3) of weighted least squares."""
+    """Deviations (m, rays) and coefficients (m, 3) of weighted least squares."""
     normal = np.einsum("mr,ri,rj->mij", weight, design, design) + prior
     found = np.linalg.solve(normal, np.einsum("mr,ri,mr->mi", weight, design, value)[..., None])[..., 0]
     return value - found @ design.T, found
 
 
 def _distinct(circles: Circles, appearance: MarkerAppearance) -> Circles:
-    """One circle of each group whose centres nearly coincide: that with the most rays, then the least error."""
+    """One circle of each group whose centres nearly coincide: that with the most rays, then the smallest error."""
     order = np.lexsort([circles.error, -np.round(circles.rays, 1)])
     kept: list[int] = []
     for i in order:

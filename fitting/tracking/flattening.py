@@ -1,14 +1,14 @@
-"""The plane of motion from the motion itself: links are rigid, so a slant and a bending lens show in their lengths.
+"""The plane of motion from the motion itself: links are rigid, so their lengths reveal slant and lens distortion.
 
-A camera that never rolls, panned by p and pitched by q, sees the point (x, y) of the plane at the ray R (x, y, 1);
-rays are bent to r (1 + k1 |r|^2). p, q, k1 and the focal length f are those for which the logarithms of the links'
-measured lengths vary least in time, with what is known beforehand,
+A camera without roll, panned by p and pitched by q, sees the point (x, y) of the plane at the ray R (x, y, 1); rays are
+bent to r (1 + k1 |r|^2). p, q, k1 and the focal length f minimise the variation in time of the logarithms of the links'
+measured lengths, with prior knowledge,
 
     sum over links and frames of ((log l - mean of log l) / s)^2 + sum of (parameter / its spread)^2,
 
-s from the residuals themselves. The spreads are those of ordinary cameras or, behind a lens or a plane that boards
-told, of what boards leave open. Its covariance (a sandwich over blocks of time) is that part of the angles' errors
-which stays for long and which no scatter shows. A roll turns all angles alike and shows nowhere: rows are taken as
+with s from the residuals themselves. The spreads are those of ordinary cameras. With a calibrated lens or plane they
+are the uncertainty left by the boards. Its covariance (a sandwich over blocks of time) is the persistent part of the
+angles' errors, which no scatter shows. A roll rotates all angles equally and is not observable: rows are assumed to be
 level.
 """
 
@@ -22,13 +22,13 @@ from scipy.optimize import least_squares
 
 from fitting.tracking.calibration import Lens, Plane
 
-#: Spread of pan and pitch [rad], of k1 and of log(focal length): without boards, and behind what boards told.
+#: Spread of pan and pitch [rad], of k1 and of log(focal length): without boards, and with a calibration by boards.
 SLANT, BENDING, FOCUS = (0.15, 0.01), (0.15, 0.01), (0.3, 0.01)
-#: Largest values of pan, pitch, k1 and log(focus / usual).
+#: Maximum values of pan, pitch, k1 and log(focus / usual).
 LARGEST = np.array([0.6, 0.6, 0.6, 0.9])
 #: Usual focal length [image width].
 USUAL_FOCUS = 1.25
-#: Frames used at most, duration of a block [s], passes that weigh anew, least noise of a centre [pixel].
+#: Maximum number of frames, duration of a block [s], reweighting passes, minimum noise of a centre [pixel].
 FRAMES, BLOCK, PASSES, LEAST = 300, 0.25, 3, 0.03
 
 
@@ -40,7 +40,7 @@ class Flat:
         size: (width, height) [pixel].
         lens: calibrated, or None.
         plane: from a board, or None.
-        parameters: pan, pitch, k1 and log(focus / usual) (4,) behind these, or None for none; covariance: theirs.
+        parameters: pan, pitch, k1 and log(focus / usual) (4,) applied after these, or None; covariance: theirs.
     """
 
     size: tuple[int, int]
@@ -51,7 +51,7 @@ class Flat:
 
     @property
     def middle(self) -> np.ndarray:
-        """Where the camera's axis meets the picture (2,) [pixel]."""
+        """Intersection of the camera's axis with the picture (2,) [pixel]."""
         return (np.array(self.size) - 1) / 2 if self.lens is None else self.lens.matrix[:2, 2]
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
@@ -68,7 +68,7 @@ class Flat:
         return points.reshape(shape)
 
     def back(self, flat: np.ndarray) -> np.ndarray:
-        """The inverse (Newton's iteration with differences; the map is nearly the identity up to a shift)."""
+        """The inverse (Newton iteration with differences; the map is nearly the identity up to a shift)."""
         flat = np.asarray(flat, float)
         step = 0.5 * np.eye(2)
         guess = np.broadcast_to(self.middle, flat.shape).copy()
@@ -87,7 +87,7 @@ class Flat:
 
     @property
     def spread(self) -> np.ndarray:
-        """What is known of the parameters beforehand (4,)."""
+        """Prior spread of the parameters (4,)."""
         plane, lens = self.plane is not None, self.lens is not None
         return np.array([SLANT[plane], SLANT[plane], BENDING[lens], FOCUS[lens]])
 
@@ -104,14 +104,14 @@ class Flat:
 
 
 def rotation(pan: float, pitch: float) -> np.ndarray:
-    """(3, 3) from right, down, away of the plane to those of a camera that does not roll."""
+    """(3, 3) from right, down, away of the plane to those of a camera without roll."""
     (cp, ct), (sp, st) = np.cos([pan, pitch]), np.sin([pan, pitch])
     around = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
     return np.array([[1.0, 0.0, 0.0], [0.0, ct, st], [0.0, -st, ct]]) @ around
 
 
 def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) -> Flat:
-    """The map under which the links keep their lengths best.
+    """The map that minimises the variation of the links' lengths.
 
     Args:
         pixels: (k, n, 2) of the video; seen: (k, n).
@@ -151,15 +151,15 @@ def _departures(log: np.ndarray, both: np.ndarray) -> np.ndarray:
 
 
 def link_lengths(positions: np.ndarray) -> np.ndarray:
-    """Lengths (k, n - 1) of places (k, n, 2)."""
+    """Lengths (k, n - 1) of positions (k, n, 2)."""
     return np.linalg.norm(np.diff(positions, axis=1), axis=-1)
 
 
 def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, detected: np.ndarray) -> float:
-    """Standard error [rad] of a turn of the whole picture, which no length shows, by the jackknife.
+    """Standard error [rad] of a rotation of the whole picture, which lengths do not show, by the jackknife.
 
     Args:
-        others: the same map with the lens and plane that all pictures of the board but one give, for each.
+        others: the same map with the lens and plane from all pictures of the board but one, for each.
         pixels: (k, n, 2) of the video; seen: (k, n).
     """
     rows = np.unique(np.linspace(0, len(pixels) - 1, 20).astype(int))
@@ -181,7 +181,7 @@ def _covariance(
     keep: np.ndarray,
     fps: float,
 ) -> np.ndarray:
-    """Sandwich over blocks of time: departures that stay for long count as often as they change, not as frames."""
+    """Sandwich over blocks of time: persistent deviations count as often as they change, not once per frame."""
     step = 1e-4
     slopes = np.stack([(off(found + d) - off(found - d)) / (2 * step) for d in step * np.eye(len(found))], axis=-1)
     slopes, left = slopes / noise[:, None], np.clip(off(found) / noise, -5.0, 5.0)

@@ -1,8 +1,8 @@
-"""The nodes through the whole film: from the clearest stretch forwards and backwards, then once more with hindsight.
+"""The nodes through the whole film: from the clearest stretch forwards and backwards, then again with hindsight.
 
-Circles of all frames are known. The chain found where it is clearest is followed to both ends; the map to the plane of
-motion and the links' lengths are learned anew from the whole film, which must confirm the order; what was missed is
-looked for again between the places before and after.
+Circles of all frames are known. The chain found where it is clearest is followed to both ends. The map to the plane of
+motion and the links' lengths are then learned from the whole film, which must confirm the order. Missed circles are
+searched for between the positions before and after.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from fitting.tracking.ordering import (
     turn_round,
 )
 
-#: Tolerated change of a link [pixel, share, deviations of the chain's own links] once the plane is known.
+#: Tolerance for the change of a link [pixel, fraction, deviations of the chain's own links] once the plane is known.
 LENGTH_FLOOR, LENGTH_SHARE, SELF_WEIGHT = 0.05, 0.0005, 2.0
-#: Changes [tolerances] up to which another order is as good.
+#: Changes [tolerances] up to which another order is equally good.
 AS_GOOD = 3.0
-#: Rounds in which map, lengths and order are learned from each other.
+#: Rounds in which map, lengths and order are estimated from each other.
 ROUNDS = 3
-#: Distance of a named place from its circle [radius], and time within which a missing circle may come [s].
+#: Distance of a given position from its circle [radius], and time within which a missing circle may appear [s].
 NEAR, SOON = 3.0, 0.5
 #: Change of a length up to which a row of markers is one line of links [pixel].
 STIFF = 1.0
 
 
 def follow(circles: list[Circles], chain: Chain) -> np.ndarray:
-    """Number of each node's circle in each frame (k, n), -1 where not seen, followed from `chain.at` both ways."""
+    """Number of each node's circle in each frame (k, n), -1 if not detected, followed from `chain.at` both ways."""
     found = np.full((len(circles), len(chain.positions)), -1)
     for way in (1, -1):
         follower = Follower.along(chain, way)
@@ -66,7 +66,7 @@ def follow_film(
     Args:
         circles: of all frames [pixel of the video].
         first: where node 0 is.
-        start: places (n, 2) [pixel of the video] in the first frame; the order is theirs then.
+        start: positions (n, 2) [pixel of the video] in the first frame; they define the order.
 
     Raises:
         SceneError: no chain, or no circles at `start`; AmbiguousOrderError: several orders fit.
@@ -83,7 +83,7 @@ def follow_film(
         most = max(len(each) for each in circles)
         raise SceneError(
             f"track: no chain of {nodes} moving markers found among {most} circles; "
-            "allowed: --start with the nodes' places in the first frame"
+            "use --start with the nodes' positions in the first frame"
         )
     for _ in range(ROUNDS):
         found = follow(mapped, chain)
@@ -106,7 +106,7 @@ def follow_film(
     for i, each in enumerate(circles):
         error[i, detected[i]] = each.error[found[i, detected[i]]]
     marks = find_marks(np.where(detected[..., None], positions, 0.0), detected)
-    # a single frame between gaps has nothing to confirm it yet: with hindsight it is taken again where it fits
+    # a single frame between gaps has no confirmation yet: with hindsight it is accepted again where it fits
     well = detected & ~marks.swapped & ~marks.jumped
     beside = np.pad(well, ((1, 1), (0, 0)))
     dropped = detected & ~(well & (beside[:-2] | beside[2:]))
@@ -119,13 +119,13 @@ def follow_film(
 
 
 def _ends(found: TrackedChain) -> np.ndarray:
-    """Places of the nodes, each where it is first seen."""
+    """Positions of the nodes, each at its first detection."""
     when = np.argmax(found.detected, axis=0)
     return found.flat[when, np.arange(len(when))]
 
 
 def _positions(circles: list[Circles], found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (k, n, 2), zero where not seen, and which are seen (k, n)."""
+    """Positions (k, n, 2), zero if not detected, and which are detected (k, n)."""
     detected = found >= 0
     positions = np.zeros((*found.shape, 2))
     for i, each in enumerate(circles):
@@ -136,7 +136,7 @@ def _positions(circles: list[Circles], found: np.ndarray) -> tuple[np.ndarray, n
 def _learn(
     positions: np.ndarray, detected: np.ndarray, chain: Chain, still: np.ndarray, order: bool
 ) -> tuple[Chain, bool]:
-    """The chain as the whole film shows it, and whether it changed so that it must be followed anew."""
+    """The chain according to the whole film, and whether it changed so much that it must be followed again."""
     path, changed = np.arange(len(still)), False
     tracks = np.where(detected[..., None], positions, np.nan)
     if order and len(still) > 2:
@@ -151,13 +151,13 @@ def _learn(
     length = np.where(both, link_lengths(tracks), np.nan)
     new = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else old for c, old in _pairs(length, chain)])
     spread = np.array([_deviation(c[np.isfinite(c)]) for c in length.T])
-    # from the frame that shows all nodes with lengths that fit best
+    # from the frame that shows all nodes with the best-fitting lengths
     off = np.where(np.isfinite(length), np.abs(length - new) / np.hypot(0.3, spread), np.inf).max(axis=1)
     at = int(np.argmin(off)) if np.isfinite(off.min()) else chain.at
     if not detected[at].all():
         return chain, False
     changed = changed or bool((np.abs(new - chain.length) > length_errors(chain)).any()) or at != chain.at
-    # a node hidden most of the time may have been taken for a reflection that rests
+    # a node that is hidden most of the time may have been mistaken for a resting reflection
     held = still[path] & (detected.mean(axis=0) > 0.5)
     changed = changed or (held.any() and chain.held is None)
     return Chain(tracks[at], new, 2 * spread, at, rates(tracks, at), held), changed
@@ -172,7 +172,7 @@ def _deviation(values: np.ndarray) -> float:
 
 
 def _ratio(tracks: np.ndarray) -> np.ndarray:
-    """Changes (n, n) of the distances of all pairs over the film, in what the chain's own links change [tolerances]."""
+    """Changes (n, n) of the distances of all pairs over the film, in changes of the chain's own links [tolerances]."""
     change, mean = changes(tracks)
     own = float(np.median(np.diagonal(change, 1)))
     return change / np.maximum(SELF_WEIGHT * min(own, 1.0), np.hypot(LENGTH_FLOOR, LENGTH_SHARE * mean))
@@ -181,7 +181,7 @@ def _ratio(tracks: np.ndarray) -> np.ndarray:
 def _check_order(
     tracks: np.ndarray, pixels: np.ndarray, detected: np.ndarray, still: np.ndarray, straight: bool
 ) -> bool:
-    """Refuse an order beside which the film allows others; returns whether it is known from lying on a line only."""
+    """Reject an ambiguous order; returns whether the order is known only because the nodes lie on a line."""
     nodes = len(still)
     if nodes <= 2 or straight:
         return straight
@@ -197,14 +197,14 @@ def _check_order(
     count = f"{len(orders)} orders" if len(orders) < 50 else "many orders"
     raise AmbiguousOrderError(
         f"the order of the nodes is not known: in {count} of the {nodes} circles all links keep their lengths; "
-        "allowed: a film in which every joint bends, or --start with the nodes' places in the first frame",
+        "use a film in which every joint bends, or --start with the nodes' positions in the first frame",
         orders,
         frame,
     )
 
 
 def chain_in_line(circles: list[Circles], nodes: int) -> Chain | None:
-    """The chain of markers in a row, where as many circles as nodes lie on a line all the time."""
+    """The chain of markers in a row, if as many circles as nodes always lie on a line."""
     counts = np.array([len(each) for each in circles])
     if not (counts == nodes).any():
         return None
@@ -222,13 +222,13 @@ def chain_in_line(circles: list[Circles], nodes: int) -> Chain | None:
 def named_chain(
     mapped: list[Circles], circles: list[Circles], named: np.ndarray, flat: Flat, radius: float, fps: float
 ) -> Chain:
-    """The chain named by the user (n, 2) [pixel of the video] in the first frame.
+    """The chain given by the user (n, 2) [pixel of the video] in the first frame.
 
-    A name without a circle is that of a marker that does not show there: where all circles of the frame are named, or
-    one comes there soon.
+    A position without a circle is that of a hidden marker, if all circles of the frame have a position, or if one
+    appears there soon.
 
     Raises:
-        SceneError: a name that is neither.
+        SceneError: a position that is neither.
     """
     nodes, first = len(named), circles[0].centre
     positions, error = flat(named), np.zeros(nodes)
@@ -248,7 +248,7 @@ def named_chain(
         )
         if spare and not comes:
             raise SceneError(
-                f"--start: no circle of its own near node {k}; allowed: places within 3 radii of the circles"
+                f"--start: no separate circle found near node {k}; allowed: positions within 3 radii of the circles"
             )
         error[k] = NEAR * radius
     length = np.linalg.norm(np.diff(positions, axis=0), axis=1)

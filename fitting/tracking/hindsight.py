@@ -1,7 +1,7 @@
-"""What a film shows beyond what was followed: with the places before and after known, missed circles are found.
+"""Recovery of missed circles with hindsight: the positions before and after are known.
 
-A node that is not seen is expected between its places before and after, drawn to where its links allow; a circle there
-that fits their lengths is its own, be it left over, half hidden, or not found at first.
+A node that is not detected is expected between its positions before and after, shifted to where its links allow. A
+circle there that fits their lengths belongs to it, even if it was unassigned, half hidden, or not found at first.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from fitting.tracking.flattening import Flat, link_lengths
 from fitting.tracking.identity import bridge, length_errors
 from fitting.tracking.ordering import Chain
 
-#: Expected places between samples: error [pixel] there, and per frame from the nearest one, for so many at most; the
-#: same in shares of a fast step, for so many frames at most.
+#: Expected positions between samples: error [pixel] there, and per frame from the nearest one, up to this many frames;
+#: the same as fractions of a fast step, up to this many frames.
 HINDSIGHT, PER_FRAME, FRAMES, OF_STEP, SOON = 2.0, 1.0, 12, 0.2, 2
-#: Departures [standard deviations] of place and length up to which a circle is the node that was missed.
+#: Deviations [standard deviations] of position and length up to which a circle is the missed node.
 GATE = 3.0
-#: c of an exposure as long as a frame; significance [standard errors] below which nothing is taken back.
+#: c of an exposure as long as a frame; significance [standard errors] below which nothing is corrected.
 LONGEST, SIGNIFICANT = 1 / 24, 4.0
-#: Passes that weigh anew; departures beyond this many deviations count as much as one there.
+#: Reweighting passes; deviations beyond this many standard deviations count as much as one there.
 PASSES, CLIP = 5, 3.0
 
 
@@ -33,11 +33,11 @@ class TrackedChain:
     """The nodes in all frames.
 
     Attributes:
-        flat: (k, n, 2) flat pixels, bridged where not seen; pixels: the same in the video's own.
+        flat: (k, n, 2) flat pixels, bridged if not detected; pixels: the same in the video's own.
         error: (k, n) standard errors of the circles' fits [pixel]; seen: (k, n).
-        chain, map: what was learned; chain.at is the frame from which it was followed.
+        chain, map: the results; chain.at is the frame from which it was followed.
         resting: (n,) which nodes rest; straight: the order is known only from lying on a line.
-        exposure: [frame] that the lengths show, 0 where none; its effect on `flat` is taken back.
+        exposure: [frame] that the lengths show, 0 if none; its effect on `flat` is corrected.
     """
 
     flat: np.ndarray
@@ -62,14 +62,14 @@ def reverse_chain(found: TrackedChain) -> TrackedChain:
 
 
 def fill_missed(found: TrackedChain, mapped: list[Circles], circles: list[Circles], which: np.ndarray) -> None:
-    """Fill in circles that are there and were not taken, and bridge the rest, in place."""
+    """Fill in existing circles that were not assigned, and bridge the rest, in place."""
     bridge_gaps(found)
     _take(found, lambda i: _unused_circles(mapped[i], circles[i], which[i]))
     bridge_gaps(found)
 
 
 def detect_again(found: TrackedChain, looked: Callable[[int, np.ndarray], Circles]) -> None:
-    """Look for nodes that are not seen where they are expected; `looked` gives the circles there [pixel, video's]."""
+    """Search for undetected nodes at their expected positions; `looked` gives the circles there [pixel, video's]."""
 
     def there(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         circles = looked(i, found.pixels[i, ~found.detected[i]])
@@ -89,7 +89,7 @@ def _unused_circles(mapped: Circles, circles: Circles, which: np.ndarray) -> tup
 
 
 def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, np.ndarray, np.ndarray]]) -> None:
-    """Give nodes that are not seen the circles that fit where they are expected and the lengths of their links."""
+    """Assign circles to undetected nodes if they fit the expected position and the lengths of the links."""
     error = length_errors(found.chain)
     expected, away = found.flat.copy(), _frames_away(found.detected)
     steps = np.linalg.norm(np.diff(found.flat, axis=0), axis=-1)[found.detected[1:] & found.detected[:-1]]
@@ -113,7 +113,7 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, np.ndarr
 
 
 def _frames_away(detected: np.ndarray) -> np.ndarray:
-    """Frames (k, n) to the nearest one in which the node is seen."""
+    """Frames (k, n) to the nearest one in which the node is detected."""
     away = np.full(detected.shape, len(detected))
     for way in (slice(None), slice(None, None, -1)):
         run = np.full(detected.shape[1], len(detected))
@@ -124,7 +124,7 @@ def _frames_away(detected: np.ndarray) -> np.ndarray:
 
 
 def bridge_gaps(found: TrackedChain) -> None:
-    """Put nodes that are not seen between the places before and after, drawn to their links; in place."""
+    """Put undetected nodes between the positions before and after, shifted towards their links; in place."""
     frames = np.arange(len(found.detected))
     for k in range(found.detected.shape[1]):
         known = found.detected[:, k]
@@ -133,7 +133,7 @@ def bridge_gaps(found: TrackedChain) -> None:
         if known.sum() < 2:
             found.flat[~known, k] = found.flat[known, k][0] if known.any() else found.chain.positions[k]
             continue
-        # no overshoot in long gaps; beyond the first and last sample the place stays
+        # no overshoot in long gaps; before the first and after the last sample the position is constant
         inside = np.clip(frames[~known], frames[known][0], frames[known][-1])
         found.flat[~known, k] = PchipInterpolator(frames[known], found.flat[known, k])(inside)
     error = length_errors(found.chain)
@@ -146,14 +146,14 @@ def bridge_gaps(found: TrackedChain) -> None:
 
 
 def remove_blur(found: TrackedChain) -> TrackedChain:
-    """The places without what a long exposure does to them."""
+    """The positions corrected for a long exposure."""
     share = exposure_share(found.flat, found.detected)
     flat = found.flat - share * second_differences(found.flat, found.detected)
     return replace(found, flat=flat, exposure=float(np.sqrt(24 * share)))
 
 
 def second_differences(positions: np.ndarray, detected: np.ndarray) -> np.ndarray:
-    """Second differences (k, n, 2) of the places (k, n, 2), zero where a neighbour in time is not seen."""
+    """Second differences (k, n, 2) of the positions (k, n, 2), zero if a neighbour in time is missing."""
     found = np.zeros_like(positions)
     whole = detected[1:-1] & detected[:-2] & detected[2:]
     found[1:-1] = np.where(whole[..., None], positions[2:] - 2 * positions[1:-1] + positions[:-2], 0.0)
@@ -161,7 +161,7 @@ def second_differences(positions: np.ndarray, detected: np.ndarray) -> np.ndarra
 
 
 def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
-    """c of the film, 0 where the lengths do not show it; places (k, n, 2), seen (k, n)."""
+    """c of the film, 0 if the lengths do not show it; positions (k, n, 2), seen (k, n)."""
     change = second_differences(positions, detected)
     link = np.diff(positions, axis=1)
     length = np.maximum(link_lengths(positions), 1e-9)

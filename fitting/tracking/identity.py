@@ -1,11 +1,11 @@
-"""Which circle is which node, frame by frame: by where each is expected and by the chain's order and lengths.
+"""Assignment of circles to nodes, frame by frame: by expected positions and by the chain's order and lengths.
 
-For the circles of a frame the assignment is sought that minimises the sum over nodes of `(departure from the expected
-place / its error)^2` and over links of `(length - known length)^2 / its error^2`, a price for each node that is not
-seen, no circle twice. Along the chain this is a dynamic programme (Viterbi 1967), exact and cheap. Two markers that
-come close are told apart by the lengths of the links on either side. A node that is not seen is bridged: it goes on
-as expected, drawn to where the links to its neighbours put it. Wherever it comes back, it is taken again as soon as a
-circle within its reach fits the lengths: the expectation of a node long hidden is not worth more than that.
+For the circles of a frame the assignment minimises the sum over nodes of `(deviation from the expected position / its
+error)^2` and over links of `(length - known length)^2 / its error^2`, with a penalty for each undetected node and no
+circle used twice. Along the chain this is a dynamic programme (Viterbi 1967), exact and cheap. Two markers that come
+close are distinguished by the lengths of the links on either side. An undetected node is bridged: it continues as
+expected, shifted to where the links to its neighbours put it. When it reappears, it is accepted as soon as a circle
+within its reach fits the lengths, because the expectation for a node that was hidden for long is uncertain.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ import numpy as np
 from fitting.tracking.detection import Circles
 from fitting.tracking.ordering import Chain
 
-#: Price of not seeing a node, in squared standard deviations: 4 sigma.
+#: Penalty for an undetected node, in squared standard deviations: 4 sigma.
 LOST_PRICE = 16.0
-#: Price of a node that comes back away from where it is expected, most departure of a length there [standard
-#: deviations], and its reach: way per frame that it was lost [fastest step], and a floor [pixel].
+#: Penalty for a node that reappears away from its expected position, maximum deviation of a length there [standard
+#: deviations], and its reach: distance per frame that it was lost [fastest step], and a floor [pixel].
 RETURN_PRICE, RETURN_LENGTH, REACH, REACH_FLOOR = 12.0, 3.0, 1.5, 12.0
-#: Fastest step before any was seen [mean link].
+#: Fastest step before any was observed [mean link].
 FASTEST = 0.3
 #: Change of a step before any rate is known [mean link].
 UNKNOWN = 0.12
-#: Departures of a length count at most so much: a wrong neighbour must not drive a right node off.
+#: Maximum penalty for the deviation of a length: a wrong neighbour must not reject a right node.
 MOST_LENGTH_PRICE = 30.0
-#: Error of an expected place [pixel]: a floor, a share of the last step, a share of its last change.
+#: Error of an expected position [pixel]: a floor, a fraction of the last step, a fraction of its last change.
 FLOOR, OF_STEP, OF_CHANGE = 1.5, 0.05, 0.7
-#: Error of a bridged place that goes on at its rate [pixel], and Gauss-Newton passes that draw it to its links.
+#: Error of a bridged position that continues at its rate [pixel], and Gauss-Newton passes that fit it to its links.
 BRIDGE_ERROR, BRIDGE_PASSES = 5.0, 6
-#: Error of a link's length: at least this [pixel] and this share of it.
+#: Error of a link's length: at least this [pixel] and this fraction of it.
 LENGTH_FLOOR, LENGTH_SHARE = 0.6, 0.008
-#: What a length may vary at most [length].
+#: Maximum variation of a length [length].
 MOST_SPREAD = 0.25
 
 
@@ -44,10 +44,10 @@ class Follower:
     """The state of the chain from frame to frame.
 
     Attributes:
-        chain: places at the first frame, lengths.
-        past: the last places (n, 2), newest first, at most three.
-        lost: frames since each node was seen (n,).
-        last_positions: where each node was last seen (n, 2).
+        chain: positions at the first frame, lengths.
+        past: the last positions (n, 2), newest first, at most three.
+        lost: frames since the last detection of each node (n,).
+        last_positions: of the last detection of each node (n, 2).
         fastest: recent fastest step of a node [pixel].
     """
 
@@ -63,12 +63,12 @@ class Follower:
 
     @classmethod
     def along(cls, chain: Chain, direction: int) -> Follower:
-        """One that starts in the chain's frame and goes forwards in time (way 1) or backwards (-1)."""
+        """A follower that starts in the chain's frame and moves forwards in time (way 1) or backwards (-1)."""
         positions = chain.positions.copy()
         return cls(chain, [positions] if chain.rate is None else [positions, positions - direction * chain.rate])
 
     def expected_positions(self) -> np.ndarray:
-        """Places (n, 2) expected in the next frame: by the parabola through the last three, or the line through two."""
+        """Positions (n, 2) expected in the next frame: by a parabola through the last three, or a line through two."""
         if len(self.past) == 1:
             return self.past[0]
         guess = 2 * self.past[0] - self.past[1]
@@ -77,7 +77,7 @@ class Follower:
         return self._at_rest(self._bridge(guess, self.lost > 0))
 
     def _at_rest(self, positions: np.ndarray) -> np.ndarray:
-        """The places (n, 2) with held nodes where they are."""
+        """The positions (n, 2) with resting nodes at their own."""
         if self.chain.held is None:
             return positions
         return np.where(self.chain.held[:, None], self.chain.positions, positions)
@@ -93,7 +93,7 @@ class Follower:
         return found if self.chain.held is None else np.where(self.chain.held, FLOOR, found)
 
     def advance(self, circles: Circles) -> np.ndarray:
-        """Take the next frame; returns for each node the number of its circle, or -1 where it is not seen (n,)."""
+        """Process the next frame; returns for each node the number of its circle, or -1 if undetected (n,)."""
         guess = self.expected_positions()
         found = self._assign(circles.centre, guess, self._errors())
         detected = found >= 0
@@ -130,7 +130,7 @@ class Follower:
         return self._confirm_returns(np.where(best == len(centre), -1, best), far, pair)
 
     def _confirm_returns(self, found: np.ndarray, far: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """The assignment (n,) without nodes that come back far off and have no neighbour whose link confirms them."""
+        """The assignment (n,) without reappearing nodes far off that no neighbouring link confirms."""
         found = found.copy()
         for k in np.flatnonzero(found >= 0):
             if not far[k, found[k]]:
@@ -142,10 +142,10 @@ class Follower:
         return found
 
     def _bridge(self, positions: np.ndarray, unknown: np.ndarray) -> np.ndarray:
-        """Places in which the `unknown` nodes (n,) go on at their rate, drawn to where the links allow (Gauss-Newton).
+        """Positions in which the `unknown` nodes (n,) continue at their rate, fitted to the links (Gauss-Newton).
 
-        Where both neighbours are known and the links are not in line, these fix the place; where they are in line, the
-        lengths say nothing across them and the rate carries the node through.
+        If both neighbours are known and the links are not in line, they fix the position. If they are in line, the
+        lengths do not determine the direction across them, and the rate carries the node through.
         """
         if not unknown.any():
             return positions
@@ -156,14 +156,14 @@ class Follower:
 
 
 def length_errors(chain: Chain) -> np.ndarray:
-    """Errors of the links' lengths (n - 1,) [pixel] that the chain allows."""
+    """Permitted errors of the links' lengths (n - 1,) [pixel]."""
     return np.maximum(
         np.maximum(LENGTH_FLOOR, LENGTH_SHARE * chain.length), np.minimum(chain.spread, MOST_SPREAD * chain.length)
     )
 
 
 def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Places (n, 2) of which the `unknown` (n,) are drawn to where the links' lengths (n - 1,) allow (Gauss-Newton)."""
+    """Positions (n, 2) of which the `unknown` (n,) are fitted to the links' lengths (n - 1,) (Gauss-Newton)."""
     positions, move = positions.copy(), np.repeat(unknown, 2)
     expected = positions.reshape(-1)[move].copy()
     for _ in range(BRIDGE_PASSES):
@@ -177,7 +177,7 @@ def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error
 
 
 def _length_rows(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives (n - 1, 2 n) of the links' lengths by the places, and the lengths (n - 1,) [pixel]."""
+    """Derivatives (n - 1, 2 n) of the links' lengths by the positions, and the lengths (n - 1,) [pixel]."""
     link = np.diff(positions, axis=0)
     size = np.maximum(np.linalg.norm(link, axis=1), 1e-6)
     rows = np.zeros((len(size), len(positions), 2))
@@ -187,7 +187,7 @@ def _length_rows(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _without_doubles(unary: np.ndarray, pair: np.ndarray, depth: int = 0) -> tuple[float, np.ndarray]:
-    """The cheapest assignment in which no circle serves two nodes: where one does, it is denied to either in turn."""
+    """The cheapest assignment in which no circle serves two nodes: a shared circle is denied to either in turn."""
     price, states = _viterbi(unary, pair)
     taken = states[states < unary.shape[1] - 1]
     double = [c for c in np.unique(taken) if (taken == c).sum() > 1]
@@ -203,7 +203,7 @@ def _without_doubles(unary: np.ndarray, pair: np.ndarray, depth: int = 0) -> tup
 
 
 def _viterbi(unary: np.ndarray, pair: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
-    """Least sum of unary (n, m) and pair (n - 1, m, m) prices along a chain, and its states (n,)."""
+    """Minimum sum of unary (n, m) and pair (n - 1, m, m) costs along a chain, and its states (n,)."""
     price, back = unary[0], []
     for step, own in zip(pair, unary[1:], strict=True):
         total = price[:, None] + step

@@ -1,4 +1,4 @@
-"""What the markers look like, and where circles are in all frames of a video."""
+"""Appearance of the markers, and the circles in all frames of a video."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from dropper_jax.base.progress import Progress
 from fitting.tracking.detection import NONE, Circles, MarkerAppearance, detect, learn_appearance, stands_out
 from fitting.tracking.video import Video
 
-#: Frames, spread over the film, from which the look is learned, at most.
+#: Maximum number of frames, spread over the film, from which the appearance is learned.
 LOOKED_AT = 16
 
 
 def scan(
     film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None, say: Progress
 ) -> tuple[MarkerAppearance, list[Circles]]:
-    """What markers look like, and the circles of all frames of the span [pixel of the video].
+    """The markers' appearance, and the circles of all frames of the span [pixel of the video].
 
     Raises:
         SceneError: no frame with as many circles as nodes.
@@ -35,7 +35,7 @@ def scan(
 def _learn_appearance(
     film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None
 ) -> MarkerAppearance:
-    """The look in the frame that shows the markers best, of a few spread over the film."""
+    """The appearance in the frame that shows the markers best, of a few spread over the film."""
     images, stride = [], 1
     for i, image in enumerate(film.frames(*span)):
         if i % stride == 0:
@@ -57,12 +57,12 @@ def _learn_appearance(
             most = max(most, len(detect(image, appearance)) if stands_out(image, appearance, fewer) else 0)
     if most == 0:
         raise SceneError(
-            f"{film.path.name}: no circles found in {len(images)} frames; allowed: a circle on every node "
-            "(--radius and --marker say what they look like)"
+            f"{film.path.name}: no circles found in {len(images)} frames; needed: a circle on every node "
+            "(use --radius and --marker to describe them)"
         )
     raise SceneError(
         f"{film.path.name}: at most {most} circles in a frame, but {nodes} nodes; "
-        "allowed: as many circles as nodes (--radius and --marker say what they look like)"
+        "needed: as many circles as nodes (use --radius and --marker to describe them)"
     )
 
 

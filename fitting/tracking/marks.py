@@ -1,9 +1,9 @@
-"""Frames that are wrong in spite of all care: nodes that swapped names, jumped, or lie off the lengths of their links.
+"""Marks of wrong frames: nodes that were swapped, jumped, or violate the lengths of their links.
 
-Three looks, each of its own. Lengths: a rigid link has one. Names: the places of each frame are taken without names and
-named anew from frames in which all is well, forwards from the first such stretch and backwards from the last; where all
-that come by give a place to another node, nodes swapped. Jumps: a place is compared with the cubic through the two
-before and the two after, without gaps
+There are three independent checks. Lengths: a rigid link has a constant length. Names: the positions of each frame are
+assigned again from frames without errors, forwards from the first such stretch and backwards from the last; if all
+these assignments give a position to another node, nodes were swapped. Jumps: a position is compared with the cubic
+through the two before and the two after, without gaps
 
     p(i) against (4 (p(i-1) + p(i+1)) - (p(i-2) + p(i+2))) / 6.
 """
@@ -21,24 +21,24 @@ from fitting.tracking.flattening import link_lengths
 from fitting.tracking.identity import Follower
 from fitting.tracking.ordering import Chain, rates
 
-#: Departure of a length: robust deviations, and at least this [pixel] and this share of it.
+#: Limit of a length's deviation: robust deviations, and at least this [pixel] and this fraction of it.
 LENGTH, LENGTH_FLOOR, LENGTH_SHARE = 7.0, 0.8, 0.015
-#: Departure of a place from its neighbours in time: times the usual one of so many samples before and after, and at
-#: least this share of a link; the neighbours' distance [frames] beyond which nothing is said.
+#: Limit of a position's deviation from its neighbours in time: a multiple of the usual one of this number of samples
+#: before and after, and at least this fraction of a link; maximum distance of the neighbours [frames] for the check.
 JUMP, NEAR, JUMP_SHARE, FARTHEST = 8.0, 8, 0.15, 8
-#: Way that a node cannot have come: steps as fast as nearly all [times] and so much of a link; longest run taken for
-#: wrong [frames].
+#: Distance that a node cannot have moved: a multiple of nearly the fastest step, plus this fraction of a link; longest
+#: run of samples that counts as wrong [frames].
 FASTER, REACH, SHORT = 1.5, 0.2, 6
-#: Passes in which the largest jumps are taken out and the others judged anew.
+#: Passes in which the largest jumps are removed and the others checked again.
 PASSES = 6
-#: Frames of a stretch in which all is well; distance [link] below which two nodes may have either name.
+#: Frames of a stretch without errors; distance [link] below which two nodes may have either name.
 STRETCH, SAME = 12, 0.05
 SWAPPED, JUMPED, OFF_LENGTH = "swapped", "jumped", "length"
 
 
 @dataclass(frozen=True)
 class Marks:
-    """What is wrong where.
+    """Wrong samples.
 
     Attributes:
         swapped, jumped: (k, n) samples of nodes; length: (k, n - 1) samples of links.
@@ -55,7 +55,7 @@ class Marks:
 
     @property
     def links(self) -> np.ndarray:
-        """Samples of links (k, n - 1) that are not to be trusted."""
+        """Samples of links (k, n - 1) that are unreliable."""
         nodes = self.swapped | self.jumped
         return self.length | nodes[:, 1:] | nodes[:, :-1]
 
@@ -76,7 +76,7 @@ class Marks:
 
 
 def find_marks(positions: np.ndarray, detected: np.ndarray) -> Marks:
-    """Marks of places (k, n, 2) [pixel of the plane of motion], `detected` (k, n) of which are measured."""
+    """Marks of positions (k, n, 2) [pixel of the plane of motion], `detected` (k, n) of which are measured."""
     both = detected[:, 1:] & detected[:, :-1]
     lengths = np.where(both, link_lengths(positions), np.nan)
     usual = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in lengths.T])
@@ -85,7 +85,7 @@ def find_marks(positions: np.ndarray, detected: np.ndarray) -> Marks:
     limit = np.maximum(LENGTH * deviation, np.hypot(LENGTH_FLOOR, LENGTH_SHARE * usual))
     length = np.where(np.isfinite(off), off, 0.0) > limit
     swapped = _swapped_names(positions, detected, length, usual, deviation)
-    # what is wrong already must not make its neighbours in time look wrong
+    # samples that are already marked must not make their neighbours in time look wrong
     wrong = swapped.copy()
     wrong[:, 1:] |= length
     wrong[:, :-1] |= length
@@ -95,7 +95,7 @@ def find_marks(positions: np.ndarray, detected: np.ndarray) -> Marks:
 def _swapped_names(
     positions: np.ndarray, detected: np.ndarray, wrong: np.ndarray, usual: np.ndarray, deviation: np.ndarray
 ) -> np.ndarray:
-    """Samples (k, n) whose place is given to another node when all are named anew."""
+    """Samples (k, n) whose position is assigned to another node when all are named again."""
     good = detected.all(axis=1) & ~wrong.any(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
     starts, ends = edges[::2], edges[1::2]
@@ -115,7 +115,7 @@ def _swapped_names(
             for k in np.flatnonzero(found >= 0):
                 if here[found[k]] != k:
                     other[i, here[found[k]]] += 1
-    # two that lie on each other may have either name
+    # two coincident nodes may have either name
     near = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=-1) + 1e9 * np.eye(detected.shape[1])
     alone = near.min(axis=2) > SAME * np.median(usual)
     return (other > 0) & (other >= asked[:, None]) & detected & alone
@@ -127,7 +127,7 @@ def _bare(centre: np.ndarray) -> Circles:
 
 
 def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
-    """Samples (k, n) off the cubics through the two seen before and the two seen after them."""
+    """Samples (k, n) off the cubics through the two detected before and the two after them."""
     result = np.zeros(detected.shape, bool)
     for k in range(detected.shape[1]):
         for _ in range(PASSES):
@@ -137,7 +137,7 @@ def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.nda
             off, apart = _off_cubic(frames, positions[frames, k])
             usual = median_filter(off, 2 * NEAR + 1, mode="nearest")
             limit = np.maximum(JUMP * usual, JUMP_SHARE * length * (apart / 2) ** 2)
-            # of neighbours that all look off, the worst is: the others are judged without it
+            # if neighbouring samples all look wrong, the worst one is: the others are checked without it
             worst = maximum_filter(off / limit, 5, mode="nearest")
             now = (off > limit) & (off / limit >= worst) & (apart <= FARTHEST)
             if not now.any():
@@ -147,7 +147,7 @@ def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.nda
 
 
 def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
-    """Short runs of samples (k, n) that no node can have come to, across gaps as well."""
+    """Short runs of samples (k, n) that no node can have reached, also across gaps."""
     result = np.zeros(detected.shape, bool)
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=-1)[detected[1:] & detected[:-1]]
     if not len(steps):
@@ -167,7 +167,7 @@ def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) ->
 
 
 def _off_cubic(frames: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Departures (k,) of places (k, 2) from Lagrange's cubic through their neighbours, and the inner ones' distance."""
+    """Deviations (k,) of positions (k, 2) from the cubic through their neighbours; distance of the inner ones."""
     t, off, apart = frames.astype(float), np.zeros(len(frames)), np.full(len(frames), 1e9)
     where = [np.arange(2, len(t) - 2) + step for step in (-2, -1, 1, 2)]
     now = t[2:-2]

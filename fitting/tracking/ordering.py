@@ -1,9 +1,9 @@
-"""Which circle is which node: links are rigid, so neighbours are those whose distance does not change.
+"""Order of the nodes: links are rigid, so neighbours are those whose distance does not change.
 
-The circles of some stretch of the film are followed without names, forwards and backwards from a frame that shows many.
-A path through them is a chain where no step changes its length and no step joins two resting circles: held ends keep
-their distance as a link does. Any stretch may settle the order; the clearest is taken, and the whole film must agree
-(`following.py`). Where several paths keep their lengths the order is not known, and that is said.
+The circles of a stretch of the film are followed without names, forwards and backwards from a frame that shows many.
+A path through them is a chain if no step changes its length and no step joins two resting circles: fixed ends also keep
+their distance. Any stretch may determine the order; the clearest is used, and the whole film must agree
+(`following.py`). If several paths keep their lengths, the order is reported as unknown.
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ from scipy.optimize import linear_sum_assignment
 
 from dropper_jax.base.errors import SceneError
 
-#: Markers that move less than these shares of their radius hang on a held end or on the wall. The second is taken where
-#: the first leaves too few that move: the noise of a centre is a hundredth of a radius.
+#: Motion in fractions of their radius below which markers hang on a fixed end or on the wall. The second is used if the
+#: first leaves too few moving ones: the noise of a centre is 1 % of a radius.
 STILL = (0.5, 0.12)
-#: Spots seen in fewer frames (share) are reflections, not markers, where enough others are there.
+#: Fraction of frames below which spots are reflections, not markers, if enough others exist.
 OFTEN, NOW_AND_THEN = 0.5, 0.1
-#: Departure from where a spot without a name is expected, at most: [pixel] beside its step, or this share of the
-#: distance to the next spot, up to so far [pixel].
+#: Maximum deviation of an unnamed spot from its expected position: [pixel] in addition to its step, or this fraction of
+#: the distance to the next spot, up to a maximum [pixel].
 NEAR, ALONE, FAR = 8.0, 0.4, 60.0
-#: Share of its rate that a spot keeps per frame in which it is hidden.
+#: Fraction of its rate that a hidden spot keeps per frame.
 FADE = 0.8
-#: Spots that are followed at most, and steps of the search for paths.
+#: Maximum number of spots that are followed, and of steps in the search for paths.
 MOST, STEPS = 13, 40_000
-#: Tolerated change of a link's length [pixel, share]: a slanting camera changes it by some per cent.
+#: Tolerance for the change of a link's length [pixel, fraction]: a slanting camera changes it by some per cent.
 LENGTH_FLOOR, LENGTH_SHARE = 0.5, 0.01
 #: Changes [tolerances] up to which a step may be a link, tried in this order.
 WORST = (2.0, 4.0, 8.0)
 #: Sum of squared changes [tolerances] by which the second best path must be worse.
 CLEAR = 9.0
-#: Places off a line [share of its extent] up to which the markers lie on it.
+#: Distance of positions from a line [fraction of its extent] up to which the markers lie on it.
 STRAIGHT = 0.03
-#: Durations of the stretches [s], how many of each at most, fewest frames of one.
+#: Durations of the stretches [s], maximum number of each, minimum number of frames of one.
 STRETCHES, COUNT, SHORTEST = (1.0, 2.0, 4.0), 16, 20
 
 
@@ -45,8 +45,8 @@ class Chain:
 
     Attributes:
         positions: (n, 2) [pixel]; length, spread: of the links and how much they vary (n - 1,) [pixel].
-        at: the frame; rate: (n, 2) [pixel per frame] there, or None where it is not known.
-        held: (n,) nodes known to rest, or None: hidden or not, they are where they were.
+        at: the frame; rate: (n, 2) [pixel per frame] there, or None if unknown.
+        held: (n,) nodes known to rest, or None; hidden or not, they keep their positions.
     """
 
     positions: np.ndarray
@@ -61,7 +61,7 @@ class AmbiguousOrderError(Exception):
     """Several orders of the nodes fit the film.
 
     Attributes:
-        orders: places of the nodes (n, 2) [pixel of the video] in each order, in one frame.
+        orders: positions of the nodes (n, 2) [pixel of the video] in each order, in one frame.
         frame: its number in the video.
     """
 
@@ -71,7 +71,7 @@ class AmbiguousOrderError(Exception):
 
 
 def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
-    """Places (k, m, 2) of the spots of frame `begin` in the frames from there on; NaN where one is not seen.
+    """Positions (k, m, 2) of the spots of frame `begin` in all frames from there on; NaN if one is not detected.
 
     Args:
         frames: centres (m_i, 2) [pixel] of each frame.
@@ -89,7 +89,7 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
                 if apart[i, j] < limit[i]:
                     now[i] = centres[j]
         detected = np.isfinite(now[:, 0])
-        # what is hidden for long is no longer where its rate would have carried it
+        # a spot that was hidden for long is no longer where its rate would have carried it
         rate = np.where(detected[:, None], now - last, FADE * rate)
         last = np.where(detected[:, None], now, guess)
         tracks.append(now)
@@ -97,7 +97,7 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
 
 
 def _alone(positions: np.ndarray) -> np.ndarray:
-    """Distance (m,) of each place (m, 2) to the next one."""
+    """Distance (m,) of each position (m, 2) to the nearest other one."""
     apart = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
     np.fill_diagonal(apart, np.inf)
     return apart.min(axis=1)
@@ -109,7 +109,7 @@ def order(tracks: np.ndarray, nodes: int, radius: float, first: str = "auto") ->
     Args:
         tracks: (k, m, 2) [pixel] from `follow_unnamed`, m >= nodes.
         nodes: markers of the chain.
-        first: where node 0 is: `left`, `right`, `top`, or `auto`: the only still end, else the left one.
+        first: end with node 0: `left`, `right`, `top`, or `auto`: the only still end, otherwise the left one.
 
     Raises:
         SceneError: no path of that many spots.
@@ -118,7 +118,7 @@ def order(tracks: np.ndarray, nodes: int, radius: float, first: str = "auto") ->
     if chain is None:
         raise SceneError(
             f"track: no chain of {nodes} moving markers found among {tracks.shape[1]} circles; "
-            "allowed: --start with the nodes' places in the first frame"
+            "use --start with the nodes' positions in the first frame"
         )
     if turn_round(chain.positions, still, first):
         chain = Chain(chain.positions[::-1], chain.length[::-1], chain.spread[::-1])
@@ -126,10 +126,10 @@ def order(tracks: np.ndarray, nodes: int, radius: float, first: str = "auto") ->
 
 
 def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tuple[Chain | None, np.ndarray, float]:
-    """The chain that changes its lengths least, which of its nodes are still, and how much worse the next one is."""
+    """The chain with the smallest change of its lengths, its resting nodes, and the margin to the next best chain."""
     share = np.isfinite(tracks[..., 0]).mean(axis=0)
     often = np.argsort(-share, kind="stable")[:MOST]
-    # a marker that comes out from behind a post now and then is one where the others are too few
+    # an occasionally visible marker counts if there are too few others
     enough = (share[often] >= OFTEN) | ((np.arange(len(often)) < nodes) & (share[often] >= NOW_AND_THEN))
     tracks = tracks[:, often[enough]]
     if tracks.shape[1] < nodes:
@@ -151,7 +151,7 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tu
 
 
 def rates(tracks: np.ndarray, at: int) -> np.ndarray | None:
-    """Rates (n, 2) [pixel per frame] of tracks (k, n, 2) at a frame, or None where a neighbour in time is missing."""
+    """Rates (n, 2) [pixel per frame] of tracks (k, n, 2) at a frame, or None if a neighbour in time is missing."""
     if not 0 < at < len(tracks) - 1:
         return None
     found = 0.5 * (tracks[at + 1] - tracks[at - 1])
@@ -159,14 +159,14 @@ def rates(tracks: np.ndarray, at: int) -> np.ndarray | None:
 
 
 def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: float) -> tuple[Chain | None, float]:
-    """The chain of the stretch of the film that settles it most clearly, its frame in `at`, and by how much."""
+    """The chain of the stretch of the film that determines it most clearly, with its frame in `at`, and the margin."""
     best, clear = None, -np.inf
     counts = np.array([len(centres) for centres in frames])
     for duration in STRETCHES:
         size = min(len(frames), max(SHORTEST, round(duration * fps)))
         starts = np.unique(np.linspace(0, len(frames) - size, COUNT).astype(int))
         for start in starts:
-            # a frame with as many circles as nodes or more, the one in which most others agree with it
+            # a frame with at least as many circles as nodes, the one in which most others agree
             here = counts[start : start + size]
             if here.max(initial=0) < nodes:
                 continue
@@ -184,7 +184,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
 
 
 def changes(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Robust deviation and median (m, m) [pixel] of the distances of all pairs; 1e6 where hardly ever seen together."""
+    """Robust deviation and median (m, m) [pixel] of the distances of all pairs; 1e6 if rarely detected together."""
     apart = np.linalg.norm(tracks[:, :, None] - tracks[:, None], axis=-1)
     together = np.isfinite(apart).sum(axis=0)
     few = together < max(2, min(10, len(tracks) // 8))
@@ -194,7 +194,7 @@ def changes(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def resting(tracks: np.ndarray, radius: float, nodes: int) -> np.ndarray:
-    """Which spots (m,) rest all the time."""
+    """Which spots (m,) always rest."""
     known = np.where(np.isfinite(tracks).any(axis=0), tracks, 0.0)
     low, high = np.nanpercentile(known, (2, 98), axis=0)
     size = np.linalg.norm(high - low, axis=1)
@@ -206,7 +206,7 @@ def paths(ratio: np.ndarray, still: np.ndarray, nodes: int, worst: float) -> lis
     """The two best paths of `nodes` spots, as sums of squares and spots, by branch and bound.
 
     Args:
-        ratio: (m, m) changes of the distances [tolerances]; steps above `worst` are no links.
+        ratio: (m, m) changes of the distances [tolerances]; steps above `worst` are not links.
         still: (m,) spots that rest: ends only, and never joined with each other.
     """
     near = [[int(j) for j in np.argsort(row) if row[j] <= worst and j != i] for i, row in enumerate(ratio)]
@@ -220,7 +220,7 @@ def paths(ratio: np.ndarray, still: np.ndarray, nodes: int, worst: float) -> lis
         if steps > STEPS or (len(found) > 1 and spent >= found[1][0]):
             return
         if len(path) == nodes:
-            if path[0] < path[-1]:  # each path once, not backwards as well
+            if path[0] < path[-1]:  # each path in one direction only
                 found = sorted([*found, (spent, path)])[:2]
             return
         tip = path[-1]
@@ -255,9 +255,9 @@ def all_paths(ratio: np.ndarray, still: np.ndarray, worst: float, most: int = 50
 
 
 def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
-    """The order (m,) of spots along a line on which they lie in every frame, or None where they do not.
+    """The order (m,) of spots along a line on which they lie in every frame, or None.
 
-    Markers in a row that never bends can be joined otherwise only by links that lie on each other all the time.
+    Markers in a row that never bends could be joined otherwise only by links that always overlap.
     """
     whole = tracks[np.isfinite(tracks).all(axis=(1, 2))]
     if not len(whole):
@@ -272,7 +272,7 @@ def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
 
 
 def turn_round(positions: np.ndarray, still: np.ndarray, first: str) -> bool:
-    """Whether a path with `positions` (n, 2), y downwards, is to be read from its other end."""
+    """Whether a path with `positions` (n, 2), y downwards, must be read from its other end."""
     if first == "auto":
         if still[0] != still[-1]:
             return bool(still[-1])

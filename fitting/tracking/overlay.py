@@ -1,6 +1,6 @@
-"""Pictures to check a tracked video by eye: nodes and links drawn over the frames, as a contact sheet or a video.
+"""Pictures for a visual check of a tracked video: nodes and links on the frames, as a contact sheet or a video.
 
-Seen nodes are circles with their number, bridged ones crosses.
+Detected nodes are circles with their number, bridged ones crosses.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dropper_jax.base.files import atomic_write
 from fitting.tracking.track import Tracked
 from fitting.tracking.video import Video, opencv, write_video
 
-#: Blue, green, red: links, seen nodes, bridged nodes.
+#: Blue, green, red: links, detected nodes, bridged nodes.
 LINK, DETECTED, BRIDGED, TEXT = (178, 114, 0), (115, 158, 0), (0, 94, 213), (40, 40, 40)
 #: Frames of a sheet, its columns, and the width of one picture [pixel].
 SHEET_FRAMES, COLUMNS, WIDTH = 12, 4, 420

@@ -1,8 +1,8 @@
-"""Videos of a simulated run, as a laboratory camera would take them: the truth to test tracking against.
+"""Videos of a simulated run, as a laboratory camera would record them: ground truth for tests of the tracking.
 
-A pinhole camera with a bending lens looks at the plane of motion, square to it or slanting. Bars are grey, each node
-carries a black sticker with a bright disc; the picture is averaged over the exposure, blurred, and noisy. A post stands
-and a plate moves between the camera and the motion.
+A pinhole camera with a bending lens looks at the plane of motion, perpendicular or slanting. Bars are grey; each node
+carries a black sticker with a bright disc. The picture is averaged over the exposure, blurred, and noisy. A fixed post
+and a moving plate are between the camera and the motion.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from fitting.traces.synthetic import Motion
 from fitting.tracking.calibration import Lens
 from fitting.tracking.video import opencv
 
-#: Grey of the plate, the bars, the stickers, the discs and a post before the plate.
+#: Grey levels of the plate, the bars, the stickers, the discs and a post before the plate.
 PLATE, BAR, STICKER, DISC, POST = 105.0, 150.0, 22.0, 235.0, 60.0
-#: Radius of a sticker [radius of the disc]; pictures averaged over an exposure, at least, and at most so far apart
-#: [pixel] that a disc is drawn out to a streak, not to a row of discs.
+#: Radius of a sticker [radius of the disc]; minimum number of pictures averaged over an exposure, and their maximum
+#: distance [pixel], so that a moving disc becomes a streak, not a row of discs.
 STICKER_SIZE, EXPOSURES, MIN_SPACING = 1.7, 5, 1.0
 
 
@@ -29,7 +29,7 @@ STICKER_SIZE, EXPOSURES, MIN_SPACING = 1.7, 5, 1.0
 class Cover:
     """An upright plate whose middle moves from `start` at time `begin` [s] to `stop` at `end`.
 
-    Before and after it is out of view. Places are (x, z) [m] of the run, times count from its first frame; `size` is
+    Before and after it is out of view. Positions are (x, z) [m] of the run, times count from its first frame; `size` is
     (width, height) [m].
     """
 
@@ -40,7 +40,7 @@ class Cover:
     size: tuple[float, float]
 
     def corners(self, t: float) -> np.ndarray | None:
-        """Its corners (4, 2) [m] in order, or None where it is out of view."""
+        """Its corners (4, 2) [m] in order, or None if it is out of view."""
         share = (t - self.begin) / (self.end - self.begin)
         if not 0 <= share <= 1:
             return None
@@ -50,19 +50,19 @@ class Cover:
 
 @dataclass(frozen=True)
 class View:
-    """How a run is filmed.
+    """Camera setup of a run.
 
     Attributes:
         size: (width, height) [pixel].
-        focus [pixel], bending (k1, k2), distance of the camera [m]: what a pixel is worth follows.
+        focus [pixel], bending (k1, k2), distance of the camera [m]: they determine the size of a pixel.
         centre: (x, z) [m] of the run that the camera looks at.
         radius: of the discs [m].
         exposure: of a frame [s]; its middle is the frame's time.
         blur [pixel], noise [grey]: standard deviations.
-        hidden: (node, first frame, last frame) in which a disc is covered.
+        hidden: (node, first frame, last frame): a disc is covered in these frames.
         post: (x, width) [m] of an upright post before the plate, or None.
-        slant: (pan, pitch) [rad] of the camera, which goes round `centre` at `distance`: seen from the right and from
-            above where positive. It never rolls: its rows are level.
+        slant: (pan, pitch) [rad] of the camera, which moves around `centre` at `distance`: positive from the right and
+            from above. It has no roll: its rows are level.
         cover: a plate that moves before the motion, or None.
     """
 
@@ -82,7 +82,7 @@ class View:
 
     @property
     def lens(self) -> Lens:
-        """The camera as a perfect calibration would give it."""
+        """The camera as a perfect calibration would describe it."""
         width, height = self.size
         matrix = np.array([[self.focus, 0, (width - 1) / 2], [0, self.focus, (height - 1) / 2], [0, 0, 1.0]])
         return Lens(matrix, np.array([*self.bending, 0.0, 0.0, 0.0]), 0.0, 0, self.size)
@@ -106,7 +106,7 @@ class View:
         return self.lens.bend(straight)
 
     def stretch(self, positions: np.ndarray) -> np.ndarray:
-        """Derivatives (k, 2, 2) [pixel/m] of the pixels by the places (k, 2) [m]."""
+        """Derivatives (k, 2, 2) [pixel/m] of the pixels by the positions (k, 2) [m]."""
         step = 1e-4
         sides = [self.to_pixels(positions + d) - self.to_pixels(positions - d) for d in step * np.eye(2)]
         return np.stack(sides, axis=-1) / (2 * step)
@@ -134,7 +134,7 @@ def chessboards(
     for i in range(count):
         turn = opencv().Rodrigues(view.rotation)[0].ravel() if i == 0 else rng.uniform(-0.5, 0.5, 3)
         far = view.distance * (1.0 if i == 0 else rng.uniform(0.75, 1.1))
-        # to the sides, where a lens bends most, by turns; whole boards only are found
+        # alternately to the sides, where a lens bends most; only complete boards are found
         side = 0.22 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]][i % 4]) if i else np.zeros(2)
         shift = side * np.array(view.size) / view.focus * far
         yield _develop(_board(view, board, square, turn, np.array([*shift, far])), view, rng)
@@ -168,7 +168,7 @@ def _sixteenths(points: np.ndarray | list[np.ndarray]) -> list[tuple[int, int]]:
 
 
 def _disc(image: np.ndarray, centre: np.ndarray, radius: float, stretch: np.ndarray, grey: float) -> None:
-    """Draw a disc of `radius` [m], an ellipse where the camera slants, whose rim is smooth over one pixel."""
+    """Draw a disc of `radius` [m], an ellipse for a slanting camera, with a rim that is smooth over one pixel."""
     scale = np.sqrt(abs(np.linalg.det(stretch)))
     reach = 1.5 * radius * scale
     low = np.maximum(np.floor(centre - reach - 2), 0).astype(int)
@@ -190,8 +190,8 @@ def _develop(image: np.ndarray, view: View, rng: np.random.Generator) -> np.ndar
 
 
 def _board(view: View, board: tuple[int, int], square: float, turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """A board with a white margin, its middle at `shift` from the camera, by looking along every pixel's ray."""
-    fine = 3  # samples per pixel and axis, averaged; within a pixel the lens bends all alike
+    """A board with a white margin, its middle at `shift` from the camera, computed along every pixel's ray."""
+    fine = 3  # samples per pixel and axis, averaged; the lens is uniform within a pixel
     width, height = view.size
     lens = view.lens
     rotation = opencv().Rodrigues(turn)[0]

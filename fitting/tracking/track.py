@@ -1,4 +1,4 @@
-"""From a video to angle traces: everything in order."""
+"""From a video to angle traces: the complete pipeline."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ from fitting.tracking.marks import Marks, find_marks
 from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.video import COMPLETE, Video
 
-#: A marker that is not seen for longer [s] at the end is lost; one that comes back may have turned round unseen.
+#: A marker not detected for longer [s] at the end is lost; one that reappears may have turned round unseen.
 LONGEST_GAP = 0.5
-#: What marks mean.
+#: Meaning of the marks.
 WORDS = {"swapped": "swapped", "jumped": "jumped", "length": "off the lengths of their links"}
 
 
 @dataclass(frozen=True)
 class Tracked:
-    """What a video holds.
+    """Result of tracking a video.
 
     Attributes:
-        trace: angles [rad] and standard errors, empty where a marker was not seen or a frame is marked.
-        pixels: (k, n, 2) places in the video's own pixels, bridged where not seen.
-        metres: (k, n, 2) right and up of the first frame's node 0 [m]; pixels where no scale was given.
+        trace: angles [rad] and standard errors, empty if a marker was not detected or a frame is marked.
+        pixels: (k, n, 2) positions in the video's own pixels, bridged if not detected.
+        metres: (k, n, 2) right and up of the first frame's node 0 [m]; pixels if no scale was given.
         detected: (k, n).
-        appearance, lens, scaled: what a marker looks like, the lens or None, whether metres are metres.
+        appearance, lens, scaled: appearance of a marker, the lens or None, whether metres are metres.
         first_frame: of the video, that of the trace's first sample.
         fps [1/s]; status: `ok` or `not_converged`, with the reason in `message`.
-        marks: frames in which nodes swapped, jumped, or left their links' lengths.
-        slant: pan and pitch of the camera [rad] found from the motion, or None where a board told the plane.
-        exposure: [s] that the lengths of turning links show, whose effect is taken back; 0 where too short to show.
+        marks: frames in which nodes swapped, jumped, or violated their links' lengths.
+        slant: pan and pitch of the camera [rad] found from the motion, or None with a board in the plane.
+        exposure: [s] estimated from the lengths of turning links; its effect is corrected. 0 if it is too short.
     """
 
     trace: Trace
@@ -128,16 +128,16 @@ def track(
         calibration: pictures of a chessboard with `board` inner corners, taken by the same camera.
         plane, square: a picture of the board in the plane of motion and its square [m]: metres, and no slant.
         scale [m/pixel] or distance [m] between the first and last marker: metres without a board.
-        level: the first and last marker are at the same height; else the picture's rows are level.
-        radius [pixel], bright: of the markers; default: what stands out most.
-        first: end of the chain where node 0 is: auto (the only end at rest, else the left one), left, right, top.
-        start: places (nodes, 2) [pixel] in the first frame, in order, of markers not seen there as well; default: found
-            by which distances stay.
-        fps: frames per second where the file is wrong, as for high-speed cameras.
-        begin, end: [s] of the video to take; t = 0 is `begin`.
+        level: the first and last marker are at the same height; otherwise the picture's rows are level.
+        radius [pixel], bright: of the markers; default: those that stand out most.
+        first: end of the chain with node 0: auto (the only end at rest, otherwise the left one), left, right, top.
+        start: positions (nodes, 2) [pixel] in the first frame, in order, including hidden markers; default: found from
+            constant distances.
+        fps: frames per second if the file is wrong, as for high-speed cameras.
+        begin, end: [s] of the video to use; t = 0 is `begin`.
 
     Raises:
-        SceneError: for anything the caller can mend, in one line.
+        SceneError: for any invalid input, in one line.
         AmbiguousOrderError: the film allows several orders of the nodes.
     """
     if nodes < 2:
@@ -145,7 +145,7 @@ def track(
     if sum(x is not None for x in (plane, scale, distance)) > 1:
         raise SceneError("track: more than one of --plane, --scale, --distance; allowed: one of them")
     if plane is not None and square is None:
-        raise SceneError("--square: missing; needed: the side of the board's squares in m, since --plane is given")
+        raise SceneError("--square: missing; needed: the side of the board's squares in m, because --plane is given")
     say = progress or silent
     film = Video(video, fps)
     lens = calibrate(calibration, board) if calibration else None
@@ -153,11 +153,11 @@ def track(
         raise SceneError(f"calibration: pictures of {lens.size} pixels; allowed: {film.size}, those of the video")
     span = _span(film, begin, end)
     if start is not None and np.shape(start) != (nodes, 2):
-        raise SceneError(f"--start: {len(start)} places; allowed: {nodes}, one x,y per node")
+        raise SceneError(f"--start: {len(start)} positions; allowed: {nodes}, one x,y per node")
     say(0.0, "looking for markers")
     appearance, circles = scan(film, span, nodes, radius, bright, say)
     board_plane = None if plane is None else plane_from_board(plane, lens, board, square)
-    say(0.75, "finding out which is which")
+    say(0.75, "finding the order of the nodes")
     try:
         flat = Flat(film.size, lens, board_plane)
         chain = follow_film(circles, nodes, appearance.radius, film.fps, flat, first, start)
@@ -214,7 +214,7 @@ def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None
 
 
 def _detect_again(film: Video, span: tuple[int, int | None], appearance: MarkerAppearance, chain: TrackedChain) -> None:
-    """Look in the frames themselves for markers whose circles were not found at first, half hidden ones above all."""
+    """Search the frames themselves for markers whose circles were not found at first, mainly half hidden ones."""
     if chain.detected.all():
         return
     frames = enumerate(film.frames(*span))
@@ -227,7 +227,7 @@ def _detect_again(film: Video, span: tuple[int, int | None], appearance: MarkerA
 
 
 def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, str]:
-    """The frames from the first to the last that hold a link, the first one's number, and why it ended early, if so."""
+    """The frames from the first to the last with a link, the first one's number, and the reason of an early end."""
     detected = chain.detected
     some = np.flatnonzero((detected[:, 1:] & detected[:, :-1]).any(axis=1))
     first, last = (int(some[0]), len(detected)) if len(some) else (0, 0)
@@ -244,7 +244,7 @@ def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, st
 
 
 def _metres(chain: TrackedChain, scale: float | None, distance: float | None) -> np.ndarray:
-    """Places (k, n, 2), right and up, in m where a scale is known and pixels where not."""
+    """Positions (k, n, 2), right and up, in m if a scale is known, otherwise in pixels."""
     flat = chain.flat * [1.0, -1.0]
     if chain.map.plane is not None:
         scale = chain.map.metres_per_pixel()
@@ -254,7 +254,7 @@ def _metres(chain: TrackedChain, scale: float | None, distance: float | None) ->
 
 
 def _errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
-    """Standard errors (k, n - 1) [rad]: scatter, and what `level` and the map to the plane of motion leave open."""
+    """Standard errors (k, n - 1) [rad]: scatter, and the uncertainty of `level` and of the map to the plane."""
     found = np.hypot(scatter(chain.flat, chain.error, chain.detected, used), level)
     flat = chain.map
     if flat.covariance is None:
@@ -269,7 +269,7 @@ def _errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
 
 
 def _level_chain(metres: np.ndarray) -> np.ndarray:
-    """The places turned so that the mean line from the first to the last node is level."""
+    """The positions rotated so that the mean line from the first to the last node is level."""
     span = np.mean(metres[:, -1] - metres[:, 0], axis=0)
     if not np.hypot(*span) > 0:
         return metres
@@ -280,7 +280,7 @@ def _level_chain(metres: np.ndarray) -> np.ndarray:
 
 
 def _longest_gaps(detected: np.ndarray) -> np.ndarray:
-    """Longest run of frames in which each node is not seen (n,)."""
+    """Longest run of frames without a detection of each node (n,)."""
     run = longest = np.zeros(detected.shape[1], int)
     for row in detected:
         run = np.where(row, 0, run + 1)
@@ -293,9 +293,9 @@ def _warnings(
 ) -> tuple[str, ...]:
     name, detected, found = film.path.name, chain.detected, []
     if offset:
-        found.append(f"{name}: no link shows before frame {offset}; the trace begins there")
+        found.append(f"{name}: no link is visible before frame {offset}; the trace starts there")
     if chain.straight:
-        found.append(f"{name}: no joint bends; the nodes are taken in the order in which they lie on a line")
+        found.append(f"{name}: no joint bends; the nodes are ordered as they lie on a line")
     found += [f"{name}: {line}" for line in depth]
     gaps = _longest_gaps(detected) / film.fps
     for node in np.flatnonzero((~detected).any(axis=0)):

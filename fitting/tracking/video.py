@@ -17,14 +17,14 @@ from dropper_jax.base.files import PART, part_prefix, remove, remove_leftovers
 if TYPE_CHECKING:
     import cv2
 
-#: Writers by suffix: lossless where the file is to be measured, MPEG-4 where it is to be watched.
+#: Writers by suffix: lossless for measurements, MPEG-4 for viewing.
 CODECS = {".avi": "FFV1", ".mp4": "mp4v"}
-#: A file is cut short when it gives less than this share of the frames that it announces.
+#: Fraction of the announced frames below which a file counts as cut short.
 COMPLETE = 0.95
 
 
 def opencv() -> ModuleType:
-    """The module cv2, silent: what is wrong with a file is said in one line of our own.
+    """The module cv2 without its own output: errors of a file are reported in one line.
 
     Raises:
         SceneError: it is not installed.
@@ -33,7 +33,7 @@ def opencv() -> ModuleType:
     try:
         import cv2
     except ImportError:
-        raise SceneError("video: needs OpenCV; install it with: pip install 'dropper-jax[video]'") from None
+        raise SceneError("video: needs OpenCV. Install it with: pip install 'dropper-jax[video]'") from None
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     return cv2
 
@@ -58,7 +58,7 @@ class Video:
 
     Attributes:
         path, fps [1/s], size: (width, height) [pixel].
-        announced: frames that the file says it has, 0 where it does not.
+        announced: frames announced by the file, 0 if unknown.
 
     Raises:
         SceneError: not a video, no frames, or no frame rate.
@@ -79,7 +79,7 @@ class Video:
             )
         self.fps = float(fps or rate)
         if not (np.isfinite(self.fps) and self.fps > 0):
-            raise SceneError(f"{self.path.name}: names no frame rate; allowed: --fps FRAMES_PER_SECOND")
+            raise SceneError(f"{self.path.name}: has no frame rate. Use --fps FRAMES_PER_SECOND")
         self.size = (frame.shape[1], frame.shape[0])
 
     def _open(self) -> cv2.VideoCapture:
@@ -127,7 +127,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> P
             if writer is None:
                 writer = cv2.VideoWriter(str(part), code, fps, (frame.shape[1], frame.shape[0]))
                 if not writer.isOpened():
-                    raise SceneError(f"{path.name}: OpenCV cannot write this kind here; allowed: another suffix")
+                    raise SceneError(f"{path.name}: OpenCV cannot write this kind here. Use another suffix")
             writer.write(frame)
         if writer is None:
             raise SceneError(f"{path.name}: there is no frame to write; allowed: at least one")

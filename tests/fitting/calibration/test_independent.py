@@ -252,12 +252,12 @@ def test_a_learning_rate_that_diverges_and_steps_too_few_say_what_to_do(two, rea
     wild = estimate(prepared, "gradient", settings={"optimizer": "adam", "learning_rate": 1e4})
     assert wild.status == "not_converged"
     assert re.fullmatch(
-        r"the loss (grew from \S+ to \S+|is not finite) after \d+ steps of adam with learning rate 10000; take 0.3",
+        r"the loss (grew from \S+ to \S+|is not finite) after \d+ steps of adam with learning rate 10000. Use 0.3",
         wild.message,
     )
     assert np.isfinite(wild.cost)
     short = estimate(prepared, "gradient", settings={"steps": 1})
-    assert (short.status, short.message) == ("not_converged", "no convergence in 1 steps of lbfgs; allow more")
+    assert (short.status, short.message) == ("not_converged", "no convergence in 1 steps of lbfgs. Use more steps")
 
 
 @pytest.mark.parametrize(
@@ -338,8 +338,8 @@ def test_a_step_that_stays_too_coarse_is_warned_of(two, ready, motion):
     coarse = fit_windows(prepared.problem(), prepared.values, prepared.starts)
     coarse.step_bias = np.array([0.4, -0.1])
     warnings = summarise(prepared, "windows", coarse).warnings
-    assert [w for w in warnings if "the time step moves" in w] == [
-        f"the time step moves {two.FREE[0]} by +0.4 standard errors; a smaller dt mends it"
+    assert [w for w in warnings if "the time step shifts" in w] == [
+        f"the time step shifts {two.FREE[0]} by +0.4 standard errors. Use a smaller dt"
     ]
 
 

@@ -56,7 +56,7 @@ def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(two, re
         assert result.status == "ok"
         assert noise["kind"] == kind
         assert not any("does not explain" in w for w in result.warnings)
-        assert any("late or early" in w for w in result.warnings) == (how == "jitter")
+        assert any("frame times have random errors" in w for w in result.warnings) == (how == "jitter")
         assert any("noise is correlated" in w for w in result.warnings) == (how == "memory")
         assert np.all(np.abs(result.values - two.TRUTH) < 3.5 * result.uncertainty.std_error)
         assert np.all(result.uncertainty.std_error < wider * clean)

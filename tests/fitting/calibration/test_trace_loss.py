@@ -78,7 +78,7 @@ def test_a_loop_of_ones_own_finds_the_damping(problem, two, ten):
 
 def test_a_release_whose_windows_have_no_start_is_refused():
     trace = observe(simulate_truth("dropper-release-a", 2.5, 30.0, 4), Camera(rate=30.0, angle_noise=0.005), 0)
-    with pytest.raises(SceneError, match=r"free: 'release\.time\.0' has no loss of its own; allowed"):
+    with pytest.raises(SceneError, match=r"free: 'release\.time\.0' cannot be part of this loss. Use"):
         loss_of_trace(trace, "dropper-release-a", ["b_l", "release.time"], window=1.0)
 
 

@@ -217,7 +217,7 @@ def test_a_part_without_a_curve_has_no_damage(folder):
 
 def test_the_report_says_what_a_reader_must_know(found):
     flags = "\n".join(found["flags"])
-    assert "3 seeds: no final check" in flags
+    assert "3 seeds: not a final check" in flags
     assert "exclusion: " in flags  # the buoy drifts when its leg is gone
     assert "not resolved" not in flags
     assert found["parts"][0]["step"]["relative"] < 0.05
@@ -227,7 +227,7 @@ def test_the_report_says_what_a_reader_must_know(found):
 
 def test_a_step_that_errs_by_more_than_five_per_cent_and_a_missing_run_are_flagged(site, folder):
     coarse = {"legs": {"case": 0, "error_n": 90.0, "relative": 0.08, "value_n": 1.0}}
-    assert any("errs by 8%" in flag for flag in assess(site, folder, DT, coarse)["flags"])
+    assert any("step error 8%" in flag for flag in assess(site, folder, DT, coarse)["flags"])
     more = small_site(run={**SITE["run"], "seeds": 4})
     found = assess(more, folder, DT)
     assert (found["status"], len(found["failed"]), found["passes"]) == ("failed", 4, False)
@@ -325,4 +325,4 @@ def test_the_command_lists_its_cases_and_refuses_what_breaks_before_anything_run
     (out / "runs").mkdir(parents=True)
     (out / "runs" / "a.npz").touch()
     assert main(["cases", str(site), "--out", str(out)]) == INVALID_INPUT
-    assert "allowed: --resume, or another folder" in capsys.readouterr().err
+    assert "already contains runs. Use --resume, or another folder" in capsys.readouterr().err

@@ -184,12 +184,15 @@ def test_runs_with_a_damping_of_their_own_share_the_rest():
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({"free": ["b_l", "channel.pul.gain"]}, "free: 'channel.pul.gain': 'pul' is no channel; did you mean 'pull'"),
+        (
+            {"free": ["b_l", "channel.pul.gain"]},
+            "free: 'channel.pul.gain': 'pul' is not a channel; did you mean 'pull'",
+        ),
         ({"free": ["channel.pull.scale"]}, "does not exist; allowed: channel.pull and offset, gain, delay"),
         ({"free": ["channel.dot.offset.2"]}, "has no such column; allowed: 0 to 1"),
-        ({"free": ["camera.front.delay"]}, "'front' is no camera"),
+        ({"free": ["camera.front.delay"]}, "'front' is not a camera"),
         ({"free": ["camera.offset"]}, "camera"),
-        ({"free": ["marker.offset"]}, "is of traces of angles"),
+        ({"free": ["marker.offset"]}, "is for traces of angles"),
         ({"free": ["start.azimut.0"]}, "is not given in the scene's start"),
         ({"free": ["start.polar.1"]}, "has no such entry; allowed: below 1"),
         ({"free": ["b_l", "b_l"]}, "is given twice"),
@@ -199,9 +202,9 @@ def test_runs_with_a_damping_of_their_own_share_the_rest():
             "linear_damping.b_l' has standard deviation 0; allowed: > 0",
         ),
         ({"priors": {"mass": (0.02, 1.0)}}, "prior: 'line.0.mass' is not a free parameter"),
-        ({"bounds": {"b_l": (0.3, 0.2)}}, "has no room between 0.3 and 0.2"),
+        ({"bounds": {"b_l": (0.3, 0.2)}}, "empty interval 0.3 to 0.2"),
         ({"start": {"b_l": -1.0}}, "start: effects.linear_damping.b_l = -1 is out of bounds"),
-        ({"own": ["b_l"], "free": ["line.0.length"]}, "own: 'b_l' of one run alone"),
+        ({"own": ["b_l"], "free": ["line.0.length"]}, "own: 'b_l': there is only one run"),
     ],
 )
 def test_mistakes_are_named(more, said):

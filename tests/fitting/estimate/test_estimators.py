@@ -227,7 +227,7 @@ def test_a_parameter_that_does_nothing_is_named():
         "start": {"kind": "angles", "zero": "down", "polar": [1.5707963267948966]},
     }
     trace = observe(simulate_truth(pendulum, 4.0), Camera(angle_noise=0.005), 0)
-    with pytest.raises(SceneError, match="'point.0.position.1' does nothing"):
+    with pytest.raises(SceneError, match="'point.0.position.1' does not affect"):
         prepare(trace, pendulum, ["point.0.position.1"], window=0.5)
 
 

@@ -130,8 +130,8 @@ def test_the_laws_are_not_judged_on_windows_that_the_model_begins(ready):
 @pytest.mark.parametrize(
     ("change", "free", "words"),
     [
-        ({"start": {"kind": "static"}}, ["b_l", "release.time"], "lets nothing go"),
-        ({"start": {"kind": "angles", "polar": [0.9, 0.5]}}, ["b_l", "release.force"], "lets no node go"),
+        ({"start": {"kind": "static"}}, ["b_l", "release.time"], "static start: the scene releases no node"),
+        ({"start": {"kind": "angles", "polar": [0.9, 0.5]}}, ["b_l", "release.force"], "the scene releases no node"),
         ({}, ["b_l", "release.speed"], "did you mean 'release.time'"),
         ({}, ["b_l", "release.time.3"], "does not exist in the scene"),
     ],
@@ -143,5 +143,5 @@ def test_a_release_that_the_scene_does_not_have_is_refused(motion, change, free,
 
 def test_a_release_far_from_the_first_sample_is_refused(motion):
     trace = seen(motion, 0)
-    with pytest.raises(SceneError, match="begins at 9 s; allowed"):
+    with pytest.raises(SceneError, match="starts at 9 s; allowed"):
         prepare(replace(trace, t=trace.t + 9.0), SCENE, ["b_l"], static_start=True)

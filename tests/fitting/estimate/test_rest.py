@@ -73,7 +73,7 @@ def test_a_rest_weighs_its_mean_by_its_frames_and_what_the_noise_remembers(simul
     moved = [rest.prior(simulator, values + side * 1e-6 * np.eye(8)[2]).cost for side in (1, -1)]
     assert prior.gradient[2] == pytest.approx((moved[0] - moved[1]) / 2e-6, rel=1e-4)
     theta[:, 0] += 0.3 * t
-    with pytest.raises(SceneError, match=r"rest: 0:2 of film moves by .* allowed: a span in which the line rests"):
+    with pytest.raises(SceneError, match=r"rest: 0:2 of film moves by .* Use a span in which the line is at rest"):
         rests([Trace("film", t, theta)], [np.full(4, 0.004)], [(0.0, 2.0)])
     with pytest.raises(SceneError, match="has 5 frames; allowed: at least 10"):
         rests([Trace("film", t, theta)], [np.full(4, 0.004)], [(0.0, 0.1)])

@@ -52,10 +52,13 @@ def test_variables_are_parameters_with_bounds_and_neighbouring_sizes(site):
 
 REFUSED = {
     "an unknown name": ({"variable": [{"name": "legg", "low": 1.0, "high": 2.0}]}, "legg.*did you mean.*leg"),
-    "no room": ({"variable": [{"name": "leg", "low": 60.0, "high": 60.0}]}, "variable.0.high.*leaves no room"),
+    "no room": (
+        {"variable": [{"name": "leg", "low": 60.0, "high": 60.0}]},
+        "variable.0.high.*leaves an empty interval",
+    ),
     "the start outside": ({"variable": [{"name": "leg", "low": 61.0, "high": 80.0}]}, "leave out the scene's 60"),
     "one that follows": ({"variable": [{"name": "backbone_length", "low": 1.0, "high": 9.0}]}, "follows from others"),
-    "one twice": ({"variable": [SITE["variable"][0]] * 2}, "is there twice"),
+    "one twice": ({"variable": [SITE["variable"][0]] * 2}, "is a duplicate"),
     "a size outside": (
         {"variable": [{"name": "leg", "low": 55.0, "high": 80.0, "catalogue": [90.0]}]},
         "catalogue.0.*out of bounds",
@@ -91,7 +94,7 @@ REFUSED = {
     ),
     "only broken states": (
         {"cases": {"states": ["west-leg"]}, "factors": {"broken": 1.25}},
-        "cases.states: none is 'intact'",
+        "cases.states: must include 'intact'",
     ),
 }
 

@@ -79,9 +79,9 @@ def test_units_with_a_mass_are_told(unit, power):
 @pytest.mark.parametrize(
     ("prior", "words"),
     [
-        ({"of": "line.0.length", "sigma": 1, "unit": "g"}, "'g' does not measure 'line.0.length.0'; allowed: m, %"),
+        ({"of": "line.0.length", "sigma": 1, "unit": "g"}, "'g' is not a unit of 'line.0.length.0'; allowed: m, %"),
         ({"of": "line.0.lenght", "sigma": 1, "unit": "%"}, "did you mean 'line.0.length'"),
-        ({"of": "effects.joint_friction.dry.2", "sigma": 1, "unit": "%"}, "is 0, a share of it is nothing"),
+        ({"of": "effects.joint_friction.dry.2", "sigma": 1, "unit": "%"}, "is 0, which has no relative error"),
     ],
 )
 def test_a_prior_of_nothing_is_named(prior, words):

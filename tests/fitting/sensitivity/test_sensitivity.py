@@ -130,11 +130,11 @@ def test_global_study_refuses_what_it_cannot_do(loop):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("tensoin.1.max", "'tensoin' is no signal; did you mean 'tension'?"),
-        ("tension.1.maxi", "'maxi' is no statistic; did you mean 'max'?"),
-        ("tension.9.max", "'9' is no link; allowed: 1 to 3"),
-        ("angle.max", "names no link"),
-        ("energy.1.max", "is no part"),
+        ("tensoin.1.max", "'tensoin' is not a signal; did you mean 'tension'?"),
+        ("tension.1.maxi", "'maxi' is not a statistic; did you mean 'max'?"),
+        ("tension.9.max", "'9' is not a link; allowed: 1 to 3"),
+        ("angle.max", "has no link"),
+        ("energy.1.max", "is not a part"),
     ],
 )
 def test_unknown_quantities_are_refused_with_what_is_near(loop, name, message):

@@ -137,7 +137,7 @@ def test_the_command_prints_scores_and_draws_them(scene, truth, scored, tmp_path
             "--fit: 'start.polar.0' cannot be fitted; allowed: parameters of",
         ),
         (None, ["--parts=a,b"], "--parts: 'a,b' is not T1,T2; allowed: two times in s"),
-        (None, ["--vary=point.1.position.0=0.2,0.3"], "vary: 'point.1.position.0' moves an end; allowed with a trace"),
+        (None, ["--vary=point.1.position.0=0.2,0.3"], "vary: 'point.1.position.0' moves an end. With a trace, use"),
     ],
 )
 def test_wrong_traces_lists_and_parts_are_one_line(scene, truth, text, options, message, tmp_path, capsys):
@@ -156,7 +156,7 @@ def test_options_of_a_trace_need_one(scene, tmp_path, capsys):
     (tmp_path / "scene.toml").write_text(as_toml(scene.as_written()))
     call = ["sweep", str(tmp_path / "scene.toml"), f"--out={tmp_path / 'o.zarr'}", "--vary=b_l=0.1", "--fit"]
     assert main(call) == 2
-    assert "--fit: is given without a trace; needed: --trace FILE.csv" in capsys.readouterr().err
+    assert "--fit: requires --trace FILE.csv" in capsys.readouterr().err
 
 
 def test_nothing_varied_is_refused(scene, truth, tmp_path):

@@ -138,7 +138,7 @@ def test_a_folder_of_other_inputs_is_refused_with_what_differs(whole, tmp_path):
     with pytest.raises(SceneError, match=r"scene\.run\.dt = 0\.01 there, 0\.005 here"):
         sweep(changed, VARY, whole, chunk=4, traces=True, **QUICK)
     (tmp_path / "folder").mkdir()
-    with pytest.raises(SceneError, match="is there and is no sweep"):
+    with pytest.raises(SceneError, match="exists but is not a sweep"):
         sweep(SCENE, VARY, tmp_path / "folder")
 
 
@@ -166,7 +166,7 @@ def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypa
         write(self, chunk, found)
 
     monkeypatch.setattr(Store, "write", full)
-    with pytest.raises(SweepStopped, match="No space left on device; 8 of 10 cases are kept, the same call goes on"):
+    with pytest.raises(SweepStopped, match="No space left on device; 8 of 10 cases are kept, the same call resumes"):
         sweep(SCENE, VARY, path, chunk=4, traces=True, **QUICK)
     monkeypatch.setattr(Store, "write", write)
     assert sweep(SCENE, VARY, path, chunk=4, traces=True, **QUICK).resumed == 8
@@ -184,7 +184,7 @@ def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypa
         ({"b_l": [0.1]}, {"quantities": ["tension_mx"]}, "quantities: 'tension_mx' is unknown; did you mean"),
         ({"b_l": [0.1]}, {"seeds": 2}, "seeds: nothing in this scene is random"),
         ({"b_l": [0.1, 0.2], "start.polar.0": [1.0]}, {"listed": True}, "lists of different lengths (b_l 2, start"),
-        ({"b_l": [0.1]}, {"listed": True, "seeds": 2}, "listed: seeds, of which each row would need its own"),
+        ({"b_l": [0.1]}, {"listed": True, "seeds": 2}, "listed: seeds, which rows cannot have separately"),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, vary, more, message):

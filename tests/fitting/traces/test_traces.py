@@ -64,9 +64,9 @@ def test_a_trace_survives_writing_and_reading(tmp_path):
         ("# zero=up\n" + rows(), "zero = 'up' is unknown"),
         (rows().replace("0.050,", "0.050,1,"), "one per column"),
         (rows().replace("t,theta_1\n", ""), "has no header"),
-        (rows().replace(".", ","), "decimal commas between columns that commas separate"),
+        (rows().replace(".", ","), "decimal commas in a file with comma-separated columns"),
         (rows(value=lambda i: "-999" if i % 5 == 2 else f"{np.sin(i):.6f}"), "-999 in 4 rows, .* allowed: empty cells"),
-        (rows(value=lambda i: "n/a" if i == 4 else f"{np.sin(i):.6f}"), "leave the cell of a missing sample empty"),
+        (rows(value=lambda i: "n/a" if i == 4 else f"{np.sin(i):.6f}"), "leave the cells of missing samples empty"),
         (rows() + rows().partition("\n")[2], "row 21 starts again: two runs in one file"),
     ],
 )
@@ -176,7 +176,7 @@ def test_degrees_are_asked_about(dropper):
     trace = still_swinging(model, start)
     swing = np.sin(np.arange(200) * 0.2)[:, None]
     in_degrees = Trace("x", trace.t, np.degrees(trace.theta + 0.5 * swing))
-    with pytest.raises(SceneError, match="looks like degrees; name the unit"):
+    with pytest.raises(SceneError, match="looks like degrees; specify the unit"):
         settle_convention(in_degrees, model, ANY)
     with pytest.raises(SceneError, match="looks like degrees; the unit is rad; allowed: --unit deg"):
         settle_convention(in_degrees, model, Convention(unit="rad"))

@@ -178,7 +178,7 @@ class LinksInContact(LineContact):
     def _dissipative_force(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
         """Damping and friction (pieces, 4, 3) [N]."""
         relative = jnp.sum(near.shares[..., None] * speed, axis=-2)
-        unit = near.apart / jnp.sqrt(dot(near.apart, near.apart) + 1e-30)[..., None]
+        unit = near.separation / jnp.sqrt(dot(near.separation, near.separation) + 1e-30)[..., None]
         along = dot(unit, relative)
         damper = jnp.clip(-self.damping * along, -push, push)
         sliding = relative - along[..., None] * unit

@@ -88,7 +88,7 @@ def save(figure: Figure, path: str | Path) -> Path:
     path = Path(path)
     kind = path.suffix.lstrip(".").lower() or "png"
     layout = figure.get_layout_engine()
-    if layout is not None and figure.axes:  # the layout is computed once here; `savefig` would draw the figure again for it
+    if layout is not None and figure.axes:  # once, here: `savefig` would draw the figure again for it
         layout.execute(figure)
         figure.set_layout_engine(None)
     atomic_write(path, lambda file: figure.savefig(file, format=kind))

@@ -160,7 +160,7 @@ def test_nodes_are_found_through_their_line():
         assert inner == system.node(i, 1) == system.geometry.paths[i][1]
     with pytest.raises(ValueError, match="line: 'nowhere' is unknown"):
         system.node("nowhere", 1)
-    with pytest.raises(ValueError, match="node: 0 of line 0 is held"):
+    with pytest.raises(ValueError, match="node: 0 of line 0 is fixed"):
         chain.node(0, 0)
     with pytest.raises(ValueError, match="allowed: 0 to"):
         chain.node(0, 99)

@@ -253,7 +253,7 @@ def test_a_failure_at_the_breaking_load_is_written_with_that_load(tmp_path):
 def test_bending_stiffness_goes_to_a_file_and_back(tmp_path):
     table = load_scene("paper-case-4").as_written()
     table["line_type"][0]["EI"] = 250.0
-    with pytest.raises(SceneError, match=r"line_type.chain.EI: is for \[effects.bending\], which is missing"):
+    with pytest.raises(SceneError, match=r"line_type.chain.EI: needs \[effects.bending\], which is missing"):
         load_scene(table)
     scene = load_scene({**table, "effects": {**table["effects"], "bending": {}}})
     np.testing.assert_array_equal(scene.effects["bending"]["EI"], [250.0] * 12)

@@ -36,7 +36,7 @@ def test_large_residuals_and_designs_that_are_no_optimum_are_told():
     assert design_warnings(RESIDUAL, 0.95) == []
     assert design_warnings(float("nan"), 1.0) == []
     assert "differed by 3.0% of a limit" in design_warnings(0.03, 1.0)[0]
-    assert "hold 40% of the objective's slope" in design_warnings(0.0, 0.4)[0]
+    assert "balance 40% of the objective's slope" in design_warnings(0.0, 0.4)[0]
 
 
 def test_runs_abreast_keep_their_order_and_the_first_is_alone():

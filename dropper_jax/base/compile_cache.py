@@ -108,8 +108,8 @@ class Entries:
             os.utime(file)
         return program
 
-    def store(self, key: str, value: bytes) -> None:
-        """Store a program, replacing an existing one."""
+    def put(self, key: str, value: bytes) -> None:
+        """Store a program, replacing an existing one. JAX calls `get` and `put`: their names are its own."""
         with suppress(OSError):
             with tempfile.NamedTemporaryFile(dir=self._path, suffix=UNFINISHED, delete=False) as beside:
                 beside.write(MARK + hashlib.sha256(value).digest() + value)

@@ -31,7 +31,7 @@ def entries(folder):
 def test_what_is_put_is_got_and_what_is_damaged_goes(tmp_path):
     cache = Entries(tmp_path)
     assert cache.get("a") is None
-    cache.store("a", b"program")
+    cache.put("a", b"program")
     assert cache.get("a") == b"program"
     for spoil in (
         lambda whole: whole[:-1],
@@ -39,7 +39,7 @@ def test_what_is_put_is_got_and_what_is_damaged_goes(tmp_path):
         lambda whole: whole[:-1] + b"x",
         lambda whole: b"",
     ):
-        cache.store("a", b"program")
+        cache.put("a", b"program")
         (tmp_path / "a").write_bytes(spoil((tmp_path / "a").read_bytes()))
         assert cache.get("a") is None
         assert not (tmp_path / "a").exists()
@@ -48,10 +48,10 @@ def test_what_is_put_is_got_and_what_is_damaged_goes(tmp_path):
 def test_the_ones_not_used_for_longest_go(tmp_path):
     cache = Entries(tmp_path, largest=3 * 140)
     for i, key in enumerate("abc"):
-        cache.store(key, bytes(100))
+        cache.put(key, bytes(100))
         os.utime(tmp_path / key, (i, i))
     assert cache.get("a") is not None  # used now
-    cache.store("d", bytes(100))
+    cache.put("d", bytes(100))
     assert {file.name for file in tmp_path.iterdir()} == {"a", "c", "d"}
 
 
@@ -61,7 +61,7 @@ def test_what_a_stopped_process_left_goes_after_a_while(tmp_path):
         file.write_bytes(b"half")
     then = time.time() - 2 * ABANDONED
     os.utime(old, (then, then))
-    Entries(tmp_path).store("a", b"program")
+    Entries(tmp_path).put("a", b"program")
     assert not old.exists()
     assert new.exists()
 
@@ -70,7 +70,7 @@ def test_what_a_stopped_process_left_goes_after_a_while(tmp_path):
 def test_a_second_start_takes_the_programs_and_damaged_ones_are_made_again(tmp_path):
     first = run(tmp_path)
     files = entries(tmp_path)
-    assert len(files) > len(BRIEFLY)
+    assert len(files) > 5
     times = {file.name: file.stat().st_ino for file in files}
     for file in files:
         os.utime(file, (0, 0))

@@ -142,7 +142,7 @@ def test_a_head_that_says_something_else_is_made_again(tmp_path):
     said = json.loads(head)
     other = json.dumps(said | {"tree": ["node", "os:system", None]}).encode()
     for broken, beside in ((b"{}", module), (b"\xff", module), (other, module), (head, b"no module"), (head, b"")):
-        entries.store(name, broken + b"\n" + beside)
+        entries.put(name, broken + b"\n" + beside)
         one = Counted(inverse_rows)
         np.testing.assert_array_equal(answer(tmp_path, one), expected)
         assert one.traced == 1

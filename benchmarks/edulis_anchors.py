@@ -11,7 +11,7 @@ import numpy as np
 from study import store
 
 from dropper_jax import load_scene
-from dropper_jax.study.tide import tidal_cycle
+from dropper_jax.study.sea_facts import tidal_cycle
 
 NAMES = ("west-danforth", "east-danforth", "west-gravity", "east-gravity")
 HEADINGS = range(0, 91, 15)  # [deg] of the tide against the backbone

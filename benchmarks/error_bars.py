@@ -19,8 +19,7 @@ import dropper_jax as dj
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import simulate
-from dropper_jax.study.finer_links import twice_the_links
-from dropper_jax.study.load_errors import load_errors
+from dropper_jax.study.load_errors import load_errors, twice_the_links
 
 LOADS = ("mean", "deviation", "window_maximum", "maximum")
 #: Relative error that counts as none.

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from study import say, store
 
-from dropper_jax.sea.wakes import GROWTH, START, Elements, Wakes, solve_wakes
+from dropper_jax.run.wakes import GROWTH, START, Elements, Wakes, solve_wakes
 
 #: Farm: extents along and across the current [m], blocks along and across, longlines of a block, their pitch [m].
 LONG, WIDE, ALONG, ACROSS, LINES, PITCH = 2450.0, 650.0, 10, 2, 11.5, 20.0

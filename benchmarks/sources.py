@@ -16,7 +16,7 @@ from study import store
 
 import dropper_jax as dj
 from dropper_jax import load_scene
-from dropper_jax.study.tide import tidal_cycle
+from dropper_jax.study.sea_facts import tidal_cycle
 
 #: Nominal diameter [m] of the backbone in the paper's Table 1.
 NOMINAL = 0.068

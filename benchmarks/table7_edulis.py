@@ -16,7 +16,7 @@ from moordyn_runs import theirs_many
 import dropper_jax as dj
 from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.run.simulate import Solution
-from dropper_jax.scene.nodes import point_nodes
+from dropper_jax.scene.data import point_nodes
 from dropper_jax.study.load_errors import LINKS, load_errors
 
 SPAN, SKIP, BATCHES = 150.0, 30.0, 8

@@ -22,7 +22,7 @@ import dropper_jax as dj
 from dropper_jax.effects import EFFECTS
 from dropper_jax.run.build import build
 from dropper_jax.study.cost import _variants
-from dropper_jax.study.stability import all_cases, systems
+from dropper_jax.study.stability import all_cases, scenes
 
 ROOT = Path(__file__).parents[1]
 PACKAGED = [name for name, cls in EFFECTS.items() if cls.__module__.startswith("dropper_jax.")]
@@ -40,9 +40,9 @@ ALL = [*PACKAGED, *MADE]
 #: Hard cases whose scenes have the effect: module of `study.stability`, what makes the scene, name of the case.
 HARD = {
     "weight": ("sea_cases", "streaming", "strong-current"),
-    "linear_damping": ("damping_cases", "overdamped_pendulum", "heavy-damping-position"),
-    "quadratic_damping": ("damping_cases", "fast", "quadratic-damping-fast"),
-    "joint_friction": ("damping_cases", "sticky", "dry-friction-two-joints"),
+    "linear_damping": ("energy_cases", "overdamped_pendulum", "heavy-damping-position"),
+    "quadratic_damping": ("energy_cases", "fast", "quadratic-damping-fast"),
+    "joint_friction": ("energy_cases", "sticky", "dry-friction-two-joints"),
     "end_motion": ("rod_cases", "clamped_rod", "clamped-rod"),
     "buoyancy": ("sea_cases", "streaming", "strong-current"),
     "morison_drag": ("flow_cases", "rough", "flow-coefficients"),
@@ -53,8 +53,8 @@ HARD = {
     "line_contact": ("line_cases", "falling_rope", "rope-on-rope"),
     "torsion": ("line_cases", "twisted_rod", "twisted-rod"),
     "rigid_bodies": ("rod_cases", "pinned_arm", "pinned-arm"),
-    "body_buoyancy": ("body_cases", "dropped_spar", "dropped-spar"),
-    "body_water": ("body_cases", "dropped_spar", "dropped-spar"),
+    "body_buoyancy": ("flow_cases", "dropped_spar", "dropped-spar"),
+    "body_water": ("flow_cases", "dropped_spar", "dropped-spar"),
     "body_bed": ("rod_cases", "sliding_drum", "sliding-drum"),
     "spar_buoys": ("sea_cases", "dropped_spar", "buoy-under"),
     "point_bodies": ("sea_cases", "row_of_floats", "many-floats"),
@@ -115,7 +115,7 @@ def model_of(name: str):
 def touching(name: str, r: jax.Array) -> jax.Array:
     """Places at which what touches does touch, a little."""
     if name in ("seabed", "seabed_friction"):
-        return r.at[:, 2].add(-systems.BED - 1e-3 - jnp.min(r[:, 2]))
+        return r.at[:, 2].add(-scenes.BED - 1e-3 - jnp.min(r[:, 2]))
     if name == "line_contact":  # the rope that falls, next to the one it falls on
         return r.at[:, 2].add(jnp.where(r[:, 2] > 0.5, -0.97, 0.0))
     return r

@@ -10,8 +10,7 @@ import jax.numpy as jnp
 
 from dropper_jax.axial.law import AxialLaw, LinkStart
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.springs import REST, lag
+from dropper_jax.base.numerics import REST, dot, lag, safe_norm
 
 INTERNAL_DAMPING, AXIAL_RINGING = "internal_damping", "axial_ringing"
 

@@ -10,8 +10,7 @@ import jax.numpy as jnp
 from dropper_jax.axial.elastic import Elastic, _Step
 from dropper_jax.axial.law import LinkStart
 from dropper_jax.base.fields import component
-from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.springs import mean_positive_part, never_more
+from dropper_jax.base.numerics import dot, mean_positive_part, never_more, safe_norm
 
 #: Weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1].
 STRETCH_COUNTS = 1e-3

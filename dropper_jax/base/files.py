@@ -1,14 +1,22 @@
-"""Atomic writing of files: an interrupted run never leaves a partial file."""
+"""Files: atomic writing, references to parts of a file, and locks of a folder.
+
+Files that a scene refers to: below the scene's folder or the working folder, unless the caller allows others.
+
+A scene may come from an untrusted source. The files that it refers to are read and their values are written into
+results. Values given by the caller (Python, `--set`) may refer to any file.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import socket
 import tempfile
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
@@ -161,3 +169,84 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+_FOLDER: ContextVar[Path | None] = ContextVar("folder of the scene that is read", default=None)
+HINT = "allowed: a file below the scene's folder; or use --allow-outside (load_scene(..., allow_outside=True))"
+
+
+@contextmanager
+def references_of(folder: Path | None) -> Iterator[None]:
+    """Active while a scene of this folder is read; None: the scene may refer to any file."""
+    token = _FOLDER.set(folder)
+    try:
+        yield
+    finally:
+        _FOLDER.reset(token)
+
+
+def find_referenced(text: str | Path, path: str, beside: Path | None = None) -> Path:
+    """The file that a scene refers to at `path`.
+
+    Args:
+        beside: base folder of relative names; default: the scene's folder if the file exists there, otherwise the
+            working folder.
+
+    Raises:
+        SceneError: the file is outside the allowed folders.
+    """
+    folder = _FOLDER.get()
+    if "\0" in str(text):
+        raise SceneError(f"{path}: {str(text)[:60]!r} is not a valid file name (contains NUL)")
+    if beside is not None:
+        found = beside / text
+    else:
+        own = None if folder is None else folder / text
+        found = own if own is not None and own.exists() else Path(text)
+    if folder is None:
+        return found
+    try:
+        there = found.resolve()
+        inside = any(there.is_relative_to(root.resolve()) for root in (folder, Path()))
+    except (OSError, RuntimeError):  # circular links
+        inside = False
+    if not inside:
+        raise SceneError(f"{path}: {str(text)!r} is outside the scene's folder; {HINT}")
+    return found
+
+
+class Lock:
+    """Locked from construction until `release`; `.NAME.lock` next to the folder names the owner.
+
+    Raises:
+        SceneError: another process holds the lock; the message gives its number and machine.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        from filelock import FileLock, Timeout  # noqa: PLC0415 - 30 ms that only writing needs
+
+        self.path = folder.with_name(f".{folder.name}.lock")
+        self._lock = FileLock(self.path)
+        try:
+            self._lock.acquire(blocking=False)
+        except Timeout:
+            raise SceneError(f"{folder}: locked by {_owner(self.path)}; try again when it has finished") from None
+        except OSError as error:
+            raise SceneError(f"{folder}: cannot be written: {error.strerror or error}") from None
+        with suppress(OSError):  # Windows also locks the contents of the file
+            self.path.write_text(json.dumps({"process": os.getpid(), "machine": socket.gethostname()}))
+
+    def release(self) -> None:
+        """Remove the file and release the lock."""
+        with suppress(OSError):
+            self.path.unlink(missing_ok=True)
+        self._lock.release()
+
+
+def _owner(path: Path) -> str:
+    """Description of the owner."""
+    try:
+        found = json.loads(path.read_bytes())
+        return f"process {int(found['process'])} on {str(found['machine'])[:60]}"
+    except (OSError, ValueError, KeyError, TypeError):
+        return "another process"

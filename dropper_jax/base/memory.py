@@ -1,8 +1,10 @@
-"""Free memory of this machine, for checks before a run whose memory needs are known."""
+"""Facts about this machine: its free memory, and the versions of the packages on which a result depends."""
 
 from __future__ import annotations
 
+import platform
 from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
 
 #: Files in which control groups (version 2, then 1) report their limit and use.
@@ -34,3 +36,15 @@ def in_words(size: float) -> str:
         if size < 999.5 * power:
             return f"{size / power:.3g} {unit}"
     return f"{size / 1e12:.3g} TB"
+
+
+def versions() -> dict[str, str]:
+    """Versions of JAX, NumPy, Python and this package, and the device of JAX."""
+    import jax  # noqa: PLC0415 - 0.5 s that starting does not need
+
+    found = {name: metadata.version(name) for name in ("jax", "jaxlib", "numpy")}
+    try:
+        found["dropper-jax"] = metadata.version("dropper-jax")
+    except metadata.PackageNotFoundError:
+        found["dropper-jax"] = "not installed"
+    return {**found, "python": platform.python_version(), "backend": jax.default_backend()}

@@ -14,7 +14,11 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.pairs import Pairs
+
+
+class Pairs:
+    """The type of an option that is a list of pairs of names."""
+
 
 #: What a TOML file, a JSON text or a Python caller may give as a value.
 Plain = str | bool | float | Sequence | Mapping | np.ndarray | None

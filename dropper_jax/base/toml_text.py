@@ -1,11 +1,32 @@
-"""A scene's plain values as TOML, so that a packaged or imported scene can be edited."""
+"""Text formats: TOML of a scene, plain JSON values, Markdown as plain text."""
 
 from __future__ import annotations
 
+import math
+import re
+import tomllib
 from collections.abc import Mapping
 from typing import Any
 
 from dropper_jax.base.read import Plain, plain
+
+Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
+#: Version of the JSON object that commands print.
+SCHEMA = 1
+
+
+def jsonable(value: Any) -> Json:
+    """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
+    if isinstance(value, dict):
+        return {str(key): jsonable(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        return jsonable(value.tolist())
+    if isinstance(value, list | tuple):
+        return [jsonable(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
 
 #: Maximum length of a list on one line [characters]; a longer list has one line per item.
 WIDTH = 100
@@ -30,3 +51,76 @@ def _item(value: Plain) -> Plain:
     if any(isinstance(item, Mapping) for item in items) or len(repr(items)) <= WIDTH:
         return items
     return tomlkit.item(items).multiline(True)
+
+
+#: Maximum nesting depth of tables and lists; a farm needs 6.
+DEEPEST = 32
+#: Whole numbers have 64 bits in TOML.
+LARGEST = 2**63
+
+
+def parsed_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises:
+        tomllib.TOMLDecodeError: the text is not TOML, or exceeds what a scene can contain.
+    """
+    try:
+        found = tomllib.loads(text)
+    except RecursionError:
+        raise tomllib.TOMLDecodeError(f"nested more than {DEEPEST} deep") from None
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError as error:  # a number with more digits than Python reads
+        raise tomllib.TOMLDecodeError(str(error).split(";")[0]) from None
+    _check_depth(found)
+    return found
+
+
+def _check_depth(table: dict[str, Any]) -> None:
+    """Reject values that are nested too deeply, and whole numbers of more than 64 bits."""
+    open_, depth = [table], 0
+    while open_:
+        depth += 1
+        if depth > DEEPEST:
+            raise tomllib.TOMLDecodeError(f"nested more than {DEEPEST} deep")
+        inner = [v for item in open_ for v in (item.values() if isinstance(item, dict) else item)]
+        for value in inner:
+            if isinstance(value, int) and not -LARGEST <= value < LARGEST:
+                raise tomllib.TOMLDecodeError("a whole number of more than 64 bits")
+        open_ = [v for v in inner if isinstance(v, dict | list)]
+
+
+#: Characters that Markdown or HTML would interpret as markup inside a line; `_` and `-` inside words are not markup.
+MARKUP = re.compile(r"([\\\\`*\[\]<>&#!~|]|(?<!\w)_|_(?!\w))")
+HTML = {"<": "&lt;", ">": "&gt;", "&": "&amp;", "|": "&#124;"}
+#: Text that a reader would turn into a link automatically.
+ADDRESS = re.compile(r"(?i)\b(https?|ftp|mailto|javascript|file|data)(:)|\b(www)(\.)")
+
+
+def literal(text: str) -> str:
+    """A text on one line that is displayed exactly as written."""
+    text = " ".join(str(text).split())
+    text = MARKUP.sub(lambda found: HTML.get(found[1], f"\\{found[1]}"), text)
+    return ADDRESS.sub(lambda found: f"{found[1] or found[3]}&#{ord(found[2] or found[4])};", text)
+
+
+def prose(text: str, table: bool = False) -> str:
+    """The same, but text between backticks is code and is left unchanged."""
+    parts = " ".join(str(text).split()).split("`")
+    if len(parts) % 2 == 0:  # a backtick without its partner
+        return literal(text)
+    return "".join(_code(part, table) if i % 2 else _keep_blanks(part) for i, part in enumerate(parts))
+
+
+def _code(text: str, table: bool) -> str:
+    if table and "|" in text:  # readers differ on escaped bars in code, but not on this form
+        return f"<code>{''.join(HTML.get(letter, letter) for letter in text)}</code>"
+    return f"`{text}`"
+
+
+def _keep_blanks(text: str) -> str:
+    """Part of a text, with its leading and trailing blanks."""
+    if not text.strip():
+        return text
+    return text[: len(text) - len(text.lstrip())] + literal(text) + text[len(text.rstrip()) :]

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.markdown import literal
+from dropper_jax.base.toml_text import literal
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json
 from dropper_jax.cli.output import print_line, progress

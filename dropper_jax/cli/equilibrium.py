@@ -16,7 +16,7 @@ from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, pictur
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
-    from dropper_jax.scene.slices import LineSlice
+    from dropper_jax.scene.data import LineSlice
     from dropper_jax.statics.search import Equilibrium
 
 help = "find the static equilibrium of a scene, under its release force if it has one"
@@ -39,11 +39,11 @@ def run(args: argparse.Namespace) -> int:
         return _tide(scene, args, plot, out)
 
     from dropper_jax.analysis.angles import link_angles
-    from dropper_jax.load.bodies import body_warnings
+    from dropper_jax.load.checks_system import body_warnings
     from dropper_jax.run.build import equilibrium
-    from dropper_jax.run.remarks import check_stretch, pose_remarks
+    from dropper_jax.run.resolution import check_stretch, pose_remarks
     from dropper_jax.run.weights import floating_warnings
-    from dropper_jax.scene.slices import line_slices
+    from dropper_jax.scene.data import line_slices
 
     found = equilibrium(scene)
     lines = line_slices(scene)
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _tide(scene: Scene, args: argparse.Namespace, plot: Path | None, out: Path | None) -> int:
     """The cycle as a table, or one object."""
-    from dropper_jax.study.tide import tidal_cycle
+    from dropper_jax.study.sea_facts import tidal_cycle
 
     found = tidal_cycle(scene, args.times)
     failed = next((s for s in (found["slack_status"], *(r["status"] for r in found["rows"])) if s != "ok"), None)
@@ -104,7 +104,7 @@ def _tide_text(found: dict[str, Any]) -> str:
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, Any]:
     from dropper_jax.run.weights import line_weights
-    from dropper_jax.scene.slices import held_loads, line_offsets
+    from dropper_jax.scene.data import held_loads, line_offsets
 
     failed = found.status != "ok"
     result = {
@@ -149,7 +149,7 @@ def _end_forces(scene: Scene, found: Equilibrium) -> str:
 
 def _loads(scene: Scene, found: Equilibrium) -> str:
     """Forces of the lines on the fixed points."""
-    from dropper_jax.scene.slices import held_loads
+    from dropper_jax.scene.data import held_loads
 
     rows = [("fixed point", "horizontal [N]", "vertical, upwards [N]", "total [N]", "uplift angle [deg]")]
     for name, load in held_loads(scene, found.positions, found.tension).items():

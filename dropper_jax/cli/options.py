@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import leftovers, refuse_pipe
-from dropper_jax.base.toml_read import parsed_toml
+from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.cli.output import print_line
-from dropper_jax.load.named import find_scene
+from dropper_jax.load.packaged import find_scene
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -64,7 +64,7 @@ def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scen
         raise SceneError("SCENE: missing; needed: the name of a packaged scene or a file")
     found, name = find_scene(args.scene)
 
-    from dropper_jax.base.references import references_of
+    from dropper_jax.base.files import references_of
     from dropper_jax.effects import register_installed
     from dropper_jax.load.scene import Scene
     from dropper_jax.load.source import folder_of, plain_values

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any
 
-from dropper_jax.base.json_values import SCHEMA, jsonable
+from dropper_jax.base.toml_text import SCHEMA, jsonable
 
 BAR = 30
 #: Maximum length of a word in a message (paths are as long), and the length to which longer words are cut.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
+from dropper_jax.base.toml_text import jsonable
 from dropper_jax.cli.options import output_file, output_folder
 from dropper_jax.cli.output import print_result, table
 

@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
 
     from dropper_jax.base.progress import silent
-    from dropper_jax.study.response import responses
+    from dropper_jax.study.sea_facts import responses
 
     rows = responses(scene, periods, not args.no_more, progress(args.quiet) or silent)
     failed = next((row["status"] for row in rows if row["status"] != "ok"), None)

@@ -159,7 +159,7 @@ def _write_outputs(
     report_folder: Path | None,
 ) -> int:
     """Tables and pictures of a run, and its report."""
-    from dropper_jax.run.tables import write_angles, write_bodies, write_tensions
+    from dropper_jax.run.summary import write_angles, write_bodies, write_tensions
 
     scene = solution.scene
     if tables:
@@ -275,7 +275,7 @@ def _flow(solution: Solution) -> dict[str, Any]:
 
 def text(solution: Solution) -> str:
     """The result as text."""
-    from dropper_jax.run.failures import words as failure_words
+    from dropper_jax.run.arrays import words as failure_words
     from dropper_jax.scene import link_mass_words
 
     used = solution.settings

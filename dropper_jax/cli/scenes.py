@@ -12,8 +12,7 @@ from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_allow_outside, add_json, add_set, assignments, number, output_file
 from dropper_jax.cli.output import done_object, listing, print_json, print_result, print_warnings
-from dropper_jax.load.named import find_scene
-from dropper_jax.load.packaged import is_packaged, packaged_scene, scene_names
+from dropper_jax.load.packaged import find_scene, is_packaged, packaged_scene, scene_names
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -98,7 +97,7 @@ def _one(args: argparse.Namespace) -> int:
     if is_packaged(args.scene) and not (changes or file or args.expanded):
         return _show({"name": label, **found}, args.json)  # packaged scenes are valid: checking values would import JAX
 
-    from dropper_jax.base.references import references_of
+    from dropper_jax.base.files import references_of
     from dropper_jax.load.scene import Scene
     from dropper_jax.load.source import folder_of, plain_values
 

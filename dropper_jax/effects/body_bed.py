@@ -9,8 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
+from dropper_jax.base.numerics import REST, dot, lag, mean_positive_part, never_more, safe_norm
 from dropper_jax.effects.body_buoyancy import Pieces
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, ModelView

@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
-from dropper_jax.base.pairs import Pairs
+from dropper_jax.base.read import Pairs
 from dropper_jax.effects.contact_bars import Bars, Group, nodes_of_bars
 from dropper_jax.effects.rigid_bodies import tetrahedron
 from dropper_jax.effects.segments import contact_force, nearest_points, relative_motion

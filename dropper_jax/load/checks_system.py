@@ -1,4 +1,4 @@
-"""Consistency of lines and points: ends that exist, and the requirements of a system of several lines."""
+"""Consistency of lines, points, bodies and vessels of a scene, and warnings about them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import refuse, short_text
 from dropper_jax.effects import EFFECTS
-from dropper_jax.load.surroundings import bed_height
-from dropper_jax.scene import BuoySpec, LineSpec, PointSpec, SceneData, point_named
+from dropper_jax.load.checks_water import bed_height
+from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, point_named
 
 #: Depth below the seabed at which a point may be due to rounding [m].
 ROUNDING = 1e-9
@@ -147,3 +148,117 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> None:
         raise SceneError(
             f"{path}: node {i} is at z = {nodes[i, 2]:g} m, below the seabed; allowed: >= {bed[i]:g} m at its x and y"
         )
+
+
+#: Starting speed [m/s] that counts as rest.
+REST = 1e-6
+#: Tension of a shock relative to the friction of the full line below which the tension retained by friction is
+#: negligible.
+NEGLIGIBLE = 0.01
+
+
+def motion_warnings(scene: SceneData) -> tuple[str, ...]:
+    """A warning if an end starts with a velocity jump, whose tension seabed friction may retain permanently."""
+    motion = scene.effects.get("end_motion")
+    if motion is None or motion["ramp"] is not None or "seabed_friction" not in scene.effects:
+        return ()
+    speed = _first_speed(motion)
+    if speed <= REST or not _matters(scene, speed, {motion["point"], *motion["also"]}):
+        return ()
+    return (
+        f"effects.end_motion: {motion['point']} starts abruptly at {speed:.3g} m/s; friction on the seabed may retain "
+        "the tension of that shock for the whole run. Use `ramp`",
+    )
+
+
+def _first_speed(motion: dict[str, object]) -> float:
+    if motion["time"] is not None:
+        time, rows = (np.asarray(motion[key], float) for key in ("time", "displacement"))
+        return float(np.linalg.norm(rows[1] - rows[0]) / (time[1] - time[0]))
+    phase = 0.0 if motion["phase"] is None else float(motion["phase"])
+    return float(np.linalg.norm(motion["amplitude"]) * 2 * np.pi / float(motion["period"]) * abs(np.cos(phase)))
+
+
+def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
+    """Whether the tension caused by a start at `speed`, speed times `sqrt(EA m)`, is significant compared with
+    `mu w`."""
+    friction = scene.effects["seabed_friction"]
+    mu = friction["kinetic"] if friction["static"] is None else friction["static"]
+    gravity = scene.effects.get("weight", {}).get("gravity", GRAVITY)
+    for line in scene.lines:
+        if line.start not in moved and line.end not in moved:
+            continue
+        if line.EA is None:
+            return True  # rigid: the shock is unbounded
+        weight = float(np.sum(line.mass)) * gravity
+        shock = speed * float(np.max(np.sqrt(line.EA * line.mass / line.length)))
+        if shock > NEGLIGIBLE * float(np.max(mu)) * weight:
+            return True
+    return False
+
+
+def attached_points(
+    bodies: tuple[BodySpec, ...], vessels: tuple[VesselSpec, ...], points: tuple[PointSpec, ...]
+) -> tuple[PointSpec, ...]:
+    """The bodies' and vessels' attachments as points, at their positions at the start.
+
+    Raises:
+        SceneError: a name is used twice.
+    """
+    check_names("body", bodies)
+    check_names("vessel", vessels)
+    taken, found = {point.name for point in points}, []
+    carriers = [(f"body.{i}", "free", body) for i, body in enumerate(bodies)]
+    carriers += [(f"vessel.{i}", "fixed", vessel) for i, vessel in enumerate(vessels)]
+    for path, kind, body in carriers:
+        for name, position in body.attachments.items():
+            if name in taken:
+                raise refuse(f"{path}.attachments", name, "is used twice", "unique names among points")
+            taken.add(name)
+            found.append(PointSpec(name=name, position=body.world(position), kind=kind, on=body.name))
+    return tuple(found)
+
+
+def check_bodies(scene: SceneData) -> None:
+    """Check that bodies hang on lines that stretch, and that bodies with shapes are in water."""
+    if not scene.bodies:
+        return
+    for i, line in enumerate(scene.lines):
+        if line.rigid:
+            raise SceneError(
+                f"line.{i}.axial.law: 'rigid' in a scene with bodies. Use lines that stretch, such as 'rope'"
+            )
+    for i, body in enumerate(scene.bodies):
+        if body.shapes and scene.sea is None:
+            raise SceneError(
+                f"body.{i}: {body.name!r} has cylinders or spheres, but the scene has no [sea]; needed: [sea] with "
+                "`depth`, or no shapes"
+            )
+        if body.touches_bed and ("seabed" not in scene.effects or not body.shapes):
+            what = "[effects.seabed]" if body.shapes else "cylinders or spheres"
+            raise SceneError(
+                f"body.{i}.touches_bed: {body.name!r} lacks {what}; allowed: false, or a body and scene with both"
+            )
+
+
+def body_warnings(scene: SceneData) -> tuple[str, ...]:
+    """A warning for each body with attachments away from its shapes: they may be arms of a platform, or a mistake."""
+    found = []
+    for body in scene.bodies:
+        away = body.outside()
+        if away:
+            name = max(away, key=away.get)
+            found.append(
+                f"body {body.name!r}: {len(away)} attachments are outside its cylinders and spheres, {name!r} by "
+                f"{away[name]:.3g} m; they move with it as if on massless arms"
+            )
+    return tuple(found)
+
+
+def check_vessels(scene: SceneData) -> None:
+    """Check that a vessel with RAOs has waves that rise from rest, within its table."""
+    for i, vessel in enumerate(scene.vessels):
+        if vessel.rao is not None and (scene.sea is None or scene.sea.waves is None or scene.sea.ramp is None):
+            raise SceneError(
+                f"vessel.{i}.rao: needs waves that rise from rest; needed: [sea.waves] and `sea.ramp`, or `motion`"
+            )

@@ -17,10 +17,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Plain
 from dropper_jax.load.floats import float_of
 
 PREFIX = "library:"
@@ -253,10 +254,8 @@ def part(name: str) -> tuple[str, dict[str, Any]]:
     family, size = _split_name(name)
     kind = FAMILIES[family]
     if not kind.low <= size <= kind.high:
-        raise SceneError(
-            f"library: {name!r}: {kind.size} {size:g} {kind.unit} is out of range; allowed: {kind.low:g} to "
-            f"{kind.high:g} {kind.unit}"
-        )
+        allowed = f"{kind.low:g} to {kind.high:g} {kind.unit}"
+        raise SceneError(f"library: {name!r}: {kind.size} {size:g} {kind.unit} is out of range; allowed: {allowed}")
     rounded = {key: float(f"{v:.6g}") if isinstance(v, float) else v for key, v in kind.make(size).items()}
     return kind.section, {"name": PREFIX + name, **rounded}
 
@@ -265,12 +264,10 @@ def _split_name(name: str) -> tuple[str, float]:
     """Family and size of a name."""
     family, _, text = name.rpartition("-")
     if family not in FAMILIES:
-        known = {f"{f}-{kind.example:g}" for f, kind in FAMILIES.items()}
         if name in FAMILIES:
-            kind = FAMILIES[name]
-            raise SceneError(
-                f"library: {name!r} has no size; needed: its {kind.size} [{kind.unit}], as {name}-{kind.example:g}"
-            )
+            needed = f"its {FAMILIES[name].size} [{FAMILIES[name].unit}], as {name}-{FAMILIES[name].example:g}"
+            raise SceneError(f"library: {name!r} has no size; needed: {needed}")
+        known = [f"{f}-{kind.example:g}" for f, kind in FAMILIES.items()]
         raise SceneError(f"library: {name!r} is unknown; {nearest(name, known)}")
     try:
         size = float(text)
@@ -280,3 +277,72 @@ def _split_name(name: str) -> tuple[str, float]:
         kind = FAMILIES[family]
         raise SceneError(f"library: {name!r}: {text!r} is not a number; needed: {kind.size} [{kind.unit}]")
     return family, size
+
+
+def with_library(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The scene with the types that its lines take from the library added to its `[[line_type]]`.
+
+    Raises:
+        SceneError: an unknown part, or a part that is not a line.
+    """
+    own = {name for item in _tables(table.get("line_type")) if isinstance(name := item.get("name"), str)}
+    wanted = {}
+    for i, line in enumerate(_tables(table.get("line"))):
+        paths = [(f"line.{i}.type", line)]
+        paths += [(f"line.{i}.sections.{k}.type", s) for k, s in enumerate(_tables(line.get("sections")))]
+        for path, item in paths:
+            name = item.get("type")
+            if isinstance(name, str) and name.startswith(PREFIX) and name not in own:
+                wanted.setdefault(name, path)
+    if not wanted:
+        return dict(table)
+    found = [_part_for(path, name, "line_type", "lines", "a rope, a chain or a crop") for name, path in wanted.items()]
+    return {**table, "line_type": [*_tables(table.get("line_type")), *found]}
+
+
+def with_library_points(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The scene, its points and those of its units with the values that they take from the library written out.
+
+    Raises:
+        SceneError: an unknown part, or a part that is not a point.
+    """
+    found = dict(table)
+    if "point" in found:
+        found["point"] = _points(found["point"], "point")
+    if isinstance(found.get("unit"), Mapping):
+        found["unit"] = {
+            name: {**unit, "point": _points(unit["point"], f"unit.{name}.point")}
+            if isinstance(unit, Mapping) and "point" in unit
+            else unit
+            for name, unit in found["unit"].items()
+        }
+    return found
+
+
+def _points(items: Plain, path: str) -> Plain:
+    return [_point(item, f"{path}.{i}.type") for i, item in enumerate(items)] if isinstance(items, list) else items
+
+
+def _point(item: Plain, path: str) -> Plain:
+    name = item.get("type") if isinstance(item, Mapping) else None
+    if not isinstance(name, str) or not name.startswith(PREFIX):
+        return item
+    values = _part_for(path, name, "point", "points", "a float, such as library:float-0.2")
+    rest = {key: value for key, value in item.items() if key != "type"}
+    return {**{key: value for key, value in values.items() if key != "name"}, **rest}
+
+
+def _part_for(path: str, name: str, section: str, use: str, allowed: str) -> dict[str, Any]:
+    try:
+        found, values = part(name.removeprefix(PREFIX))
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from None
+    if found != section:
+        other = "points" if use == "lines" else "lines"
+        raise SceneError(f"{path}: {name!r} is a part for {other}, not for {use}; allowed: {allowed}")
+    return values
+
+
+def _tables(items: Plain) -> list[Any]:
+    """The tables of a list; entries that are not tables are rejected later, with their names."""
+    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.references import references_of
-from dropper_jax.load.named import find_scene
-from dropper_jax.load.packaged import is_packaged
+from dropper_jax.base.files import references_of
+from dropper_jax.load.packaged import find_scene, is_packaged
 from dropper_jax.load.scene import Scene
 from dropper_jax.moordyn.reading.reader import read_moordyn
 from dropper_jax.moordyn.reading.yaml_mooring import SUFFIXES, read_yaml_mooring

@@ -1,21 +1,23 @@
 """The model: a frozen pytree of arrays, and the view of one instant that effects receive."""
 
-from dropper_jax.model.broken_links import Parted, as_parted
 from dropper_jax.model.check_slots import check_slots
 from dropper_jax.model.effect import Effect, HeldMotion, HolonomicConstraint, Law, per_node
-from dropper_jax.model.failures import Failures
-from dropper_jax.model.geometry import Ends, Geometry, Member
-from dropper_jax.model.graph import Graph
-from dropper_jax.model.kinematics import Frozen, Kinematics
-from dropper_jax.model.line import Line, Point
+from dropper_jax.model.geometry import Ends, Geometry, Member, Part
+from dropper_jax.model.graph import Graph, Path, gather_links, link_differences
+from dropper_jax.model.kinematics import Frozen, Kinematics, ModelView
+from dropper_jax.model.line import Failures, Line, Point
 from dropper_jax.model.model import MOVING_ENDS, Forces, Model
-from dropper_jax.model.path import Path, gather_links, link_differences
-from dropper_jax.model.pieces import at_pieces, sum_of_pieces
-from dropper_jax.model.shares import Part
-from dropper_jax.model.slots import AddedMass, ContactArea, CoupledMass, Displacement, ElementForce, LimitsTimeStep
-from dropper_jax.model.state import State, state
-from dropper_jax.model.view import ModelView
-from dropper_jax.model.work import BREAKING, Works, book_works, turning, work_names
+from dropper_jax.model.slots import (
+    AddedMass,
+    ContactArea,
+    CoupledMass,
+    Displacement,
+    ElementForce,
+    LimitsTimeStep,
+    at_pieces,
+    sum_of_pieces,
+)
+from dropper_jax.model.state import BREAKING, Parted, State, Works, as_parted, book_works, state, turning, work_names
 
 __all__ = [
     "AddedMass",

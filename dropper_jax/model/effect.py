@@ -14,10 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.kinematics import Kinematics, ModelView
 from dropper_jax.model.line import Line
 from dropper_jax.model.slots import PAIRS
-from dropper_jax.model.view import ModelView
 from dropper_jax.scene import SceneData
 
 

@@ -1,4 +1,4 @@
-"""Points, and the line of links between them."""
+"""Points, the line of links between them, and the failures of its links."""
 
 from __future__ import annotations
 
@@ -9,9 +9,20 @@ import jax.numpy as jnp
 
 from dropper_jax.axial import AxialLaw, Rigid
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.model.failures import Failures
-from dropper_jax.model.geometry import Geometry
-from dropper_jax.model.shares import Part, PathPart
+from dropper_jax.model.geometry import Geometry, Part, PathPart
+
+
+@component
+class Failures:
+    """Failures, m entries: loads (m, n) [N], infinite for links that an entry does not watch; times (m,) [s] or
+    infinite.
+
+    `named` holds the index of the link that an entry specifies, -1 for the most loaded one.
+    """
+
+    load: jax.Array
+    time: jax.Array
+    named: tuple[int, ...] = option("links specified by the entries", default=())
 
 
 @component

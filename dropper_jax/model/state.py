@@ -1,17 +1,89 @@
-"""The state that a run carries from step to step."""
+"""The state that a run carries from step to step: positions and velocities, broken links, the ledger of work.
+
+The ledger of work: all contributions to work that the energies do not contain, by name.
+
+Effects, axial laws and moving ends declare the names of their work, and return it as tables `{name: scalar}`. Schemes
+add these up and record them. No other code keeps a list.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component
-from dropper_jax.model.broken_links import Parted, nothing_parted
 from dropper_jax.model.kinematics import Frozen
-from dropper_jax.model.model import Model
-from dropper_jax.model.work import work_names
+from dropper_jax.model.model import MOVING_ENDS, Model
+from dropper_jax.model.slots import AddedMass
+
+Works = Mapping[str, jax.Array]
+#: Name of the energy lost with broken links.
+BREAKING = "breaking"
+
+
+def work_names(model: Model) -> tuple[str, ...]:
+    """Names of the entries of `State.work`, in order: non-conservative effects, laws, turning added mass, the axial
+    law, moving ends, broken links."""
+    names = [effect.name for effect in model.working]
+    names += [law.name for law in model.laws if law.name not in names]
+    names += [turning(effect) for effect in model.having(AddedMass)]
+    names += model.line.axial.work_names
+    if model.moving:
+        names.append(MOVING_ENDS)
+    if model.line.failures is not None:
+        names.append(BREAKING)
+    return tuple(names)
+
+
+def turning(effect: AddedMass) -> str:
+    """The name under which the work of turning added mass is recorded."""
+    return f"{effect.name}_turning"
+
+
+def book_works(model: Model, *tables: Works) -> jax.Array:
+    """Tables of work [J] (or power) as the array (k,) with the order of `work_names`; missing entries are zero.
+
+    Raises:
+        ValueError: a table contains a name that is not in the ledger.
+    """
+    names = work_names(model)
+    strangers = sorted({name for table in tables for name in table} - set(names))
+    if strangers:
+        raise ValueError(f"{strangers[0]!r} is not in the ledger of work; allowed: {', '.join(names) or 'nothing'}")
+    found = [[table[name] for table in tables if name in table] for name in names]
+    return jnp.stack([sum(same[1:], same[0]) if same else jnp.zeros((), model.dtype) for same in found])
+
+
+@component
+class Parted:
+    """What has broken so far, by entry (m,): the link's index (-1: none), when [s], and the tension then [N]."""
+
+    link: jax.Array
+    t: jax.Array
+    tension: jax.Array
+
+
+def nothing_parted(model: Model) -> Parted | None:
+    """The state at the start of a run; None for a model in which nothing can break."""
+    failures = model.line.failures
+    if failures is None:
+        return None
+    entries = len(failures.named)
+    zero = jnp.zeros(entries, model.dtype)
+    return Parted(jnp.full(entries, -1, jnp.int32), zero, zero)
+
+
+def as_parted(model: Model, parted: Parted | None) -> Model:
+    """The model with zero tension in broken links."""
+    if parted is None:
+        return model
+    line = model.line
+    broken = jnp.any(parted.link[:, None] == jnp.arange(line.links), axis=0)
+    axial = line.axial.with_broken_links(1.0 - broken.astype(model.dtype))
+    return dataclasses.replace(model, lines=(dataclasses.replace(line, axial=axial),))
 
 
 @component

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.analysis.energy import balance_drift
+from dropper_jax.analysis.spectrum import balance_drift
 from dropper_jax.plots import moving, panels, style
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.units import force_unit

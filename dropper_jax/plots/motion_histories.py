@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.load.surroundings import surface_over
+from dropper_jax.load.checks_water import surface_over
 from dropper_jax.plots import moving, style, system, view
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.series import Curve, Panel, history

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from dropper_jax.plots import style
-from dropper_jax.sea.dispersion import wave_number
+from dropper_jax.sea.spectrum import wave_number
 from dropper_jax.sea.steady import LINEAR, STOKES_HEIGHT, STOKES_LENGTH, highest, second_harmonic
 
 #: Drawn range of d/(g T^2).

@@ -17,7 +17,7 @@ from dropper_jax.plots.shapes import Bodies, bodies_of
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
-from dropper_jax.scene.nodes import point_nodes
+from dropper_jax.scene.data import point_nodes
 
 #: A run has diverged if a node is farther out than this many sizes of the first configuration.
 FARTHEST = 100.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from dropper_jax.load.surroundings import bed_height, surface_over
+from dropper_jax.load.checks_water import bed_height, surface_over
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import Run
 

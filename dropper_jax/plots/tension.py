@@ -10,7 +10,7 @@ from dropper_jax.plots import moving, panels, style
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.series import Curve, Panel, history
 from dropper_jax.plots.units import force_unit
-from dropper_jax.run.loads import held_points, point_load
+from dropper_jax.run.bends import held_points, point_load
 
 #: Maximum number of curves in one panel.
 MOST = 4

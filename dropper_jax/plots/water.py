@@ -15,7 +15,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
-from dropper_jax.load.surroundings import bed_height
+from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import moving, panels, style, system, view
 from dropper_jax.plots.bodies import draw_bodies
 from dropper_jax.plots.run import Run, readable

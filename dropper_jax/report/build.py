@@ -10,25 +10,20 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain
-from dropper_jax.load.surroundings import bed_height, surface_over
-from dropper_jax.report.bodies import body_motions
-from dropper_jax.report.crop import crops
-from dropper_jax.report.distance import line_distances
-from dropper_jax.report.extremes import storm_extreme
-from dropper_jax.report.fatigue import line_fatigue
-from dropper_jax.report.motion import accelerations, node_arc, watch_circles
-from dropper_jax.report.parts import parts
+from dropper_jax.load.checks_water import bed_height, surface_over
+from dropper_jax.report.extremes import line_snaps, storm_extreme
+from dropper_jax.report.motion import accelerations, line_distances, node_arc, watch_circles
+from dropper_jax.report.parts import body_motions, crops, parts
 from dropper_jax.report.record import Record, record
 from dropper_jax.report.settings import Settings
-from dropper_jax.report.snap import line_snaps
-from dropper_jax.report.tension import anchors, line_tensions
+from dropper_jax.report.tension import anchors, line_fatigue, line_tensions
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
 from dropper_jax.run.flow_coefficients import flow_table, follows
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.simulate import Solution
 from dropper_jax.run.weights import line_weights
 from dropper_jax.scene import BuoySpec, whole_lines
-from dropper_jax.scene.nodes import point_nodes
+from dropper_jax.scene.data import point_nodes
 
 SCHEMA = 1
 #: Values of a section.

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.report.record import Record
+from dropper_jax.report.record import Record, arc
+from dropper_jax.scene import WholeLine
 
 
 def watch_circles(record: Record) -> list[dict[str, Any]]:
@@ -70,3 +71,136 @@ def accelerations(record: Record) -> list[dict[str, Any]]:
 def node_arc(lengths: np.ndarray) -> np.ndarray:
     """Unstretched arc length (n + 1,) [m] of a line's nodes."""
     return np.concatenate([[0.0], np.cumsum(lengths)])
+
+
+#: Pairs of links and instants that are compared at once: 1e6 need some tens of MB.
+AT_ONCE = 100_000
+#: Number of evenly spaced instants: they are close enough that no approach of lines is missed.
+LOOKS = 2000
+
+
+def line_distances(record: Record) -> list[dict[str, Any]]:
+    """Per line: the nearest line, the minimum distance of the axes [m], its time [s] and arc length along both [m].
+
+    The distance is exact between straight links at the saved times (of a long record at `LOOKS` of them). Links that
+    end in a common point of both lines are left out.
+    """
+    lines = range(len(record.written_lines))
+    boxes = [_swept(record, i) for i in lines]
+    pairs = sorted((_gap(boxes[a], boxes[b]), a, b) for a in lines for b in lines if a < b)
+    best: list[tuple[float, Any]] = [(np.inf, None) for _ in lines]
+    for bound, a, b in pairs:
+        # boxes at this distance cannot contain a closer pair than the present one
+        if bound >= best[a][0] and bound >= best[b][0]:
+            continue
+        near = _nearest(record, a, b)
+        if near is None:
+            continue
+        for this, other, mine, its in ((a, b, "at", "its"), (b, a, "its", "at")):
+            if near["distance"] < best[this][0]:
+                best[this] = (
+                    near["distance"],
+                    {"nearest": other, "t": near["t"], "at": near[mine], "its": near[its]},
+                )
+    return [_describe_distance(record, i, *best[i]) for i in lines]
+
+
+def looks_every(record: Record) -> int:
+    """Samples between two instants."""
+    return -(-len(record.t) // LOOKS)
+
+
+def _describe_distance(record: Record, index: int, distance: float, near: dict[str, Any] | None) -> dict[str, Any]:
+    name = record.written_lines[index].name
+    if near is None:
+        return {"line": name, "nearest": None, "least_distance_m": None}
+    other = near["nearest"]
+    return {
+        "line": name,
+        "nearest": record.written_lines[other].name,
+        "least_distance_m": distance,
+        "t_s": float(record.t[near["t"]]),
+        "at_m": float(arc(record.written_lines[index].spec.length)[near["at"]]),
+        "nearest_at_m": float(arc(record.written_lines[other].spec.length)[near["its"]]),
+        "looked_every_s": looks_every(record) * record.interval,
+        "diameters_m": _touching(record, index, other),
+    }
+
+
+def _touching(record: Record, a: int, b: int) -> float | None:
+    """Half the sum of the maximum diameters [m], the distance of axes in contact; None if a line has no diameter."""
+    both = [record.written_lines[i].spec.diameter for i in (a, b)]
+    return None if any(d is None for d in both) else float(0.5 * sum(np.max(d) for d in both))
+
+
+def _swept(record: Record, index: int) -> np.ndarray:
+    nodes = record.positions[:, record.written_lines[index].nodes].reshape(-1, 3)
+    return np.stack([nodes.min(axis=0), nodes.max(axis=0)])
+
+
+def _gap(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.linalg.norm(np.maximum(np.maximum(a[0] - b[1], b[0] - a[1]), 0.0)))
+
+
+def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
+    """Minimum distance of two lines over all samples: [m], sample, link of either."""
+    i, j = _pairs(record.written_lines[a], record.written_lines[b])
+    if not i.size:
+        return None
+    first, second = (record.positions[:, record.written_lines[index].nodes] for index in (a, b))
+    step, best = max(1, AT_ONCE // i.size), None
+    looked = np.arange(0, len(record.t), looks_every(record))
+    for k in range(0, len(looked), step):
+        part = looked[k : k + step]
+        p, q = first[part], second[part]
+        distance = segment_distance(p[:, i], p[:, i + 1], q[:, j], q[:, j + 1])
+        at = np.unravel_index(np.argmin(distance), distance.shape)
+        if best is None or distance[at] < best["distance"]:
+            best = {
+                "distance": float(distance[at]),
+                "t": int(part[at[0]]),
+                "at": int(i[at[1]]),
+                "its": int(j[at[1]]),
+            }
+    return best
+
+
+def _pairs(a: WholeLine, b: WholeLine) -> tuple[np.ndarray, np.ndarray]:
+    """Compared links of both lines: all except those that end in a common point."""
+    kept = []
+    for mine, other in ((a, b), (b, a)):
+        shared = set(other.stops.values())
+        at = [node for node, point in mine.stops.items() if point in shared]
+        kept.append(np.setdiff1d(np.arange(mine.spec.links), [*at, *(node - 1 for node in at)]))
+    i, j = np.meshgrid(*kept, indexing="ij")
+    return i.ravel(), j.ravel()
+
+
+def segment_distance(p0: np.ndarray, p1: np.ndarray, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
+    """Distance (...) [m] between the segments p0 p1 and q0 q1, ends (..., 3) [m].
+
+    The nearest positions are both inside the segments, or one of them is an end. The result is the minimum of the
+    common perpendicular, if its feet are inside, and of the four distances from an end to the other segment.
+    """
+    u, v, w = p1 - p0, q1 - q0, p0 - q0
+    a, b, c = _dot(u, u), _dot(u, v), _dot(v, v)
+    d, e = _dot(u, w), _dot(v, w)
+    det = a * c - b * b
+    crossed = det > 1e-12 * a * c
+    s = np.where(crossed, b * e - c * d, -1.0) / np.where(crossed, det, 1.0)
+    t = np.where(crossed, a * e - b * d, -1.0) / np.where(crossed, det, 1.0)
+    inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
+    across = w + s[..., None] * u - t[..., None] * v
+    ends = [_to_segment(p0, q0, v, c), _to_segment(p1, q0, v, c), _to_segment(q0, p0, u, a), _to_segment(q1, p0, u, a)]
+    return np.sqrt(np.minimum.reduce([np.where(inside, _dot(across, across), np.inf), *ends]))
+
+
+def _to_segment(position: np.ndarray, start: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:
+    """Square of the distance (...) of a position from a segment."""
+    share = np.clip(_dot(position - start, along) / np.where(square > 0, square, 1.0), 0.0, 1.0)
+    rest = position - start - share[..., None] * along
+    return _dot(rest, rest)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("...i,...i", a, b)

@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.samples import Samples
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
-from dropper_jax.scene.nodes import point_nodes
+from dropper_jax.scene.data import point_nodes
 
 
 @dataclasses.dataclass(frozen=True)

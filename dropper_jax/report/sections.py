@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.constants import DEGREE
-from dropper_jax.base.markdown import literal
+from dropper_jax.base.toml_text import literal
 
 #: Maximum number of lines in one table, those with the largest values; report.json has all.
 MOST_ROWS = 30

@@ -8,7 +8,9 @@ import numpy as np
 
 from dropper_jax.report.record import Record, arc
 from dropper_jax.report.settings import Settings
-from dropper_jax.run import loads
+from dropper_jax.run.bends import point_load as line_load
+from dropper_jax.run.bends import positions_at
+from dropper_jax.run.storage import extra
 from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
 
@@ -21,7 +23,7 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
     The maximum and minimum of the line have their arc length and time. Utilisation is the maximum over the links of the
     ratio of maximum tension to breaking load, without and with the safety factor.
     """
-    at_tension = loads.positions_at(record.t, record.positions, record.t_tension)
+    at_tension = positions_at(record.t, record.positions, record.t_tension)
     forces = end_forces(record.scene, at_tension, record.tension)
     return [
         _line(record, where, settings)
@@ -136,7 +138,7 @@ def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], loads: dict[st
 
 def point_load(record: Record, name: str) -> np.ndarray:
     """Force (q, 3) [N] of all lines on a point."""
-    return loads.point_load(record.scene, name, record.t, record.positions, record.t_tension, record.tension)
+    return line_load(record.scene, name, record.t, record.positions, record.t_tension, record.tension)
 
 
 def _spread(values: np.ndarray) -> dict[str, float]:
@@ -145,4 +147,101 @@ def _spread(values: np.ndarray) -> dict[str, float]:
         "mean": float(values.mean()),
         "std": float(values.std()),
         "max": float(values.max()),
+    }
+
+
+#: A year of 365.25 days [s].
+YEAR = 365.25 * 86400.0
+#: Ranges below this fraction of the maximum tension of the record are rounding and are not counted.
+ROUNDING = 1e-9
+#: Maximum number of counted links of a line for runs of very many links: the counting is plain Python.
+MOST_LINKS = 200
+
+
+#: Curves of parts, K and m over the breaking load: a curve for chain does not apply to rope.
+CURVES = (
+    "316 and 3 for studless chain, 1000 and 3 for stud chain (API RP 2SK), 25000 and 5.2 for polyester (API RP 2SM)"
+)
+NO_LOAD = "no breaking load: give `breaking_load` in the scene, or --breaking-load"
+NO_CURVE = f"no curve of the part: give --curve-k and --curve-m, as {CURVES}"
+
+
+def turning_points(x: np.ndarray) -> np.ndarray:
+    """First and last value of x (k,) and every peak and valley between; one of equal neighbours."""
+    x = x[np.concatenate([[True], np.diff(x) != 0])]
+    if len(x) < 3:
+        return x
+    up = np.diff(x) > 0
+    return x[np.concatenate([[True], up[1:] != up[:-1], [True]])]
+
+
+def cycles(tension: np.ndarray) -> np.ndarray:
+    """Rainflow cycles (c, 3) of a tension (k,): range [N], mean [N], count 0.5 or 1 (ASTM E1049-85, 5.4.4).
+
+    Raises:
+        SceneError: the package `rainflow` is not installed.
+    """
+    rainflow = extra("rainflow", "fatigue")
+    found = [(size, mean, count) for size, mean, count, *_ in rainflow.extract_cycles(turning_points(tension).tolist())]
+    return np.array(found, float).reshape(-1, 3)
+
+
+def damage(counted: np.ndarray, load: float, k: float, m: float) -> float:
+    """Palmgren-Miner damage of cycles (c, 3) `sum count/N`, `N = k (range/load)^-m`, load the breaking load [N]."""
+    return float(np.sum(counted[:, 2] * (counted[:, 0] / load) ** m) / k)
+
+
+def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
+    """Per line: equivalent range, counted cycles and, with a breaking load, the damage of the record and of a year.
+
+    The equivalent range `(sum n R^m / sum n)^(1/m)` [N] needs no breaking load.
+    """
+    found, every = [], record.tension.shape[1] <= MOST_LINKS
+    least = ROUNDING * float(np.abs(record.tension).max())
+    for where in record.written_lines:
+        spec = where.spec
+        s, load = arc(spec.length), breaking_load(spec, settings)
+        deviation = record.tension[:, where.links].std(axis=0)
+        picked = range(spec.links) if every else sorted({0, int(np.argmax(deviation)), spec.links - 1})
+        counted = [cycles(record.tension[:, where.links.start + j]) for j in picked]
+        counted = [c[c[:, 0] > least] for c in counted]
+        number = [float(c[:, 2].sum()) for c in counted]
+        equal = [_equivalent(c, settings.curve_m) for c in counted]
+        found.append(
+            {
+                "line": where.name,
+                "arc_length_m": s[list(picked)],
+                "cycles": number,
+                "equivalent_range_n": equal,
+                "largest_range_n": [float(c[:, 0].max(initial=0.0)) for c in counted],
+                **_damages(
+                    record,
+                    [
+                        damage(c, load[j], settings.curve_k, settings.curve_m)
+                        for c, j in zip(counted, picked, strict=True)
+                    ]
+                    if load is not None and settings.curve_k is not None
+                    else None,
+                    NO_LOAD if load is None else NO_CURVE,
+                ),
+            }
+        )
+    return found
+
+
+def _equivalent(counted: np.ndarray, m: float) -> float:
+    total = counted[:, 2].sum()
+    return float((np.sum(counted[:, 2] * counted[:, 0] ** m) / total) ** (1 / m)) if total > 0 else 0.0
+
+
+def _damages(record: Record, values: list[float] | None, why_not: str) -> dict[str, Any]:
+    if values is None:
+        return {"damage": None, "why_no_damage": why_not}
+    worst = max(values)
+    yearly = worst * YEAR / record.duration
+    return {
+        "damage": values,
+        "largest_damage": worst,
+        "damage_per_year": yearly,
+        "life_years": 1.0 / yearly if yearly > 0 else None,
     }

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from dropper_jax.base.markdown import literal
+from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
-from dropper_jax.report.bodies import bodies_text
-from dropper_jax.report.crop import crop_text
-from dropper_jax.report.parts import parts_text
+from dropper_jax.report.parts import bodies_text, crop_text, parts_text
 from dropper_jax.report.sections import newton, table
 from dropper_jax.run.weights import lines_in_words
 from dropper_jax.scene import link_mass_words

@@ -6,11 +6,20 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
 from dropper_jax.base.files import atomic_write, folder_without
-from dropper_jax.base.json_values import jsonable
-from dropper_jax.report.figures import draw_extremes, draw_run
-from dropper_jax.report.record import record
+from dropper_jax.base.toml_text import jsonable
+from dropper_jax.plots import style
+from dropper_jax.plots.run import readable
+from dropper_jax.plots.units import force_unit
+from dropper_jax.report.extremes import Gumbel
+from dropper_jax.report.record import Record, record
 from dropper_jax.report.settings import Settings
+from dropper_jax.report.tension import point_load
 from dropper_jax.report.text import markdown
 from dropper_jax.run.simulate import Solution
 
@@ -40,3 +49,229 @@ def write_report(
         pictures[-1]["extremes"] = draw_extremes(found["extremes"], folder).name
     atomic_write(folder / "report.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n")
     return atomic_write(folder / REPORT, markdown(found, pictures))
+
+
+#: Maximum number of lines, anchors or points in one picture, each with its own colour; of more, those with the largest
+#: load or motion.
+MOST = len(style.CYCLE)
+BAND, INNER = "#DCEBF5", "#56B4E9"
+
+
+@style.plot_style()
+def draw_run(part: Record, found: dict[str, Any], folder: Path) -> dict[str, Path]:
+    """All pictures for the sections of a run, by name."""
+    files = {"tension_range": _tension_range(part, found, folder)}
+    if isinstance(found["anchors"], list):
+        files["anchors"] = _anchors(part, found, folder)
+    if isinstance(found["fatigue"], list):
+        files["fatigue"] = _fatigue(part, found, folder)
+    if found["watch_circle"]:
+        files["watch_circle"] = _watch(part, found, folder)
+    files["along"] = _along(part, found, folder)
+    return files
+
+
+def _finish(figure: Figure, part: Record, what: str, path: Path) -> Path:
+    style.title(figure, readable(part.solution), what)
+    return style.save(figure, path)
+
+
+def _chosen(sizes: list[float]) -> list[int]:
+    """The `MOST` largest, in their original order."""
+    return sorted(int(i) for i in np.argsort(sizes)[::-1][:MOST])
+
+
+def _of(what: str, shown: int, total: int) -> str:
+    return what if shown == total else f"{what}, {shown} of {total} (the largest)"
+
+
+def _panels(count: int, height: float, width: float = 7.5) -> tuple[Figure, list[Axes]]:
+    """One panel per item, in two columns for four or more."""
+    columns = 1 if count < 4 else 2
+    rows = -(-count // columns)
+    figure = style.new_figure(width if columns == 1 else 1.5 * width, 0.9 + height * rows)
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for spare in axes[count:]:
+        spare.set_visible(False)
+    return figure, list(axes[:count])
+
+
+def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
+    """Minimum, mean, maximum tension and percentiles against arc length, and the breaking load if it is close."""
+    lines = [found["tension"][i] for i in _chosen([line["largest"]["n"] for line in found["tension"]])]
+    figure, panels = _panels(len(lines), 3.0)
+    unit, scale = force_unit([line["largest"]["n"] for line in lines])
+    for axes, line in zip(panels, lines, strict=True):
+        s, percentiles = np.asarray(line["arc_length_m"]), line["percentiles_n"]
+        mark = {"marker": "o", "ms": 3} if len(s) <= 60 else {}
+        axes.fill_between(s, line["min_n"] / scale, line["max_n"] / scale, color=BAND, label="minimum to maximum")
+        for low, high, shade in ((5, 95, 0.35), (25, 75, 0.6)):
+            band = (percentiles[str(low)] / scale, percentiles[str(high)] / scale)
+            axes.fill_between(s, *band, color=INNER, alpha=shade, lw=0, label=f"{low} to {high} %")
+        axes.plot(s, line["max_n"] / scale, color=style.SECOND, lw=1.0, label="largest", **mark)
+        axes.plot(s, line["mean_n"] / scale, color=style.DARK, label="mean", **mark)
+        used = line["utilisation"]
+        if used is not None and used["largest"] > 0.3:
+            axes.axhline(used["breaking_load_n"] / scale, color=style.ALERT, lw=1.0, ls="--", label="breaking load")
+        axes.set(
+            xlabel="unstretched arc length [m]", ylabel=f"tension [{unit}]", ylim=(min(0.0, axes.get_ylim()[0]), None)
+        )
+        axes.margins(x=0.01)
+        axes.set_title(line["line"], loc="left")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower left", ncols=5, columnspacing=1.0)
+    return _finish(figure, part, _of("tension range", len(lines), len(found["tension"])), folder / "tension_range.png")
+
+
+def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
+    """Horizontal and vertical load of each fixed point against time."""
+    anchors = [found["anchors"][i] for i in _chosen([a["total_n"]["max"] for a in found["anchors"]])]
+    figure, panels = _panels(len(anchors), 2.6)
+    unit, scale = force_unit([anchor["total_n"]["max"] for anchor in anchors])
+    for axes, anchor in zip(panels, anchors, strict=True):
+        load = point_load(part, anchor["point"])
+        axes.plot(
+            part.t_tension, np.hypot(load[:, 0], load[:, 1]) / scale, color=style.FIRST, lw=0.9, label="horizontal"
+        )
+        axes.plot(part.t_tension, load[:, 2] / scale, color=style.SECOND, lw=0.9, label="vertical, upwards")
+        axes.axhline(0.0, color=style.FAINT, lw=0.7)
+        axes.set_ylabel(f"load [{unit}]")
+        axes.set_title(anchor["point"], loc="left")
+        style.time_axis(axes, part.t_tension)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
+    return _finish(
+        figure, part, _of("loads of the fixed points", len(anchors), len(found["anchors"])), folder / "anchors.png"
+    )
+
+
+def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
+    """Equivalent range along each line, and the damage per year if there is a breaking load."""
+    whole = found["fatigue"]
+    lines = [whole[i] for i in _chosen([max(line["equivalent_range_n"]) for line in whole])]
+    damaged = all(line["damage"] is not None for line in lines)
+    figure = style.new_figure(7.5, 5.6 if damaged else 3.4)
+    panels = figure.subplots(1 + damaged, 1, sharex=True, squeeze=False)[:, 0]
+    unit, scale = force_unit(np.concatenate([line["equivalent_range_n"] for line in lines]))
+    per_year = {
+        line["line"]: line["damage_per_year"] / line["largest_damage"] for line in lines if line.get("largest_damage")
+    }
+    for colour, line in zip(style.CYCLE, lines, strict=False):
+        s = line["arc_length_m"]
+        panels[0].plot(s, np.asarray(line["equivalent_range_n"]) / scale, "o-", ms=3, color=colour, label=line["line"])
+        if damaged:
+            panels[1].plot(s, np.array(line["damage"]) * per_year.get(line["line"], 0.0), "o-", ms=3, color=colour)
+    panels[0].set_ylabel(f"equivalent range [{unit}]")
+    panels[0].set_ylim(0, None)
+    if damaged:
+        panels[1].set_ylabel("damage per year [-]")
+        panels[1].set_ylim(0, None)
+    panels[-1].set_xlabel("unstretched arc length [m]")
+    if len(lines) > 1:
+        figure.legend(loc="outside lower left", ncols=4)
+    return _finish(figure, part, _of("fatigue along the lines", len(lines), len(whole)), folder / "fatigue.png")
+
+
+def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
+    """Plan view of each moving point about its mean position, with its watch circle, and its height over time."""
+    points = [found["watch_circle"][i] for i in _chosen([p["radius_max_m"] for p in found["watch_circle"]])]
+    figure = style.new_figure(9.5, 4.6)
+    plan, height = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
+    widest = max(p["radius_max_m"] for p in points) or 1.0
+    for colour, point in zip(style.CYCLE, points, strict=False):
+        path = part.point(point["point"])
+        about = path - point["mean_m"]
+        plan.plot(about[:, 0], about[:, 1], color=colour, lw=0.8, label=point["point"])
+        plan.add_patch(Circle((0, 0), point["radius_max_m"], fill=False, ec=colour, lw=0.9, ls="--"))
+        if point["static_m"] is not None:
+            offset = np.asarray(point["static_m"]) - point["mean_m"]
+            plan.plot(*offset[:2], "x", color=colour, ms=7)
+            widest = max(widest, *np.abs(offset[:2]))
+        height.plot(part.t, path[:, 2], color=colour, lw=0.9)
+    plan.plot(0, 0, "+", color=style.DARK, ms=9)
+    plan.set(xlabel="x from the mean [m]", ylabel="y from the mean [m]", xlim=(-1.1 * widest, 1.1 * widest))
+    plan.set_ylim(-1.1 * widest, 1.1 * widest)
+    plan.set_aspect("equal")
+    plan.set_title("plan; + mean, x static, dashed: maximum radius", loc="left", fontsize=9)
+    height.set_ylabel("z [m]")
+    height.set_title("height", loc="left", fontsize=9)
+    style.time_axis(height, part.t)
+    figure.legend(*plan.get_legend_handles_labels(), loc="outside lower left", ncols=6)
+    return _finish(
+        figure, part, _of("watch circles", len(points), len(found["watch_circle"])), folder / "watch_circle.png"
+    )
+
+
+def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
+    """Fraction of time under water and on the seabed, and accelerations, against arc length."""
+    sections = {
+        "under water\n[% of time]": (found["submergence"].get("lines"), "share_under_water", 100.0),
+        "on the seabed\n[% of time]": (
+            found["seabed"] if isinstance(found["seabed"], list) else None,
+            "share_of_time",
+            100.0,
+        ),
+        "acceleration\n99 % [m/s²]": (found["acceleration"], "p99_m_per_s2", 1.0),
+        "slack\n[% of time]": (found["snap"], "slack_share", 100.0),
+    }
+    kept = _chosen([line["largest_m_per_s2"] for line in found["acceleration"]])
+    there = {label: section for label, section in sections.items() if section[0] is not None}
+    flat = {label: _constant(section, kept) for label, section in there.items()}
+    drawn = {label: section for label, section in there.items() if flat[label] is None}
+    if not drawn:
+        drawn = {label: section for label, section in there.items() if section[2] != 100.0}
+    same = [f"{label.split(chr(10))[0]} {flat[label]:g} % of the time" for label in there if label not in drawn]
+    figure = style.new_figure(7.5, 1.0 + 0.25 * bool(same) + 1.7 * len(drawn))
+    for axes, (label, (lines, key, scale)) in zip(
+        figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0], drawn.items(), strict=True
+    ):
+        for colour, index in zip(style.CYCLE, kept, strict=False):
+            line = lines[index]
+            values = scale * np.asarray(line[key])
+            axes.plot(line["arc_length_m"], values, "o-", ms=3, color=colour, label=line["line"])
+        axes.set_ylabel(label)
+        if scale == 100.0:
+            axes.set_ylim(-4, 104)
+        else:
+            axes.set_ylim(0, None)
+    figure.axes[-1].set_xlabel("unstretched arc length [m]")
+    if len(kept) > 1:
+        figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
+    if same:  # a constant fraction is given as text instead of a panel
+        figure.axes[0].set_title("everywhere: " + ", ".join(same), loc="left", fontsize=9)
+    return _finish(figure, part, _of("along the lines", len(kept), len(found["acceleration"])), folder / "along.png")
+
+
+def _constant(section: tuple[Any, str, float], columns: list[int]) -> float | None:
+    """The value of a fraction [%] that is constant along the lines; None if it varies or is not a fraction."""
+    lines, key, scale = section
+    values = scale * np.concatenate([np.atleast_1d(np.asarray(lines[i][key], float)) for i in columns])
+    return float(values[0]) if scale == 100.0 and np.ptp(values) == 0 else None
+
+
+@style.plot_style()
+def draw_extremes(extremes: dict[str, Any], folder: Path) -> Path:
+    """Maxima of the runs on Gumbel paper, the fit, and the storm's 90th percentile with its interval."""
+    names = list(extremes)
+    names = [names[i] for i in _chosen([extremes[n].get("gumbel_mode", -np.inf) for n in names])]
+    names = [n for n in names if "skipped" not in extremes[n]]
+    figure, panels = _panels(len(names), 3.0)
+    unit, scale = force_unit([extremes[name]["percentile_90"] for name in names])
+    for axes, name in zip(panels, names, strict=True):
+        one = extremes[name]
+        fit, n = Gumbel(one["gumbel_mode"], one["gumbel_scale"]), one["runs"]
+        plotting_position = (np.arange(n) + 0.56) / (n + 0.12)  # Gringorten's plotting position of a Gumbel sample
+        axes.plot(
+            -np.log(-np.log(plotting_position)), np.sort(one["maxima"]) / scale, "o", color=style.DARK, label="runs"
+        )
+        reduced = np.array([-1.5, np.log(one["extrapolated"]) - np.log(-np.log(0.9))])
+        reduced[1] = max(reduced[1], 3.0)
+        axes.plot(reduced, (fit.mode + fit.scale * reduced) / scale, color=style.FIRST, label="Gumbel fit")
+        at = np.log(one["extrapolated"]) - np.log(-np.log(0.9))
+        low, high = (x / scale for x in one["percentile_90_interval"])
+        axes.plot([at, at], [low, high], color=style.SECOND, lw=2.5, label="storm, 90th percentile and interval")
+        axes.plot(at, one["percentile_90"] / scale, "D", color=style.SECOND)
+        axes.set(xlabel="reduced variate, -log(-log P) [-]", ylabel=f"largest [{unit}]")
+        axes.set_title(name, loc="left")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
+    figure.suptitle("maxima of the runs and of a storm", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    return style.save(figure, folder / "extremes.png")

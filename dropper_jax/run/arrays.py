@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups, Tabulated
@@ -12,9 +15,8 @@ from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.effects.point_bodies import PointBodies, WetPointBodies
 from dropper_jax.effects.spar_buoys import SparBuoys
 from dropper_jax.load.checks_water import line_reach
-from dropper_jax.model import Geometry, Graph, Line, Member, Model, Path, Point, check_slots
+from dropper_jax.model import Failures, Geometry, Graph, Line, Member, Model, Parted, Path, Point, check_slots
 from dropper_jax.run.bodies import make_bodies, make_vessels
-from dropper_jax.run.failures import make_failures
 from dropper_jax.scene import LineSpec, PointSpec, SceneData, join_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.statics.search import Equilibrium
@@ -114,3 +116,48 @@ def static_pose(scene: SceneData, model: Model) -> Equilibrium:
     """The equilibrium of a scene's model, under its release force if it has one."""
     loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
     return equilibrium(model, loads)
+
+
+def make_failures(scene: SceneData) -> Failures | None:
+    """The arrays of a scene's `[[failure]]` entries; None without any."""
+    if not scene.failures:
+        return None
+    starts = np.cumsum([0, *(line.links for line in scene.lines)])
+    load = np.full((len(scene.failures), starts[-1]), np.inf)
+    named = []
+    for row, spec in zip(load, scene.failures, strict=True):
+        i = next(i for i, line in enumerate(scene.lines) if line.name == spec.line)
+        line = scene.lines[i]
+        own = line.breaking_load if spec.load is None and spec.time is None else spec.load
+        if own is not None:
+            row[starts[i] : starts[i + 1]] = own
+        named.append(-1 if spec.link is None else int(starts[i]) + spec.link - 1)
+        if named[-1] >= 0:
+            row[np.arange(len(row)) != named[-1]] = np.inf
+    times = np.array([np.inf if spec.time is None else spec.time for spec in scene.failures])
+    return Failures(load, times, tuple(named))
+
+
+def breaks(scene: SceneData, parted: Parted | None) -> tuple[dict[str, Any], ...]:
+    """Broken links of a run, by time: line, link (from 1), time [s] and tension [N]."""
+    if parted is None:
+        return ()
+    starts = np.cumsum([0, *(line.links for line in scene.lines)])
+    found = []
+    for link, t, tension in zip(
+        *(np.asarray(x).tolist() for x in (parted.link, parted.t, parted.tension)), strict=True
+    ):
+        if link < 0:
+            continue
+        i = int(np.searchsorted(starts, link, side="right")) - 1
+        row = {"line": scene.lines[i].name, "link": link - int(starts[i]) + 1, "time_s": t, "tension_n": tension}
+        found.append(row)
+    return tuple(sorted(found, key=lambda row: row["time_s"]))
+
+
+def words(row: Mapping[str, Any]) -> str:
+    """One line of text about a failure."""
+    return (
+        f"line {row['line']!r} broke at its link {row['link']} at t = {row['time_s']:.6g} s "
+        f"under {row['tension_n']:.6g} N"
+    )

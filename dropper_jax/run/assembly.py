@@ -10,26 +10,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.memory import versions
 from dropper_jax.base.programs import cached_jit
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.integrators.projected import ProjectedRungeKutta
-from dropper_jax.load.bodies import body_warnings
-from dropper_jax.load.checks_motion import motion_warnings
+from dropper_jax.load.checks_system import body_warnings, motion_warnings
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Model, Parted, work_names
 from dropper_jax.model.slots import Force
 from dropper_jax.residual import Implicit, node_blocks
+from dropper_jax.run.arrays import breaks, words
+from dropper_jax.run.bends import twist_remarks
 from dropper_jax.run.bodies import body_motion
 from dropper_jax.run.build import allowed_error
 from dropper_jax.run.carry import Last, steps_done
-from dropper_jax.run.failures import breaks, words
-from dropper_jax.run.remarks import pose_remarks
-from dropper_jax.run.resolution import without_push
+from dropper_jax.run.resolution import pose_remarks, without_push
 from dropper_jax.run.row_store import BLOCK, InMemory, release_pages
 from dropper_jax.run.samples import Kind
-from dropper_jax.run.twists import twist_remarks
-from dropper_jax.run.versions import versions
 from dropper_jax.run.weights import floating_warnings
 from dropper_jax.stepping.adaptive import Within
 from dropper_jax.stepping.controlled import Controlled

@@ -1,13 +1,80 @@
-"""Curvature and bending moment along lines with bending stiffness, from the positions of their nodes."""
+"""Curvature, bending moment, torque, and forces on fixed points over a whole run."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from dropper_jax.analysis.angles import writhe
 from dropper_jax.load.scene import Scene
-from dropper_jax.scene import line_slices
+from dropper_jax.scene import SceneData, line_slices, whole_lines
+
+
+def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """`Q = GJ tau/l + c tau'/l + k_tt e` (k, n) [N m] of the links (see `effects.torsion`).
+
+    Args:
+        positions: all nodes (k, nodes, 3) [m]; twist, rate: (k, nodes) [rad], [rad/s].
+    """
+    given, links = scene.effects["torsion"], sum(line.links for line in scene.lines)
+    stiffness, damping = (np.broadcast_to(given[key], links) for key in ("GJ", "damping"))
+    coupling = None if given["coupling"] is None else np.broadcast_to(given["coupling"], links)
+    found = np.zeros((len(positions), links))
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        if given["lines"] and line.name not in given["lines"]:
+            continue
+        at = where.links
+        tau, turning = (np.diff(a[:, where.nodes], axis=1) / line.length for a in (twist, rate))
+        found[:, at] = stiffness[at] * tau + damping[at] * turning
+        if coupling is not None:
+            length = np.linalg.norm(np.diff(positions[:, where.nodes], axis=1), axis=-1)
+            found[:, at] += coupling[at] * (length / line.length - 1.0)
+    return found
+
+
+#: Writhe [turns] and its fraction of the torque above which a run warns that it is omitted.
+COILED, FELT = 1e-3, 0.1
+
+
+def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torque: np.ndarray) -> Iterator[str]:
+    """Warnings about lines that would form loops under their torque, and lines whose coils would change their twist.
+
+    A long rod of bending stiffness EI under the torque Q and the tension T is straight up to `Q = 2 sqrt(EI T)`
+    (Greenhill 1883). Twist here is that of the material: a line that coils between fixed ends exchanges it for writhe.
+
+    Args:
+        positions: all nodes (k, nodes, 3) [m]; tension, torque: (k, n) [N], [N m].
+    """
+    given = scene.effects["torsion"]
+    links = sum(line.links for line in scene.lines)
+    stiffness = None
+    if "bending" in scene.effects:
+        stiffness = np.broadcast_to(np.asarray(scene.effects["bending"]["EI"], float), links)
+    twisting = np.broadcast_to(given["GJ"], links)
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        if given["lines"] and line.name not in given["lines"]:
+            continue
+        turning, pulled = np.abs(torque[:, where.links]), np.maximum(tension[:, where.links], 0.0)
+        if stiffness is not None:
+            most = 2.0 * np.sqrt(stiffness[where.links] * pulled)
+            worst = np.unravel_index(np.argmax(turning - most), turning.shape)
+            if turning[worst] > most[worst]:
+                yield (
+                    f"{line.name}: its torque of {turning[worst]:.3g} N m is above 2 sqrt(EI T) = {most[worst]:.3g} "
+                    "N m: it would form loops, which the torsion model omits"
+                )
+        if given["first"] == given["last"] == "held":
+            nodes = positions[:, where.nodes]
+            turns = float(np.ptp(writhe(nodes, nodes[0, -1] - nodes[0, 0])))
+            gives = 2.0 * np.pi * turns * float(np.min(twisting[where.links])) / float(np.sum(line.length))
+            if turns > COILED and gives > FELT * float(np.max(turning)):
+                yield (
+                    f"{line.name}: it coils by {turns:.2g} turns in the run; its twist would change by as many, which "
+                    "the torsion model omits"
+                )
+
 
 #: Curvature below which a radius is that of a straight line [1/m].
 STRAIGHT = 1e-12
@@ -84,3 +151,50 @@ def bending_summary(
             "least_radius_m": 1.0 / bent if bent > STRAIGHT else None,
         }
     return found
+
+
+def positions_at(t: np.ndarray, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Positions (q, ...) [m] at times (q,) [s], linear between the saved positions (k, ...) at t (k,) [s]."""
+    if len(t) < 2:
+        return positions[np.zeros(len(times), int)]
+    row = np.interp(times, t, np.arange(len(t)))
+    low = np.minimum(row.astype(int), len(t) - 2)
+    share = (row - low).reshape(-1, *[1] * (positions.ndim - 1))
+    return (1 - share) * positions[low] + share * positions[low + 1]
+
+
+def point_load(
+    scene: SceneData, name: str, t: np.ndarray, positions: np.ndarray, t_tension: np.ndarray, tension: np.ndarray
+) -> np.ndarray:
+    """Force (q, 3) [N] of all lines on a point: the sum of `T_j d_j/|d_j|` over the links j that end there.
+
+    d_j is the link from the point outwards, at the times of the tensions.
+
+    Args:
+        t, positions: saved times (k,) [s] and nodes (k, nodes, 3) [m] of all lines.
+        t_tension, tension: (q,) [s] and (q, links) [N].
+    """
+    total = np.zeros((len(t_tension), 3))
+    for spec, where in zip(scene.lines, line_slices(scene), strict=True):
+        ends = (
+            (spec.start, slice(where.nodes.start, where.nodes.start + 2), where.links.start, 1.0),
+            (spec.end, slice(where.nodes.stop - 2, where.nodes.stop), where.links.stop - 1, -1.0),
+        )
+        for point, nodes, link, sign in ends:
+            if point == name:
+                both = positions_at(t, positions[:, nodes], t_tension)
+                along = sign * (both[:, 1] - both[:, 0])
+                size = np.linalg.norm(along, axis=1, keepdims=True)
+                total += tension[:, link, None] * along / np.where(size > 0, size, 1.0)
+    return total
+
+
+def held_points(scene: SceneData) -> list[str]:
+    """Names of the fixed points at which a line ends."""
+    ends = {name for line in scene.lines for name in (line.start, line.end)}
+    return [point.name for point in scene.points if point.kind == "fixed" and point.name in ends]
+
+
+def end_tensions(scene: SceneData, tension: np.ndarray) -> dict[str, np.ndarray]:
+    """Tension (k, 2) [N] of the first and the last link of every line, pieces between attached points together."""
+    return {line.name: tension[:, [line.links.start, line.links.stop - 1]] for line in whole_lines(scene)}

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.load.surroundings import surface_over
-from dropper_jax.run.loads import end_tensions, held_points, point_load
+from dropper_jax.load.checks_water import surface_over
+from dropper_jax.run.bends import end_tensions, held_points, point_load
 from dropper_jax.run.samples import Samples
 from dropper_jax.scene import whole_lines
 

@@ -29,10 +29,8 @@ from dropper_jax.run.carry import (
     same_scene,
     steps_refused,
 )
-from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
-from dropper_jax.run.memory_check import check_memory
-from dropper_jax.run.remarks import check_stretch
-from dropper_jax.run.resolution import with_quality_checks
+from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
+from dropper_jax.run.resolution import check_stretch, with_quality_checks
 from dropper_jax.run.row_store import InMemory, OnDisk
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.start import initial_state

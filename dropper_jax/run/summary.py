@@ -1,10 +1,20 @@
-"""The JSON object of a run."""
+"""The JSON object of a run, and its tables as CSV.
+
+Numbers are written with all digits, so that reading them gives identical values.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
+from pathlib import Path
 from typing import Any
 
-from dropper_jax.base.json_values import SCHEMA, jsonable
+import numpy as np
+
+from dropper_jax.analysis.angles import angle_rates, link_angles
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.toml_text import SCHEMA, jsonable
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.run.bends import bending_summary, bends
 from dropper_jax.run.resolution import step_facts
@@ -73,3 +83,62 @@ def summary(run: Samples) -> dict[str, Any]:
     if run.failure:
         found["error"] = run.failure
     return jsonable(found)
+
+
+def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", rates: bool = True) -> Path:
+    """Polar angles and their rates: columns `t [s], theta_1..n [rad], omega_1..n [rad/s]`.
+
+    For several lines the columns are `theta_LINE/1`, ..., line after line.
+
+    Args:
+        solution: the run.
+        path: CSV file.
+        zero: "horizontal" (positive downwards) or "down", see `link_angles`.
+        rates: whether to write the columns omega.
+    """
+    lines = [line.nodes for line in solution.lines]
+    theta = [link_angles(solution.positions[:, nodes], zero)[0] for nodes in lines]
+    columns = {"theta": np.concatenate(theta, axis=1)}
+    if rates:
+        moving = [(solution.positions[:, nodes], solution.velocities[:, nodes]) for nodes in lines]
+        columns["omega"] = np.concatenate([angle_rates(*both, zero)[0] for both in moving], axis=1)
+    return _write(solution, path, f"zero={zero}, sign=1, unit=rad", solution.t, columns)
+
+
+def write_tensions(solution: Samples, path: str | Path) -> Path:
+    """Tensions: columns `t [s], tension_1..n [N]` (`tension_LINE/1` for several lines); t is the time of the
+    tension."""
+    return _write(solution, path, "unit=N", solution.t_tension, {"tension": solution.tension})
+
+
+def write_bodies(solution: Samples, path: str | Path) -> Path:
+    """Motion of rigid bodies: columns `t [s], x_BODY, y_BODY, z_BODY [m], roll_BODY, pitch_BODY, yaw_BODY [rad]`."""
+    names = [body.name for body in solution.scene.bodies]
+    heads = [f"{key}_{name}" for name in names for key in ("x", "y", "z", "roll", "pitch", "yaw")]
+    both = np.concatenate([solution.body_position, solution.body_attitude], axis=-1)
+    return _rows(solution, path, "unit=m, rad", heads, solution.t, [both.reshape(len(both), -1)])
+
+
+def _names(solution: Samples) -> list[str]:
+    """Names of the links: their numbers, with the name of the line if there are several lines."""
+    lines = solution.lines
+    numbers = [(line.name, j + 1) for line in lines for j in range(line.links.stop - line.links.start)]
+    return [str(j) if len(lines) == 1 else f"{name}/{j}" for name, j in numbers]
+
+
+def _write(solution: Samples, path: str | Path, comment: str, t: np.ndarray, columns: dict[str, np.ndarray]) -> Path:
+    heads = [f"{stem}_{name}" for stem in columns for name in _names(solution)]
+    return _rows(solution, path, comment, heads, t, list(columns.values()))
+
+
+def _rows(
+    solution: Samples, path: str | Path, comment: str, heads: list[str], t: np.ndarray, columns: list[np.ndarray]
+) -> Path:
+    text = io.StringIO()
+    used = solution.settings
+    text.write(f"# {comment}\n# {solution.scene.name}: {used.get('integrator')} with steps of {used.get('dt')} s\n")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["t", *heads])
+    for row in np.concatenate([t[:, None], *columns], axis=1).tolist():
+        writer.writerow(["" if x != x else repr(x) for x in row])
+    return atomic_write(path, text.getvalue())

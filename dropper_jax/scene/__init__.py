@@ -1,17 +1,23 @@
 """The scene as data: the user's description."""
 
-from dropper_jax.scene.anchor import AnchorSpec, read_anchors, utilisations
 from dropper_jax.scene.body import BodySpec, CylinderSpec, SphereSpec, attitude
-from dropper_jax.scene.data import SceneData, is_branched, link_mass_words, point_named
-from dropper_jax.scene.failure import FailureSpec
+from dropper_jax.scene.data import (
+    LineSlice,
+    SceneData,
+    WholeLine,
+    held_loads,
+    is_branched,
+    line_offsets,
+    line_slices,
+    link_mass_words,
+    point_named,
+    whole_lines,
+)
 from dropper_jax.scene.fit import FitSpec, PriorSpec, SensorSpec
-from dropper_jax.scene.growth import GrowthSpec, grown
-from dropper_jax.scene.line import LineSpec, join_lines
-from dropper_jax.scene.point import BuoySpec, PointSpec
-from dropper_jax.scene.run import RunSpec
+from dropper_jax.scene.line import FailureSpec, GrowthSpec, LineSpec, grown, join_lines
+from dropper_jax.scene.point import AnchorSpec, BuoySpec, PointSpec, read_anchors, utilisations
+from dropper_jax.scene.run import RunSpec, StartSpec, directions
 from dropper_jax.scene.season import SeasonSpec
-from dropper_jax.scene.slices import LineSlice, WholeLine, held_loads, line_offsets, line_slices, whole_lines
-from dropper_jax.scene.start import StartSpec, directions
 from dropper_jax.scene.vessel import RaoSpec, VesselSpec
 
 __all__ = [

@@ -1,18 +1,91 @@
-"""`[[line]]`: a path of links between two points, with its axial law, and several lines combined into one."""
+"""`[[line]]`: a path of links between two points, with its axial law, growth and failures; lines combined into one.
+
+Lines that break: `[[failure]]` of a scene, its arrays, and the step that ends with a broken link.
+
+An entry watches the links of one line, or one of them. It acts at the end of the first step in which the tension of a
+watched link reaches its load, or that reaches the time. One link then breaks: the specified one, otherwise the one with
+the largest ratio of tension to load. From then on it carries no tension; its mass and water forces stay with its two
+nodes. An entry acts once. Statics ignore failures. Which link breaks and when has no derivative: gradients are those of
+the run with its breaks at fixed times.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from dropper_jax.axial import LAWS
 from dropper_jax.axial.force_table import ForceTable, read_tables, tables_of
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.constants import GRAVITY, SEA_WATER
+from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, as_table, check_keys, count, field_keys, read_fields, read_table, refuse
-from dropper_jax.scene.growth import GrowthSpec
+from dropper_jax.base.read import Plain, as_table, check_keys, count, field_keys, plain, read_fields, read_table, refuse
+
+
+class Grown(NamedTuple):
+    """Per link (n,): mass [kg], diameter [m], weight in water [N]."""
+
+    mass: np.ndarray
+    diameter: np.ndarray
+    wet_weight: np.ndarray
+
+
+def grown(
+    length: np.ndarray,
+    bare_mass: np.ndarray,
+    bare_diameter: np.ndarray,
+    thickness: np.ndarray,
+    density: np.ndarray,
+    water: float = SEA_WATER,
+    gravity: float = GRAVITY,
+) -> Grown:
+    """A layer of `thickness` [m] and `density` [kg/m^3] on links of the bare rope, all (n,).
+
+    `D = D0 + 2 t`, `m = m0 + density pi/4 (D^2 - D0^2) L`, wet weight `g (m - rho pi/4 D^2 L)`. The density is that of
+    the layer as it displaces water: mussels only, with the gaps between them excluded from the diameter.
+    """
+    diameter = bare_diameter + 2.0 * thickness
+    area = 0.25 * np.pi * (diameter**2 - bare_diameter**2)
+    mass = bare_mass + density * area * length
+    return Grown(mass, diameter, gravity * (mass - water * 0.25 * np.pi * diameter**2 * length))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GrowthSpec:
+    """`[line.growth]`: a layer of mussels on the line, whose own mass and diameter are those of the bare rope.
+
+    Linear between the given depths, constant outside them.
+    """
+
+    depth: np.ndarray = parameter("depths below the mean surface, rising", unit="m", shape="table")
+    thickness: np.ndarray = parameter("thickness of the layer at those depths", unit="m", shape="table", low=0.0)
+    density: np.ndarray = parameter(
+        "density of the layer, one or one per depth", unit="kg/m^3", shape="numbers", low=0.0
+    )
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> GrowthSpec:
+        spec = cls(**read_fields(cls, table, path, {}))
+        depths = len(spec.depth)
+        if not depths or np.any(np.diff(spec.depth) <= 0):
+            raise refuse(f"{path}.depth", plain(spec.depth), "does not rise", "one or more rising depths [m]")
+        if len(spec.thickness) != depths:
+            raise refuse(f"{path}.thickness", plain(spec.thickness), f"has {len(spec.thickness)} entries", str(depths))
+        if np.ndim(spec.density) and len(spec.density) not in (1, depths):
+            raise refuse(f"{path}.density", plain(spec.density), f"has {len(spec.density)} entries", f"1 or {depths}")
+        return spec
+
+    def table(self) -> dict[str, Any]:
+        """Plain values from which `read` recreates the section."""
+        return {f.name: plain(getattr(self, f.name)) for f in dataclasses.fields(self)}
+
+    def over(self, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Thickness [m] and density [kg/m^3] at depths [m]."""
+        density = np.broadcast_to(self.density, self.depth.shape)
+        return np.interp(depth, self.depth, self.thickness), np.interp(depth, self.depth, density)
+
 
 #: Keys that `line_types.expand` removes from lines defined per metre.
 BY_THE_METRE = ("type", "sections", "attach", "shelter")
@@ -168,3 +241,50 @@ def _per_link(value: Plain, links: int) -> np.ndarray:
 def _one_or_all(value: Plain) -> Plain:
     """One number if all entries of a list are equal, so that the number of links can be changed."""
     return value[0] if isinstance(value, list) and value and value.count(value[0]) == len(value) else value
+
+
+@dataclasses.dataclass(frozen=True)
+class FailureSpec:
+    """`[[failure]]`: where, and at which load or time, a line breaks."""
+
+    line: str = option("name of the line", type=str)
+    link: int | None = dataclasses.field(
+        metadata={"kind": "option", "meaning": "link that breaks, from 1", "type": int, "low": 1}, default=None
+    )
+    load: float | None = parameter(
+        "tension at which it breaks; the line's breaking load by default",
+        unit="N",
+        low=0.0,
+        open_low=True,
+        optional=True,
+    )
+    time: float | None = parameter("time at which it breaks", unit="s", low=0.0, open_low=True, optional=True)
+
+    @classmethod
+    def read(cls, table: Plain, path: str, lines: tuple[LineSpec, ...]) -> FailureSpec:
+        """A checked entry.
+
+        Raises:
+            SceneError: an unknown line, a link that the line does not have, a line that does not stretch, a time
+                without a link, or neither load nor time if the line has no breaking load.
+        """
+        spec = cls(**read_fields(cls, table, path, {}))
+        names = [line.name for line in lines]
+        pieces = [line.name for line in lines if line.piece_of == spec.line]
+        if pieces and spec.line not in names:
+            raise SceneError(
+                f"{path}.line: {spec.line!r} is cut by its attached points; allowed: one of its pieces, "
+                f"{pieces[0]} to {pieces[-1]}"
+            )
+        if spec.line not in names:
+            raise SceneError(f"{path}.line: {spec.line!r} is not a line; {nearest(spec.line, names)}")
+        line = lines[names.index(spec.line)]
+        if line.rigid:
+            raise SceneError(f"{path}.line: the links of {spec.line!r} are rigid. Use a line that stretches")
+        if spec.link is not None and spec.link > line.links:
+            raise refuse(f"{path}.link", spec.link, f"is not a link of {spec.line!r}", f"1 to {line.links}")
+        if spec.time is not None and spec.link is None:
+            raise SceneError(f"{path}.link: missing; a failure at a time needs the link that breaks, 1 to {line.links}")
+        if spec.load is None and spec.time is None and line.breaking_load is None:
+            raise SceneError(f"{path}.load: missing; needed without `time` if the line has no breaking_load")
+        return spec

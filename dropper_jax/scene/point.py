@@ -1,12 +1,28 @@
-"""Points and buoys of a scene."""
+"""Points, buoys and anchors of a scene.
+
+Anchors of fixed points and their capacity.
+
+A dead weight slides at the horizontal load `mu (W - V)` and lifts at W (Coulomb), with its weight in water W and the
+upward load V. A drag anchor in line with a second one keeps its capacity and passes the excess load on. A screw
+(helical) anchor has the bearing capacity of its plates, each acting separately:
+
+    Q = sum A (9 c + gamma' z N_q),   N_q = exp(pi tan phi) tan^2(45 deg + phi/2)
+
+over plates of area A at depth z below the seabed in soil of undrained strength c (clay) or friction angle phi (sand)
+and weight in water gamma' (individual bearing: Adams and Klym 1972; Hoyt and Clemence 1989; N_q: Reissner 1924). It is
+valid for plates at least three diameters apart, the uppermost at least five below the seabed. The shaft's friction, and
+gamma' z in clay, are neglected, which is conservative. Other anchors (drag anchors) have their tested capacity.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import Plain, read_fields, refuse
 
@@ -70,3 +86,161 @@ class BuoySpec:
                 f"{path}.attachment", buoy.attachment, "is above the buoy", f"0 to its height, {buoy.height:g} m"
             )
         return buoy
+
+
+#: Kinds of anchor and the keys that each requires.
+KINDS = {"dead_weight": ("weight", "friction"), "tested": ("capacity",), "screw": ("plates", "depths")}
+#: Keys that only one kind has, and which of these are optional.
+OPTIONAL = {"screw": ("strength", "friction_angle", "soil_weight", "bearing_factor", "lateral")}
+#: Bearing of a deep plate in clay over its undrained strength; minimum depth and spacing of plates in diameters.
+CLAY, DEEP, SPACING = 9.0, 5.0, 3.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class AnchorSpec:
+    """`[[anchor]]`: the anchor of a fixed point.
+
+    `dead_weight`: W [N] in water and mu; it slides at `H = mu (W - V)` and lifts at `V = W` (Coulomb). `tested`: the
+    load [N] to which it was tested, in any direction. `screw`: see above. With `lateral` it stands upright and its
+    utilisation is `V/Q + H/lateral`; otherwise it lies along the load and its utilisation is `|load|/Q`.
+    """
+
+    point: str = option("name of the fixed point", type=str)
+    kind: str = option("how it holds", choices=tuple(KINDS), default="dead_weight")
+    weight: float | None = parameter("weight in water", unit="N", low=0.0, open_low=True, optional=True)
+    friction: float | None = parameter(
+        "coefficient of friction on the seabed", unit="-", low=0.0, open_low=True, optional=True
+    )
+    capacity: float | None = parameter("tested load", unit="N", low=0.0, open_low=True, optional=True)
+    plates: np.ndarray | None = parameter(
+        "diameters of the plates", unit="m", shape="table", low=0.0, open_low=True, optional=True
+    )
+    depths: np.ndarray | None = parameter(
+        "depths of the plates below the seabed, rising", unit="m", shape="table", low=0.0, open_low=True, optional=True
+    )
+    strength: float | None = parameter("undrained strength of clay", unit="Pa", low=0.0, open_low=True, optional=True)
+    friction_angle: float | None = parameter(
+        "friction angle of sand", unit="rad", low=0.0, open_low=True, high=0.87, optional=True
+    )
+    soil_weight: float | None = parameter(
+        "weight of the soil in water", unit="N/m^3", low=0.0, open_low=True, optional=True
+    )
+    bearing_factor: float | None = parameter(
+        "N_q of sand in place of Reissner's", unit="-", low=0.0, open_low=True, optional=True
+    )
+    lateral: float | None = parameter(
+        "horizontal capacity of an upright anchor", unit="N", low=0.0, open_low=True, optional=True
+    )
+    safety_factor: float = parameter("required ratio of capacity to load", unit="-", low=1.0, default=1.5)
+    behind: str | None = option(
+        "fixed point in line with this one whose anchor takes the load above this one's capacity",
+        type=str,
+        default=None,
+    )
+
+    @classmethod
+    def read(cls, table: Plain, path: str, held: list[str]) -> AnchorSpec:
+        anchor = cls(**read_fields(cls, table, path, {}))
+        if anchor.point not in held:
+            raise SceneError(
+                f"{path}.point: {anchor.point!r} is not a fixed point; allowed: {', '.join(held) or 'none'}"
+            )
+        own = KINDS[anchor.kind] + OPTIONAL.get(anchor.kind, ())
+        for key in dict.fromkeys(key for keys in (*KINDS.values(), *OPTIONAL.values()) for key in keys):
+            given = getattr(anchor, key) is not None
+            if given != (key in KINDS[anchor.kind]) and not (given and key in own):
+                if not given and key in OPTIONAL.get(anchor.kind, ()):
+                    continue
+                what = "is not used" if given else "missing"
+                raise SceneError(f"{path}.{key}: {what}; kind {anchor.kind!r} takes {' and '.join(KINDS[anchor.kind])}")
+        if anchor.kind == "screw":
+            anchor._check_screw(path)
+        return anchor
+
+    def _check_screw(self, path: str) -> None:
+        """Check that plates are deep enough and far enough apart to act separately, in clay or in sand."""
+        if len(self.plates) == 0 or len(self.plates) != len(self.depths):
+            raise SceneError(
+                f"{path}.depths: has {len(self.depths)} entries; allowed: one for each entry of `plates`, >= 1"
+            )
+        if self.depths[0] < DEEP * self.plates[0]:
+            least = DEEP * self.plates[0]
+            raise SceneError(
+                f"{path}.depths.0: {self.depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
+                f"{least:g} m, 5 diameters"
+            )
+        for i in range(1, len(self.plates)):
+            least = SPACING * max(self.plates[i - 1], self.plates[i])
+            if self.depths[i] - self.depths[i - 1] < least * (1.0 - 1e-9):
+                raise SceneError(
+                    f"{path}.depths.{i}: {self.depths[i]:g} m is less than 3 diameters below the plate above; allowed: "
+                    f">= {self.depths[i - 1] + least:g} m"
+                )
+        if (self.strength is None) == (self.friction_angle is None):
+            raise SceneError(f"{path}: kind 'screw' takes `strength` (clay) or `friction_angle` (sand), one of them")
+        if self.friction_angle is not None and self.soil_weight is None:
+            raise SceneError(f"{path}.soil_weight: missing; a screw anchor in sand needs it, > 0 N/m^3")
+        for key in ("soil_weight", "bearing_factor"):
+            if self.strength is not None and getattr(self, key) is not None:
+                raise SceneError(f"{path}.{key}: is not used in clay, only with `friction_angle`")
+
+    @property
+    def screw_capacity(self) -> float:
+        """Load [N] along its axis at which a screw anchor pulls out."""
+        area = 0.25 * np.pi * self.plates**2
+        if self.strength is not None:
+            return float(np.sum(area) * CLAY * self.strength)
+        factor = self.bearing_factor
+        if factor is None:
+            phi = self.friction_angle
+            factor = np.exp(np.pi * np.tan(phi)) * np.tan(0.25 * np.pi + 0.5 * phi) ** 2
+        return float(np.sum(area * self.soil_weight * self.depths) * factor)
+
+    def utilisation(self, horizontal: np.ndarray, upward: np.ndarray) -> np.ndarray:
+        """Utilisation, load over capacity (...), for horizontal and upward loads [N]; the anchor fails at 1.
+
+        For a dead weight `(H/mu + V)/W` with V not below 0: both loads may grow by the inverse of this factor.
+        """
+        up = np.maximum(upward, 0.0)
+        if self.kind == "tested":
+            return np.hypot(horizontal, up) / self.capacity
+        if self.kind == "screw":
+            if self.lateral is None:
+                return np.hypot(horizontal, up) / self.screw_capacity
+            return up / self.screw_capacity + horizontal / self.lateral
+        return (horizontal / self.friction + up) / self.weight
+
+
+def utilisations(
+    anchors: tuple[AnchorSpec, ...], loads: Mapping[str, tuple[np.ndarray, np.ndarray]]
+) -> dict[str, np.ndarray]:
+    """Utilisation, load over capacity (...), of each anchored point, from its horizontal and upward loads (...) [N].
+
+    An anchor with another one `behind` it keeps its capacity. If its utilisation u exceeds 1, it passes the fraction
+    `1 - 1/u` of its horizontal load on: drag anchors keep their capacity while they drag.
+    """
+    own = {anchor.point: anchor.utilisation(*loads[anchor.point]) for anchor in anchors}
+    passed: dict[str, np.ndarray] = {}
+    for anchor in anchors:
+        if anchor.behind is not None:
+            share = 1.0 - 1.0 / np.maximum(own[anchor.point], 1.0)
+            passed[anchor.behind] = passed.get(anchor.behind, 0.0) + share * loads[anchor.point][0]
+    for anchor in anchors:
+        if anchor.point in passed:
+            across, up = loads[anchor.point]
+            own[anchor.point] = anchor.utilisation(across + passed[anchor.point], up)
+    return own
+
+
+def read_anchors(tables: Sequence[Plain], held: list[str]) -> tuple[AnchorSpec, ...]:
+    """All `[[anchor]]` entries of a scene with these fixed points. An anchor `behind` another has none behind
+    itself."""
+    anchors = tuple(AnchorSpec.read(table, f"anchor.{i}", held) for i, table in enumerate(tables))
+    last = [anchor.point for anchor in anchors if anchor.behind is None]
+    for i, anchor in enumerate(anchors):
+        if anchor.behind is not None and anchor.behind not in last:
+            raise SceneError(
+                f"anchor.{i}.behind: {anchor.behind!r} is not a point whose anchor has none behind itself; "
+                f"allowed: {', '.join(last) or 'none'}"
+            )
+    return anchors

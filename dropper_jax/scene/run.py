@@ -1,12 +1,15 @@
-"""`[run]` of a scene: step, duration and scheme."""
+"""`[run]` of a scene: step, duration and scheme; `[start]`: how a run starts."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     MOST,
@@ -15,11 +18,13 @@ from dropper_jax.base.read import (
     check_keys,
     count,
     field_keys,
+    plain,
     read_fields,
     read_number,
     read_table,
     refuse,
 )
+from dropper_jax.scene.line import LineSpec
 
 #: Linear solvers by name, as `dropper_jax.solvers` offers them; importing that would load scipy for every scene reader.
 SOLVERS = ("auto", "dense", "banded", "condensed", "network")
@@ -83,3 +88,105 @@ class RunSpec:
     def table(self) -> dict[str, Any]:
         """Plain values from which `read` recreates the section."""
         return {**as_table(self), **self.options}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StartSpec:
+    """`[start]`: configuration and velocities at t = 0.
+
+    `static`: the equilibrium under `release_force` on `release_nodes`, which are released at t = 0. `angles`:
+    `zero = "horizontal"` (thesis (4.1)): `d = L (cos p cos a, cos p sin a, -sin p)`; `zero = "down"` (thesis (3.1)):
+    `d = L (sin p cos a, sin p sin a, -cos p)`, p polar, a azimuth. `positions`: all nodes, both ends included.
+    `points`, for a system of lines: free points are held at their positions in the scene, the lines settle between
+    them, and all are released at t = 0.
+    """
+
+    FIELDS: ClassVar[dict[str, tuple[str, ...]]] = {
+        "static": ("release_nodes", "release_force"),
+        "angles": ("polar", "azimuth", "polar_rate", "azimuth_rate", "zero"),
+        "positions": ("positions", "velocities"),
+        "points": (),
+    }
+
+    kind: str = option("how the start is given", choices=("static", "angles", "positions", "points"), default="static")
+    release_nodes: tuple[int, ...] | None = dataclasses.field(
+        metadata={"kind": "option", "meaning": "nodes released at t = 0", "type": tuple, "low": 1}, default=None
+    )
+    release_force: np.ndarray | None = parameter("forces released at t = 0", unit="N", shape="vectors", optional=True)
+    polar: np.ndarray | None = parameter("polar angle of each link", unit="rad", shape="table", optional=True)
+    azimuth: np.ndarray | None = parameter("azimuth of each link", unit="rad", shape="table", optional=True)
+    polar_rate: np.ndarray | None = parameter("rate of the polar angle", unit="rad/s", shape="table", optional=True)
+    azimuth_rate: np.ndarray | None = parameter("rate of the azimuth", unit="rad/s", shape="table", optional=True)
+    zero: str | None = option("where the polar angle is zero", choices=("horizontal", "down"), default=None)
+    positions: np.ndarray | None = parameter("positions of all nodes", unit="m", shape="vectors", optional=True)
+    velocities: np.ndarray | None = parameter("velocities of all nodes", unit="m/s", shape="vectors", optional=True)
+
+    @classmethod
+    def read(cls, table: Plain, path: str, line: LineSpec, held: bool, branched: bool = False) -> StartSpec:
+        values = read_fields(cls, table, path, {})
+        kind = values["kind"]
+        allowed = ("static", "points") if branched else ("static", "angles", "positions")
+        if kind not in allowed:
+            raise refuse(
+                f"{path}.kind",
+                kind,
+                f"does not fit {'a system of lines' if branched else 'one line'}",
+                ", ".join(allowed),
+            )
+        if branched and values["release_nodes"] is not None:
+            raise SceneError(
+                f"{path}.release_nodes: refers to the nodes of a single line; allowed: none in a system of lines"
+            )
+        for key in read_table(table, path):
+            if key != "kind" and key not in cls.FIELDS[kind]:
+                raise SceneError(f"{path}.{key}: not used by kind {kind!r}, which takes {', '.join(cls.FIELDS[kind])}")
+        if kind in _COMPLETE:
+            _COMPLETE[kind](values, path, line, held)
+        return cls(**values)
+
+
+def _complete_static(values: dict[str, Any], path: str, line: LineSpec, held: bool) -> None:
+    nodes, force = values["release_nodes"], values["release_force"]
+    if (nodes is None) != (force is None):
+        raise SceneError(f"{path}: `release_nodes` and `release_force` belong together, one of them is missing")
+    free = line.links - held
+    for i, node in enumerate(nodes or ()):
+        if node > free:
+            raise refuse(f"{path}.release_nodes.{i}", node, "is not a free node", f"1 to {free}")
+    if nodes is not None and len(nodes) != len(force):
+        raise refuse(f"{path}.release_force", plain(force), f"has {len(force)} vectors", f"{len(nodes)}, one per node")
+
+
+def _complete_angles(values: dict[str, Any], path: str, line: LineSpec, held: bool) -> None:
+    values["zero"] = values["zero"] or "horizontal"
+    if values["polar"] is None:
+        raise SceneError(f"{path}.polar: missing; needed: a list of {line.links} angles [rad]")
+    for key in ("polar", "azimuth", "polar_rate", "azimuth_rate"):
+        if values[key] is None:
+            values[key] = np.zeros(line.links)
+        if len(values[key]) != line.links:
+            raise refuse(
+                f"{path}.{key}", plain(values[key]), f"has {len(values[key])} entries", f"{line.links}, one per link"
+            )
+
+
+def _complete_positions(values: dict[str, Any], path: str, line: LineSpec, held: bool) -> None:
+    rows = line.links + 1
+    if values["positions"] is None:
+        raise SceneError(f"{path}.positions: missing; needed: {rows} positions [m], both ends included")
+    if values["velocities"] is None:
+        values["velocities"] = np.zeros((rows, 3))
+    for key in ("positions", "velocities"):
+        if len(values[key]) != rows:
+            raise refuse(
+                f"{path}.{key}", plain(values[key]), f"has {len(values[key])} rows", f"{rows}, both ends included"
+            )
+
+
+_COMPLETE = {"static": _complete_static, "angles": _complete_angles, "positions": _complete_positions}
+
+
+def directions(polar: np.ndarray, azimuth: np.ndarray, zero: str) -> np.ndarray:
+    """Unit vectors of links (n, 3) from their angles [rad] (see `StartSpec`)."""
+    along, down = (np.cos(polar), np.sin(polar)) if zero == "horizontal" else (np.sin(polar), np.cos(polar))
+    return np.stack([along * np.cos(azimuth), along * np.sin(azimuth), -down], axis=-1)

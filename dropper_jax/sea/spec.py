@@ -15,14 +15,13 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.files import find_referenced
 from dropper_jax.base.read import Plain, as_table, field_keys, plain, read_fields, read_table, read_text, refuse
 from dropper_jax.base.read import count as whole_number
-from dropper_jax.base.references import find_referenced
-from dropper_jax.sea.current import KINDS
+from dropper_jax.sea.current import KINDS, check_constituents
 from dropper_jax.sea.readers import read_components, read_elevation
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES
-from dropper_jax.sea.tide import check_constituents
 from dropper_jax.sea.waves import STRETCHING
 
 #: Alternative keys of a regular wave.
@@ -177,7 +176,7 @@ class CurrentSpec:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LevelSpec:
-    """`[sea.level]`: see `dropper_jax.sea.tide.Level`."""
+    """`[sea.level]`: see `dropper_jax.sea.current.Level`."""
 
     offset: float = parameter("constant part", unit="m", default=0.0)
     time: Any = parameter("times of a table", unit="s", shape="table", optional=True)

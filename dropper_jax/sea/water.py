@@ -10,8 +10,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.sea.current import Current
-from dropper_jax.sea.tide import Level
+from dropper_jax.sea.current import Current, Level
 from dropper_jax.sea.waves import Motion
 
 

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.trigonometry import sincos
+from dropper_jax.base.numerics import sincos
 
 #: Extrapolation of kinematics above the mean surface, where linear theory is not defined.
 STRETCHING = ("none", "constant", "wheeler")

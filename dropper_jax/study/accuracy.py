@@ -4,22 +4,108 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.report.record import record
 from dropper_jax.run.build import build
 from dropper_jax.run.samples import is_finished
 from dropper_jax.run.simulate import simulate
-from dropper_jax.study.convergence import convergence
-from dropper_jax.study.euler import euler_claims
 from dropper_jax.study.load_errors import line_loads
-from dropper_jax.study.numerical_damping import numerical_damping
+from dropper_jax.study.march import convergence, grid_run, status_of
 from dropper_jax.study.peers import peer_rows
 from dropper_jax.study.reference import Reference, reference, trusted_span
 from dropper_jax.study.schemes import Scheme, default_schemes, runnable
-from dropper_jax.study.work_precision import measure, orders
+from dropper_jax.study.work_precision import energy_loss, measure, orders
+
+SCENE = "dropper-release-a-undamped"
+#: Duration of the runs for the energy table of the schemes [s].
+DURATION = 6.5
+#: Damping fitted in the thesis [kg/s], with its scheme and step [s].
+THESIS_B_L = 0.002
+THESIS_DT = 0.0065
+THESIS = Scheme("thesis_angles", 0.51)
+DAMPING_DTS = (2.0**-6, THESIS_DT, 2.0**-8, 2.0**-9, 2.0**-10, 2.0**-11)
+
+SCHEMES = (
+    THESIS,
+    Scheme("thesis_angles", 0.5),
+    Scheme("theta", 0.51),
+    Scheme("theta", 0.5),
+    Scheme("theta", 1.0),
+    Scheme("theta_midpoint", 0.51),
+    Scheme("semi_implicit_euler"),
+    Scheme("rattle"),
+    Scheme("energy_momentum"),
+)
+
+
+def numerical_damping(
+    schemes: tuple[Scheme, ...] = SCHEMES,
+    dts: tuple[float, ...] = DAMPING_DTS,
+    scene: str = SCENE,
+    duration: float = DURATION,
+) -> dict[str, Any]:
+    """Equivalent damping `b = E_lost / sum over nodes of the integral of |v|^2` [kg/s] of each scheme and step.
+
+    A linear damping b on every node would dissipate the same energy along the same path. Negative values mean that the
+    scheme gains energy. Failed runs have no value. Steps are not halved, so the value is that of the scheme itself.
+
+    Returns:
+        scene, duration_s, rows of {label, dt, status, failed_at_s, energy_lost_j, equivalent_linear_damping,
+        share_of_thesis}; `thesis`: the row of the thesis' own scheme and step, with its fraction of the fitted b_l of
+        0.002 kg/s.
+    """
+    model, s = build(load_scene(scene))
+    rows = [_row(model, s, scheme, dt, duration) for scheme in schemes for dt in dts]
+    found = {"scene": scene, "duration_s": duration, "thesis_b_l": THESIS_B_L, "rows": rows}
+    return {**found, "thesis": _thesis(rows)}
+
+
+def _row(model: Model, s: State, scheme: Scheme, dt: float, duration: float) -> dict[str, Any]:
+    stepper = scheme.stepper(model, halvings=0)
+    steps = int(np.ceil(duration / dt - 1e-9))
+    run = grid_run(stepper, model, s, steps * dt, steps, 1)
+    status = status_of(run, stepper)
+    row = {"label": scheme.label, "integrator": scheme.integrator, "gamma": scheme.gamma, "dt": dt, "status": status}
+    if status != "ok":
+        failed = (int(run.bad[-1]) + 1) * dt
+        nothing = {"energy_lost_j": None, "equivalent_linear_damping": None, "share_of_thesis": None}
+        return {**row, "failed_at_s": failed, **nothing}
+    lost = float(energy_loss(model, s, run, np.array([steps * dt]))[-1])
+    b = lost / float(run.path[-1])
+    return {
+        **row,
+        "failed_at_s": None,
+        "energy_lost_j": lost,
+        "equivalent_linear_damping": b,
+        "share_of_thesis": b / THESIS_B_L,
+    }
+
+
+def _thesis(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    own = [row for row in rows if row["label"] == THESIS.label]
+    at = next((row for row in own if row["dt"] == THESIS_DT), None)
+    if at is None:
+        return {}
+    where = f"{THESIS.label} at dt {THESIS_DT:g} s on {SCENE}"
+    if at["status"] == "ok":
+        text = f"{where}: {100 * at['share_of_thesis']:.3g} % of b_l = {THESIS_B_L:g} kg/s is the scheme's own"
+    else:
+        text = f"{where}: {at['status']} at {at['failed_at_s']:.3g} s, so no share can be given"
+        good = [row for row in own if row["status"] == "ok"]
+        if good:
+            largest = max(good, key=lambda row: row["dt"])
+            share = 100 * largest["share_of_thesis"]
+            text += f"; at dt {largest['dt']:.4g} s, where it survives, {share:.3g} %"
+    return {**at, "text": text}
+
 
 #: Default steps [s]: powers of two, which divide whole seconds and each other.
 DTS = tuple(2.0**-k for k in range(5, 12))
@@ -184,3 +270,63 @@ def _advice(rows: list[dict[str, Any]], name: str, within: float) -> dict[str, A
     what = f"{name.replace('_', ' ')} within {within:.0%}"
     text = f"{what}: not reached with the tested steps" if best is None else f"{what}: steps of {best:.4g} s or less"
     return {"load": name, "within": within, "dt": best, "text": text}
+
+
+#: Scheme, claim of the thesis (sections 2.3, 4.3.1 and its conclusion), and the corresponding sign.
+CLAIMS = (
+    (Scheme("theta", 0.0), "explicit Euler gains energy", 1),
+    (Scheme("theta", 1.0), "implicit Euler loses energy", -1),
+    (Scheme("semi_implicit_euler"), "semi-implicit Euler does neither", 0),
+)
+EULER_DTS = (0.01, 0.005, 0.0025)
+EULER_DURATION = 5.0
+#: A change smaller than this fraction of the mean of the other two is neither gain nor loss.
+NEITHER = 0.1
+
+
+def single_pendulum() -> Scene:
+    """A pendulum of 1 m and 1 kg released at 45 degrees, in a plane."""
+    side = float(np.sqrt(0.5))
+    return load_scene(
+        {
+            "name": "single-pendulum",
+            "run": {"dt": 0.01, "duration": EULER_DURATION},
+            "point": [
+                {"name": "pivot", "position": [0.0, 0.0, 0.0]},
+                {"name": "bob", "kind": "free", "position": [side, 0.0, -side]},
+            ],
+            "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
+            "effects": {"weight": {}},
+            "start": {"kind": "angles", "zero": "down", "polar": [float(np.pi / 4)]},
+        }
+    )
+
+
+def euler_claims(dts: tuple[float, ...] = EULER_DTS, duration: float = EULER_DURATION) -> list[dict[str, Any]]:
+    """Energy gained over `duration` [s] by the three schemes at each step, over the energy scale, and whether the claim
+    holds.
+
+    Returns:
+        rows of {scene, label, claim, dt, status, energy_gained, holds}; energies over the potential energy released.
+    """
+    rows = []
+    for scene in (single_pendulum(), load_scene("double-pendulum-periodic")):
+        for dt in dts:
+            gained = [_gain(scene, scheme, dt, duration) for scheme, _, _ in CLAIMS]
+            typical = NEITHER * 0.5 * (abs(gained[0][1]) + abs(gained[1][1]))
+            for (scheme, claim, sign), (status, gain) in zip(CLAIMS, gained, strict=True):
+                holds = status == "ok" and (abs(gain) < typical if sign == 0 else sign * gain > 0)
+                row = {"scene": scene.name, "label": scheme.label, "claim": claim, "dt": dt, "status": status}
+                rows.append({**row, "energy_gained": gain, "holds": bool(holds)})
+    return rows
+
+
+def _gain(scene: Scene, scheme: Scheme, dt: float, duration: float) -> tuple[str, float]:
+    model, s = build(scene)
+    stepper = scheme.stepper(model, halvings=0)
+    steps = round(duration / dt)
+    run = grid_run(stepper, model, s, steps * dt, steps, 1)
+    lost = energy_loss(model, s, run, np.array([duration]))[-1]
+    lowest = jnp.sum(model.line.mass * GRAVITY * -jnp.cumsum(model.line.length))
+    start = model.potential_energy(model.kinematics(s.r, s.v, s.t))
+    return status_of(run, stepper), -float(lost) / float(start - lowest)

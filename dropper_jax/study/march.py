@@ -8,12 +8,52 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.analysis.angles import link_angles
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.controlled import advance_controlled, start_controlled
 from dropper_jax.stepping.integrate import Progress, begin, step_failed
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
+from dropper_jax.study.schemes import Scheme
+
+
+def link_vectors(model: Model, r: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Link vectors (k, n, 3) [m] of free nodes r (k, nodes, 3) at times t (k,), in the precision of r."""
+    return np.asarray(_links(model, jnp.asarray(r), jnp.asarray(t, model.dtype))).astype(r.dtype)
+
+
+@cached_jit(brief=True)
+def _links(model: Model, r: jax.Array, t: jax.Array) -> jax.Array:
+    return jax.vmap(lambda nodes, time: model.links(nodes, model.ends(time)))(r, t)
+
+
+def angles_between(d: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Angle [rad] between link vectors (..., 3) and those of a reference.
+
+    In a plane it is the difference of the polar angles; in space it has no singular direction, unlike an azimuth.
+    """
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        u, w = (x / np.linalg.norm(x, axis=-1, keepdims=True) for x in (d, reference))
+        chord = np.linalg.norm(u - w, axis=-1)
+        return 2 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+
+
+def rms(x: np.ndarray) -> float:
+    """Root of the mean square; infinite if any entry is not finite."""
+    with np.errstate(over="ignore"):
+        return float(np.sqrt(np.mean(np.square(x)))) if np.all(np.isfinite(x)) else float("inf")
+
+
+def rms_angle(d: np.ndarray, reference: np.ndarray) -> float:
+    """RMS over times and links of the angle between links [rad]."""
+    return rms(angles_between(d, reference))
+
+
+def rms_position(r: np.ndarray, reference: np.ndarray) -> float:
+    """RMS over times and nodes of the distance between nodes [m]."""
+    return rms(np.linalg.norm(r - reference, axis=-1))
 
 
 class Marched(NamedTuple):
@@ -129,3 +169,54 @@ def status_of(run: Marched, stepper: Stepper) -> str:
     if not np.isfinite(run.residual[-1]) or bad[-1] < 0:
         return "non_finite"
     return "retry_exhausted" if stepper.halvings else "not_converged"
+
+
+SCHEMES = (Scheme("energy_momentum"), Scheme("thesis_angles", 0.51))
+
+
+def convergence(
+    model: Model, s: State, grid: float, saves: int, dts: list[float], schemes: tuple[Scheme, ...] = SCHEMES
+) -> list[dict[str, Any]]:
+    """RMS difference of each link's angles [rad] between a step and half of it, over the first `saves * grid` seconds.
+
+    Returns:
+        one {label, dts, polar (steps, n), azimuth (steps, n) or None in a plane, status (steps,)} per scheme that
+        runs the model; NaN if either run failed.
+    """
+    found = []
+    for scheme in schemes:
+        try:
+            stepper = scheme.stepper(model)
+        except SceneError:
+            continue
+        everies = sorted({max(1, round(grid / dt)) for dt in dts})
+        motions, states = [], []
+        for every in [*everies, 2 * everies[-1]]:
+            run = grid_run(stepper, model, s, grid, every, saves)
+            states.append(status_of(run, stepper))
+            motions.append(_angles(model, run.r, grid) if states[-1] == "ok" else None)
+        found.append(_differences(scheme.label, [grid / e for e in everies], motions, states))
+    return found
+
+
+def _angles(model: Model, r: np.ndarray, grid: float) -> np.ndarray:
+    """Polar and azimuth (2, k, n) [rad]."""
+    links = link_vectors(model, r, grid * np.arange(1, len(r) + 1))
+    nodes = np.concatenate([np.zeros((len(r), 1, 3)), np.cumsum(links, axis=1)], axis=1)
+    return np.stack(link_angles(nodes))
+
+
+def _differences(label: str, dts: list[float], motions: list[Any], states: list[str]) -> dict[str, Any]:
+    count = next((m.shape[-1] for m in motions if m is not None), 0)
+    nothing = np.full((2, count), np.nan)
+    pairs = zip(motions[:-1], motions[1:], strict=True)
+    rows = np.array([nothing if a is None or b is None else _rms_turn(a - b) for a, b in pairs])
+    polar, azimuth = rows[:, 0], rows[:, 1]
+    flat = bool(np.nanmax(azimuth, initial=0.0) < 1e-12)
+    return {"label": label, "dts": dts, "polar": polar, "azimuth": None if flat else azimuth, "status": states[:-1]}
+
+
+def _rms_turn(difference: np.ndarray) -> np.ndarray:
+    """RMS over time (2, n) of angle differences, modulo full turns."""
+    turn = np.angle(np.exp(1j * difference))
+    return np.sqrt(np.mean(turn**2, axis=1))

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.checks_water import SHALLOW, mean_period, steepest_sea
 from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build_model
+from dropper_jax.run.simulate import Solution, simulate
+from dropper_jax.scene import held_loads, line_slices, utilisations
 from dropper_jax.sea import Sea
 from dropper_jax.sea.make import finite_wave, make_sea
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.steady import SteadyWave, fitting_theory, highest, second_harmonic
 from dropper_jax.sea.waves import Waves
+from dropper_jax.statics.static_pose import equilibrium, nodal_loads
 
 
 def sea_facts(scene: Scene) -> dict[str, Any]:
@@ -112,4 +121,131 @@ def _current(spec: SeaSpec) -> dict[str, Any] | None:
         "heights_m": heights,
         "speed_m_per_s": np.hypot(velocity[:, 0], velocity[:, 1]),
         "direction_rad": np.arctan2(velocity[:, 1], velocity[:, 0]),
+    }
+
+
+def cycle_times(scene: Scene, count: int) -> np.ndarray:
+    """Times (count,) [s] over the longest constituent of current and level, or over their tables.
+
+    Raises:
+        SceneError: neither changes with time.
+    """
+    parts = [] if scene.sea is None else [p for p in (scene.sea.current, scene.sea.level) if p is not None]
+    periods = [float(np.max(p.period)) for p in parts if p.period is not None]
+    spans = [p.time for p in parts if p.time is not None]
+    if periods:
+        return np.linspace(0.0, max(periods), count)
+    if spans:
+        return np.linspace(min(s[0] for s in spans), max(s[-1] for s in spans), count)
+    raise SceneError("--tide: neither sea.current nor sea.level changes with time. Use a scene in which one does")
+
+
+def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
+    """Independent equilibria at times of a cycle: the line is assumed to follow the tide without delay.
+
+    Returns:
+        {rows, slack, slack_status}: per time {t_s, level_m, speed_m_per_s, status, moved_m, line_moved_m, held_load_n,
+        anchor_utilisation (of points with an `[[anchor]]`: load over capacity)};
+        `slack` are the positions (nodes, 3) [m] without a current at the mean level, `moved_m` and `line_moved_m` the
+        maximum horizontal displacements from there of all nodes and of the nodes of each line.
+    """
+    model = build_model(scene)
+    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+    times = cycle_times(scene, count)
+    slack = equilibrium(replace(model, sea=replace(model.sea, current=None, level=None)), loads)
+    rows = []
+    for t in times:
+        pose = equilibrium(model, loads, float(t))
+        held = held_loads(scene, pose.positions, pose.tension)
+        used = utilisations(scene.anchors, {name: (np.hypot(*load[:2]), load[2]) for name, load in held.items()})
+        way = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
+        rows.append(
+            {
+                "t_s": float(t),
+                "level_m": 0.0 if model.sea.level is None else float(model.sea.level.at(jnp.asarray(t))),
+                "speed_m_per_s": _speed(model.sea, float(t)),
+                "status": pose.status,
+                "moved_m": float(way.max()),
+                "line_moved_m": {line.name: float(way[line.nodes].max()) for line in line_slices(scene)},
+                "held_load_n": held,
+                "anchor_utilisation": {name: float(value) for name, value in used.items()},
+            }
+        )
+    return {"rows": rows, "slack": slack.positions, "slack_status": slack.status}
+
+
+def _speed(sea: Any, t: float) -> float:
+    """Speed of the current at the surface [m/s], negative after the current has turned."""
+    if sea.current is None:
+        return 0.0
+    factor = float(sea.current.scale(jnp.asarray(t)))
+    return factor * float(jnp.linalg.norm(sea.current.profile(jnp.zeros(1), sea.depth)))
+
+
+#: Fraction of a run, at its end, for the evaluation of the response.
+TAKEN = 1.0 / 3.0
+#: Increase of the wave height for the additional curve.
+MORE = 1.1
+
+
+def responses(
+    scene: Scene, periods: Sequence[float], more: bool = True, progress: Progress = silent
+) -> list[dict[str, Any]]:
+    """Response of a scene's first link in regular waves of these periods [s], over whole periods at the end of runs.
+
+    Args:
+        more: also with waves that are 10 % higher.
+
+    Returns:
+        {period_s, status, mean_rad, amplitude_rad, phase_rad, wet, amplitude_10_percent_more} per period: mean and
+        first harmonic of the angle from the vertical in the plane of the waves, its phase relative to the elevation at
+        the fixed point (0 in phase, -pi/2 a quarter period behind), mean wet fraction of the far end, and the amplitude
+        at 1.1 times the height.
+
+    Raises:
+        SceneError: no regular waves of a period, or runs shorter than three periods.
+    """
+    waves = None if scene.sea is None else scene.sea.waves
+    if waves is None or waves.kind != "regular" or waves.period is None:
+        raise SceneError("sea.waves: a response needs regular waves with a period; allowed: kind 'regular', `period`")
+    if TAKEN * scene.run.duration < max(periods):
+        least = max(periods) / TAKEN
+        raise SceneError(
+            f"run.duration: {scene.run.duration:g} s is too short for these periods; allowed: >= {least:g} s"
+        )
+    key = "amplitude" if waves.amplitude is not None else "height"
+    found = []
+    for i, period in enumerate(periods):
+        progress(i / len(periods), f"period {period:g} s")
+        values = {"sea.waves.period": float(period)}
+        row = _response(simulate(scene.with_values(values)), float(period))
+        if more:
+            higher = {**values, f"sea.waves.{key}": MORE * float(np.max(getattr(waves, key)))}
+            other = _response(simulate(scene.with_values(higher)), float(period))
+            row["amplitude_10_percent_more"] = other["amplitude_rad"] / row["amplitude_rad"] - 1.0
+        found.append({"period_s": float(period), **row})
+    progress(1.0, "")
+    return found
+
+
+def _response(solution: Solution, period: float) -> dict[str, Any]:
+    model = build_model(solution.scene, "float64")
+    span = np.floor(TAKEN * solution.t[-1] / period) * period
+    last = solution.t > solution.t[-1] - span
+    t, nodes = solution.t[last], solution.positions[last]
+    course = float(model.sea.waves.direction)
+    link = nodes[:, 1] - nodes[:, 0]
+    angle = np.arctan2(link[:, 0] * np.cos(course) + link[:, 1] * np.sin(course), -link[:, 2])
+    held = jnp.asarray(nodes[:1, 0] * [1.0, 1.0, 0.0])
+    eta = np.asarray(jax.jit(jax.vmap(lambda s: model.sea.elevation(held, s)[0]))(jnp.asarray(t)))
+    wave = np.exp(-2j * np.pi * t / period)
+    swing, surface = 2 * np.mean((angle - angle.mean()) * wave), 2 * np.mean(eta * wave)
+    size = float(model.line.diameter[0]) + np.abs(link[:, 2])
+    s = np.clip(0.5 + (eta - nodes[:, 1, 2]) / size, 0.0, 1.0)
+    return {
+        "status": solution.status,
+        "mean_rad": float(angle.mean()),
+        "amplitude_rad": float(abs(swing)),
+        "phase_rad": float(np.angle(swing / surface)),
+        "wet": float(np.mean(s * s * (3.0 - 2.0 * s))),
     }

@@ -22,19 +22,19 @@ from dropper_jax import plots
 from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.load.named import find_scene
+from dropper_jax.load.checks_water import surface_over
+from dropper_jax.load.packaged import find_scene
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import plain_values
-from dropper_jax.load.surroundings import surface_over
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.series import Curve, Panel, history
 from dropper_jax.plots.units import force_unit
+from dropper_jax.run.bends import point_load
 from dropper_jax.run.build import build, build_model
-from dropper_jax.run.loads import point_load
 from dropper_jax.run.simulate import Solution
 from dropper_jax.study import pictures
-from dropper_jax.study.convergence import convergence
+from dropper_jax.study.march import convergence
 
 #: Minimum motion [m] of a buoy along an axis with a panel.
 STILL = 1e-6

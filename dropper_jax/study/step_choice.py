@@ -12,8 +12,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build, equal_steps
 from dropper_jax.stepping.stepper import Stepper
-from dropper_jax.study.errors import link_vectors, rms_angle
-from dropper_jax.study.march import grid_run, status_of
+from dropper_jax.study.march import grid_run, link_vectors, rms_angle, status_of
 from dropper_jax.study.reference import trusted_span
 
 #: Maximum number of times at which pilot runs are compared; nearly always equal for steps h and h/2, so that they share

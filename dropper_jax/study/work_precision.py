@@ -18,8 +18,17 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.stepper import Stepper
-from dropper_jax.study.errors import link_vectors, rms, rms_angle, rms_position
-from dropper_jax.study.march import Marched, grid_program, grid_run, march_held, status_of
+from dropper_jax.study.march import (
+    Marched,
+    grid_program,
+    grid_run,
+    link_vectors,
+    march_held,
+    rms,
+    rms_angle,
+    rms_position,
+    status_of,
+)
 from dropper_jax.study.reference import Reference
 from dropper_jax.study.schemes import Scheme
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
-from dropper_jax.load.surroundings import bed_height
+from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.plots.shapes import Bodies

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax.base.json_values import jsonable
+from dropper_jax.base.toml_text import jsonable
 from dropper_jax.model import Model
 from fitting.calibration.decision import verdict
 from fitting.calibration.law import Law

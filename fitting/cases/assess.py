@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.report.fatigue import YEAR, damage
+from dropper_jax.report.tension import YEAR, damage
 from dropper_jax.scene import whole_lines
 from fitting.cases.characteristic import ENOUGH, characteristic
 from fitting.cases.flags import flags_of

@@ -11,9 +11,9 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
+from dropper_jax.run.arrays import breaks
 from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry
-from dropper_jax.run.failures import breaks
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.start import initial_state
 from dropper_jax.statics.static_pose import equilibrium

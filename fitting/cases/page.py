@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
+from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
 from dropper_jax.report.sections import table
 

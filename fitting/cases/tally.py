@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
-from dropper_jax.report.fatigue import ROUNDING, cycles
+from dropper_jax.report.tension import ROUNDING, cycles
 from dropper_jax.scene import line_slices, whole_lines
 
 #: Stored arrays of a run by name.

@@ -35,7 +35,7 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import check_keys
-from dropper_jax.base.toml_read import parsed_toml
+from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.scene import SceneData
 from fitting.channels.data import Data
 from fitting.channels.entries import check_once, tables_of

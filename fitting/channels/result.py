@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.json_values import SCHEMA, jsonable
+from dropper_jax.base.toml_text import SCHEMA, jsonable
 from dropper_jax.load.scene import Scene
 from fitting.channels.between import Between
 from fitting.channels.errors import Errors

@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     plot, out = plot_folder(args.plot), out_file(args.out)
     state = output_file(args.state, "--state", (".json",))
 
-    from dropper_jax.base.json_values import jsonable
+    from dropper_jax.base.toml_text import jsonable
     from dropper_jax.effects import register_installed
     from fitting.optimise.run import check_derivatives, optimise, read_problem
     from fitting.site import read_site

@@ -56,7 +56,7 @@ class Load(Quantity):
 
 @dataclasses.dataclass(frozen=True)
 class AnchorLoad(Quantity):
-    """Utilisation of an anchor, as in `dropper_jax.scene.anchor`, times the factor.
+    """Utilisation of an anchor, as in `dropper_jax.scene.point`, times the factor.
 
     Attributes:
         point: its number among the points; `first`, `last`: links that start and end there.

@@ -13,8 +13,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.progress import silent
+from dropper_jax.base.toml_text import jsonable
 from fitting.optimise.design import Design, Say
 from fitting.optimise.goals import Goals, read_goals
 from fitting.optimise.models import ASSUMPTIONS

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write, folder_without
-from dropper_jax.base.markdown import literal
-from dropper_jax.base.toml_text import as_toml
+from dropper_jax.base.toml_text import as_toml, literal
 from dropper_jax.plots import style
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
+from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
 from dropper_jax.report.sections import table
 

@@ -19,7 +19,7 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.programs import cached_jit
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.model import Model, Parted, State, state
-from dropper_jax.study.lyapunov import horizon, lyapunov
+from dropper_jax.study.reference import horizon, lyapunov
 from fitting.parameters.parameter import apply
 from fitting.sensitivity.problem import Plan, Study
 

@@ -13,8 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_table, read_text, refuse
 from dropper_jax.load.checks_water import SHALLOW, mean_period, steepest_sea
-from dropper_jax.load.named import find_scene
-from dropper_jax.load.packaged import is_packaged, parse_toml
+from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import plain_values
 from dropper_jax.scene import whole_lines

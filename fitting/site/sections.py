@@ -11,7 +11,7 @@ from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import Plain, plain, read_fields, read_list, read_number, read_table, read_text, refuse
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.scene import GrowthSpec
-from dropper_jax.scene.anchor import KINDS
+from dropper_jax.scene.point import KINDS
 from dropper_jax.sea.spectrum import SHAPES
 
 #: Density of a float's foam and shell over its volume [kg/m^3], as for `float` in scenes.

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.memory import versions
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.lanes import Fallbacks
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.storage import extra
-from dropper_jax.run.versions import versions
 from fitting.sweep.cluster import done_on
 from fitting.sweep.plan import Plan, from_identity, make_plan
 from fitting.sweep.program import Program

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import PART, part_prefix, remove, remove_leftovers, unwritable
-from dropper_jax.base.lock import Lock
+from dropper_jax.base.files import PART, Lock, part_prefix, remove, remove_leftovers, unwritable
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import QUANTITIES, STATUS, Plan, differences
 

@@ -14,7 +14,7 @@ import pytest
 
 import dropper_jax as dj
 import fitting
-from dropper_jax.base.markdown import prose
+from dropper_jax.base.toml_text import prose
 from dropper_jax.cli.commands import find_commands
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS

@@ -11,7 +11,7 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.segments import contact_force, nearest_points
 from dropper_jax.load.scene import Scene
-from dropper_jax.report.distance import segment_distance
+from dropper_jax.report.motion import segment_distance
 
 LINKS, SPAN, THICK, STIFF, STEPS = 4, 1.0, 0.06, 2e4, 60
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
-from dropper_jax.load.bodies import body_warnings
+from dropper_jax.load.checks_system import body_warnings
 from dropper_jax.run.build import build
 from dropper_jax.stepping.choose import make_stepper
 

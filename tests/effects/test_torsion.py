@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.analysis.writhe import writhe
+from dropper_jax.analysis.angles import writhe
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 

@@ -16,8 +16,8 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.base import files
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.lock import Lock
-from dropper_jax.base.toml_read import parsed_toml
+from dropper_jax.base.files import Lock
+from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.cli import main
 from dropper_jax.run import chunks, row_store
 from dropper_jax.run.recovery import recover
@@ -157,7 +157,7 @@ def test_what_a_killed_writer_left_is_removed_and_what_a_living_one_writes_stays
 
 
 def test_a_lock_names_its_owner_and_is_free_once_it_is_gone(tmp_path):
-    held = "import sys, time; from pathlib import Path; from dropper_jax.base.lock import Lock\n"
+    held = "import sys, time; from pathlib import Path; from dropper_jax.base.files import Lock\n"
     held += "lock = Lock(Path(sys.argv[1])); print('held', flush=True); time.sleep(60)"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     call = [sys.executable, "-c", held, str(tmp_path / "a")]
@@ -266,7 +266,7 @@ def test_a_page_holds_a_description_with_its_own_markers(tmp_path):
     ],
 )
 def test_names_stand_in_reports_as_they_are(name, shown):
-    from dropper_jax.base.markdown import literal
+    from dropper_jax.base.toml_text import literal
 
     assert literal(name) == shown
 

@@ -25,7 +25,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.load.packaged import packaged_scene
-from dropper_jax.run.tables import write_angles
+from dropper_jax.run.summary import write_angles
 from dropper_jax.sea.readers import read_components, read_elevation
 from fitting.channels.reading import read_data
 from fitting.sweep.run import open_sweep

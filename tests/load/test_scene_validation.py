@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import read_lines
 from dropper_jax.cli import before_jax
-from dropper_jax.load.arithmetic import evaluate
 from dropper_jax.load.packaged import DAMPING, scene_names
 from dropper_jax.load.paths import set_value
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
+from dropper_jax.load.template import evaluate
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.run.simulate import load_run
 

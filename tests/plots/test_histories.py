@@ -11,7 +11,7 @@ from dropper_jax.cli.run import draw
 from dropper_jax.plots import moving, series, style
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.units import force_unit
-from dropper_jax.run.loads import end_tensions, held_points, point_load
+from dropper_jax.run.bends import end_tensions, held_points, point_load
 
 
 def test_envelope_of_a_long_record_holds_every_sample():

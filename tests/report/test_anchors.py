@@ -13,7 +13,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.report.build import report_runs
 from dropper_jax.report.text import markdown
 from dropper_jax.scene import AnchorSpec, utilisations
-from dropper_jax.study.tide import tidal_cycle
+from dropper_jax.study.sea_facts import tidal_cycle
 
 #: A light rope at rest that a submerged float pulls up at an anchor, in a current.
 SCENE = {

@@ -11,10 +11,10 @@ import pytest
 
 from dropper_jax.report import sections
 from dropper_jax.report.build import report_run
-from dropper_jax.report.distance import segment_distance
-from dropper_jax.report.fatigue import NO_CURVE, NO_LOAD, cycles, damage, turning_points
+from dropper_jax.report.extremes import snap_events
+from dropper_jax.report.motion import segment_distance
 from dropper_jax.report.settings import Settings
-from dropper_jax.report.snap import snap_events
+from dropper_jax.report.tension import NO_CURVE, NO_LOAD, cycles, damage, turning_points
 
 rainflow = pytest.importorskip("rainflow")
 

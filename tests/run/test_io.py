@@ -11,7 +11,7 @@ import pytest
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
+from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import Solution
 

@@ -9,9 +9,9 @@ import dropper_jax as dj
 from dropper_jax import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
-from dropper_jax.load.checks_motion import motion_warnings
+from dropper_jax.load.checks_system import motion_warnings
 from dropper_jax.load.source import load_scene
-from dropper_jax.run.remarks import pose_remarks
+from dropper_jax.run.resolution import pose_remarks
 
 
 def moored(**motion):

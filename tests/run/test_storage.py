@@ -12,7 +12,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
 from dropper_jax.run.samples import ARRAYS
 from dropper_jax.run.simulate import load_run
-from dropper_jax.run.tables import write_angles, write_tensions
+from dropper_jax.run.summary import write_angles, write_tensions
 from fitting.traces.trace import read_trace
 
 xarray = pytest.importorskip("xarray")

@@ -12,10 +12,8 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.cli import main
 from dropper_jax.load.source import load_scene
-from dropper_jax.study.accuracy import accuracy, advice
-from dropper_jax.study.errors import link_vectors, rms_angle
-from dropper_jax.study.euler import euler_claims
-from dropper_jax.study.numerical_damping import numerical_damping
+from dropper_jax.study.accuracy import accuracy, advice, euler_claims, numerical_damping
+from dropper_jax.study.march import link_vectors, rms_angle
 from dropper_jax.study.reference import instant_tension, reference
 from dropper_jax.study.schemes import Scheme, parse
 from dropper_jax.study.stability.scenes import chain

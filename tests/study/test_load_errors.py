@@ -10,7 +10,7 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.source import load_scene
 from dropper_jax.study.accuracy import load_convergence
-from dropper_jax.study.finer_links import twice_the_links
+from dropper_jax.study.load_errors import twice_the_links
 
 PERIOD = 0.2
 

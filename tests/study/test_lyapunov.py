@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import dropper_jax as dj
-from dropper_jax.study.lyapunov import horizon, lyapunov
+from dropper_jax.study.reference import horizon, lyapunov
 from dropper_jax.study.stability.scenes import chain
 
 

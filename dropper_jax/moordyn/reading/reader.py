@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import LocatedValues, SceneError, nearest
-from dropper_jax.base.references import find_referenced
-from dropper_jax.base.toml_read import parsed_toml
+from dropper_jax.base.files import find_referenced
+from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.moordyn.reading.options import Options, read_options
 from dropper_jax.moordyn.reading.points import Ends, first_version, read_ends
 from dropper_jax.moordyn.reading.sections import Deck, split_file

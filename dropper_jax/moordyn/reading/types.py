@@ -7,8 +7,7 @@ from typing import Any
 
 from dropper_jax.axial.force_table import ForceTable
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import read_lines
-from dropper_jax.base.references import find_referenced
+from dropper_jax.base.files import find_referenced, read_lines
 from dropper_jax.moordyn.reading.sections import Deck, Row
 from dropper_jax.moordyn.reading.values import columns, number
 

@@ -16,7 +16,7 @@ from dropper_jax.moordyn.reading.sections import looks_like_moordyn, split_file
 from dropper_jax.run.simulate import Solution
 from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import LineSlice
-from dropper_jax.scene.nodes import point_nodes
+from dropper_jax.scene.data import point_nodes
 
 _END = re.compile(r"^(?P<end>FAIR|ANCH)TEN(?P<line>\d+)$")
 _LINE = re.compile(r"^L(?:INE)?(?P<line>\d+)N(?P<node>\d+|A|B)(?P<what>P[XYZ]|V[XYZ]|T|TEN)$")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.model import Model
-from dropper_jax.study.errors import link_vectors, rms_angle, rms_position
+from dropper_jax.study.march import link_vectors, rms_angle, rms_position
 from dropper_jax.study.reference import Reference
 
 #: Number of timings; the minimum is used, since other load on the machine only increases times.

@@ -6,9 +6,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from dropper_jax.load.scene import Scene
-from dropper_jax.study.stability.case import Watched
-from dropper_jax.study.stability.systems import G, weight_on_rope
-from dropper_jax.study.stability.watch import watch
+from dropper_jax.study.stability.case import Watched, watch
+from dropper_jax.study.stability.scenes import G, weight_on_rope
 
 MASS, LENGTH, STIFFNESS = 100.0, 10.0, 4e3
 OMEGA = np.sqrt(STIFFNESS / MASS)

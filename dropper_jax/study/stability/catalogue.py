@@ -5,11 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from dropper_jax.study.stability import (
-    accuracy_cases,
-    body_cases,
     breaking_cases,
     contact_cases,
-    damping_cases,
     energy_cases,
     flow_cases,
     gradient_cases,
@@ -19,13 +16,11 @@ from dropper_jax.study.stability import (
     rope_cases,
     sea_cases,
 )
-from dropper_jax.study.stability.case import Case
-from dropper_jax.study.stability.runner import baselines
-from dropper_jax.study.stability.watch import moordyn_there, peers
+from dropper_jax.study.stability.case import Case, baselines, moordyn_there, peers
 
 PARTS = (
-    *(energy_cases, damping_cases, accuracy_cases, gradient_cases),
-    *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases, body_cases, flow_cases, line_cases),
+    *(energy_cases, gradient_cases),
+    *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases, flow_cases, line_cases),
     rod_cases,
 )
 

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.load.scene import Scene
-from dropper_jax.study.stability.case import Watched
-from dropper_jax.study.stability.systems import BED, THICK, THREAD, G, weight_on_rope, weight_on_thread
-from dropper_jax.study.stability.watch import watch
+from dropper_jax.study.stability.case import Watched, watch
+from dropper_jax.study.stability.scenes import BED, THICK, THREAD, G, weight_on_rope, weight_on_thread
 
 MASS = 50.0
 #: Impact [m/s] and the height it takes [m].

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -11,8 +13,65 @@ from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import simulate
 from dropper_jax.run.wakes import scene_wakes
 from dropper_jax.study.stability.case import Case, Outcome
+from dropper_jax.study.stability.energy_cases import ROUNDING
+from dropper_jax.study.stability.scenes import G
 from dropper_jax.study.stability.sea_cases import CURRENT, HEAVY, RHO, ROPE, WIDE, streaming
-from dropper_jax.study.stability.systems import G
+
+
+def beside_a_rope(name: str, body: dict[str, Any], **more: Any) -> Scene:
+    """A body that no line holds; scenes have a line, which is far off."""
+    rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
+    return load_scene(
+        {
+            "name": name,
+            "run": {"dt": 0.01, "duration": 1.0},
+            "point": [{"name": "a", "position": [50.0, 0.0, -5.0]}, {"name": "b", "position": [53.0, 0.0, -5.0]}],
+            "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
+            "body": [body],
+            "start": {"kind": "points"},
+            **more,
+        }
+    )
+
+
+def tumbling() -> Scene:
+    """A body turned about its middle axis, about which it turns over and over."""
+    body = {"name": "stone", "position": [0.0, 0.0, 0.0], "mass": 10.0, "centre_of_mass": [0.1, 0.2, -0.3]}
+    motion = {"inertia": [1.0, 2.0, 3.0], "angular_velocity": [0.01, 3.0, 0.01]}
+    return beside_a_rope("tumbling-body", {**body, **motion}, effects={"weight": {"gravity": 0.0}})
+
+
+def dropped_spar() -> Scene:
+    """A ballasted spar released horizontally 3 m above the water: it falls in, submerges, surfaces and rights
+    itself."""
+    cylinder = {"from": [0.0, 0.0, 0.0], "to": [0.0, 0.0, 6.0], "diameter": 0.8, "slices": 4, "cdn": 0.0, "can": 0.0}
+    body = {
+        "name": "spar",
+        "position": [0.0, 0.0, 3.0],
+        "attitude": [0.1, 1.4, 0.0],
+        "mass": 1500.0,
+        "centre_of_mass": [0.0, 0.0, 1.2],
+        "inertia": [4000.0, 4000.0, 120.0],
+        "cylinders": [cylinder],
+    }
+    return beside_a_rope("dropped-spar", body, sea={"depth": 50.0}, effects={"weight": {}})
+
+
+def _energy(make: Any, dt: float, span: float, brief: float) -> Any:
+    def measure(short: bool) -> Outcome:
+        ran = simulate(make(), dt=dt, duration=brief if short else span)
+        return Outcome(ran.energy_drift / ran.energy_scale, ran.status)
+
+    return measure
+
+
+BODY_CASES = [
+    Case("tumbling-body", "a rigid body turns over and over about its middle axis, 60 s at dt 0.01 s, drift of the "
+         "energy balance", ROUNDING, "of the scale", _energy(tumbling, 0.01, 60.0, 4.0)),
+    Case("dropped-spar", "a ballasted spar falls lying into the water, goes under and rights itself, 30 s at dt "
+         "0.01 s, drift of the energy balance", 1e-4, "of the scale", _energy(dropped_spar, 0.01, 30.0, 3.0)),
+]  # fmt: skip
+
 
 #: Drag coefficient of cylinders with marine growth in a current (API RP 2A-WSD), and a roughness [m].
 ROUGH, HEIGHT = 1.05, 0.002
@@ -99,7 +158,7 @@ def _row(short: bool) -> Outcome:
     return Outcome(abs(lost / float(np.sum(wakes.drag)) - 1.0) if slowed else np.inf, ran.status)
 
 
-CASES = [
+FLOW_CASES = [
     Case("flow-coefficients", "a weight on one rough link in 5 m/s whose drag coefficient follows the flow, dt 0.1 s: "
          "error of its angle after 60 s", 1e-4, "rad", _rough),
     Case("turning-tide", "a weight on one link in a tide of 2 m/s that turns every 20 s, 80 s at dt 0.02 s: distance "
@@ -107,3 +166,5 @@ CASES = [
     Case("row-of-wakes", "40 droppers behind each other, each in the wakes of all before: momentum lost behind them "
          "against their drag", 0.01, "relative", _row),
 ]  # fmt: skip
+
+CASES = [*BODY_CASES, *FLOW_CASES]

@@ -17,7 +17,7 @@ from dropper_jax.run.build import build
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import integrate
 from dropper_jax.stepping.stepper import Stepper
-from dropper_jax.study.stability import damping_cases, energy_cases, scenes
+from dropper_jax.study.stability import energy_cases, scenes
 from dropper_jax.study.stability.case import Case, Outcome
 
 #: Relative change of the parameter in the central differences.
@@ -83,7 +83,7 @@ def _at_rest(short: bool) -> Outcome:
 
 def _sticking(short: bool) -> Outcome:
     """Dry friction switches, so its derivative is that of the active set: asked to be finite only."""
-    model, s = build(damping_cases.sticky([0.6, 0.2]))
+    model, s = build(energy_cases.sticky([0.6, 0.2]))
     slope = float(_slope(make_stepper(model), model, s, STEPS, 0.01))
     return Outcome(0.0 if np.isfinite(slope) else 1.0, "ok" if np.isfinite(slope) else "non_finite")
 
@@ -99,8 +99,8 @@ CASES = [
     _gradient("large-release", energy_cases.large_release, 0.002),
     _gradient("driven-at-resonance", scenes.driven, 0.01),
     _gradient("whirling-loop", scenes.whirling, 0.002),
-    _gradient("heavy-damping", damping_cases.overdamped_pendulum, 0.1),
-    _gradient("quadratic-damping-fast", damping_cases.fast, 0.002),
+    _gradient("heavy-damping", energy_cases.overdamped_pendulum, 0.1),
+    _gradient("quadratic-damping-fast", energy_cases.fast, 0.002),
     Case("gradient-at-rest", "a loop at rest: derivative by the masses, which move nothing", 1e-9, "m", _at_rest),
     Case("gradient-dry-friction", "dry friction: derivative is finite (0) or not (1)", 0.0, "-", _sticking),
 ]

@@ -12,7 +12,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.study.stability.case import Case, Outcome
-from dropper_jax.study.stability.systems import G
+from dropper_jax.study.stability.scenes import G
 
 #: Radius of the ropes [m]: a fall of 1 m ends at three radii per step.
 RADIUS, STEP = 0.03, 0.02

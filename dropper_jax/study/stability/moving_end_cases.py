@@ -10,9 +10,8 @@ from scipy.integrate import solve_ivp
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import simulate
-from dropper_jax.study.stability.case import Case, Outcome, Watched
-from dropper_jax.study.stability.systems import G, weight_on_rope
-from dropper_jax.study.stability.watch import watch
+from dropper_jax.study.stability.case import Case, Outcome, Watched, watch
+from dropper_jax.study.stability.scenes import G, weight_on_rope
 
 MASS, PERIOD, LENGTH = 100.0, 0.5, 2.0
 OMEGA = 2 * np.pi / PERIOD

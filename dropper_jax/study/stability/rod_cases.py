@@ -9,10 +9,10 @@ from dropper_jax.base.constants import SEA_WATER
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import simulate
-from dropper_jax.study.stability.body_cases import beside_a_rope
 from dropper_jax.study.stability.case import Case, Outcome
 from dropper_jax.study.stability.energy_cases import ROUNDING
-from dropper_jax.study.stability.systems import G
+from dropper_jax.study.stability.flow_cases import beside_a_rope
+from dropper_jax.study.stability.scenes import G
 
 #: The rod: length [m], stiffness [N m^2], mass per length [kg/m], links; speed of its clamp from the start [m/s].
 LONG, STIFF, HEAVY, LINKS, SPEED = 2.0, 20.0, 1.0, 32, 0.05

@@ -13,9 +13,8 @@ from scipy.integrate import solve_ivp
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import Solution, simulate
-from dropper_jax.study.stability.case import Case, Outcome, Watched
-from dropper_jax.study.stability.systems import G, weight_on_rope
-from dropper_jax.study.stability.watch import outcome, watch
+from dropper_jax.study.stability.case import Case, Outcome, Watched, outcome, watch
+from dropper_jax.study.stability.scenes import G, weight_on_rope
 
 MASS, LENGTH = 100.0, 2.0
 

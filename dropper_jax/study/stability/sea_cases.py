@@ -15,9 +15,8 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import simulate
 from dropper_jax.sea.stream_function import stream_function
-from dropper_jax.study.stability.case import Case, Outcome, Watched
-from dropper_jax.study.stability.systems import G, weight_on_thread
-from dropper_jax.study.stability.watch import watch
+from dropper_jax.study.stability.case import Case, Outcome, Watched, watch
+from dropper_jax.study.stability.scenes import G, weight_on_thread
 
 RHO = SEA_WATER
 

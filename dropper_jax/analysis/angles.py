@@ -30,10 +30,6 @@ from typing import NamedTuple
 import numpy as np
 
 ZEROS = ("horizontal", "down")
-#: Horizontal part of a link vector, relative to its largest component, below which its azimuth is rounding noise.
-POLE = 1e-12
-#: A first azimuth within rounding of -pi/2 or pi/2 is pi/2: noise in x must not choose the sign of the polar angle.
-EDGE = 1e-9
 
 
 class _Branch(NamedTuple):
@@ -130,7 +126,8 @@ def _follow(links: np.ndarray) -> _Branch:
     bad = largest == 0.0
     links = links / np.where(bad, 1.0, largest)[..., None]
     radius = np.hypot(links[..., 0], links[..., 1])
-    pole = radius <= POLE
+    # horizontal part of a link vector, relative to its largest component, below which its azimuth is rounding noise
+    pole = radius <= 1e-12
     polar = _hold(np.arctan2(-links[..., 2], radius), bad)
     azimuth = _hold(np.arctan2(links[..., 1], links[..., 0]), pole)
     azimuth = np.where(pole.all(axis=0), 0.0, azimuth)
@@ -148,10 +145,12 @@ def _hold(values: np.ndarray, unknown: np.ndarray) -> np.ndarray:
 
 def _continue(polar: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rules 2 and 3 for principal values (k, n): polar in [-pi/2, pi/2], azimuth in [-pi, pi]."""
+    # a first azimuth within rounding of -pi/2 or pi/2 is pi/2: noise in x must not choose the sign of the polar angle
+    edge = 1e-9
     turn = np.diff(azimuth, axis=0)
     keep = np.diff(polar, axis=0) ** 2 + _shortest(turn) ** 2
     swap = _shortest(np.pi - polar[1:] - polar[:-1]) ** 2 + _shortest(turn + np.pi) ** 2
-    first = (azimuth[:1] > np.pi / 2 + EDGE) | (azimuth[:1] <= EDGE - np.pi / 2)
+    first = (azimuth[:1] > np.pi / 2 + edge) | (azimuth[:1] <= edge - np.pi / 2)
     swapped = np.cumsum(np.concatenate([first, swap < keep]), axis=0) % 2 == 1
     polar = np.unwrap(np.where(swapped, np.pi - polar, polar), axis=0)
     # Half turns are counted and added once, so that motion in the x-z plane has an azimuth of exactly 0.

@@ -9,8 +9,6 @@ import numpy as np
 from dropper_jax.analysis.angles import angle_rates, link_angles
 
 WINDOWS = ("hann", "none")
-#: Maximum deviation from uniform sampling, relative to the step.
-UNIFORM = 1e-6
 
 
 def amplitude_spectrum(t: np.ndarray, x: np.ndarray, window: str = "hann") -> tuple[np.ndarray, np.ndarray]:
@@ -57,7 +55,8 @@ def _uniform_step(t: np.ndarray) -> float:
     steps = np.diff(t.astype(float))
     mean = steps.mean()
     rounding = 4 * np.finfo(t.dtype if t.dtype.kind == "f" else float).eps * np.abs(t).max()
-    if mean <= 0 or np.abs(steps - mean).max() > UNIFORM * mean + rounding:
+    # maximum deviation from uniform sampling, relative to the step
+    if mean <= 0 or np.abs(steps - mean).max() > 1e-6 * mean + rounding:
         raise ValueError(f"t: steps from {steps.min():g} to {steps.max():g} s, must be uniform and positive")
     return float(mean)
 

@@ -26,8 +26,6 @@ from dropper_jax.base.errors import SceneError
 PART = ".part"
 #: Folder in which a shell puts command output that it passes as a file.
 STREAMS = ("/dev/", "/proc/")
-#: Age [s] after which a temporary file of another machine's process counts as left over.
-ABANDONED = 24 * 3600.0
 
 
 def refuse_pipe(path: Path, what: str) -> None:
@@ -133,7 +131,8 @@ def leftovers(path: Path) -> list[Path]:
 def _is_left(item: Path, machine: str, process: int) -> bool:
     if machine == _machine():
         return process != os.getpid() and not is_alive(process)
-    return item.stat().st_mtime < time.time() - ABANDONED
+    # age [s] after which a temporary file of another machine's process counts as left over
+    return item.stat().st_mtime < time.time() - 24 * 3600.0
 
 
 def remove(item: Path) -> None:

@@ -25,10 +25,6 @@ Plain = str | bool | float | Sequence | Mapping | np.ndarray | None
 
 #: Maximum of any count: counts in compiled programs have 32 bits.
 MOST = 2**31 - 1
-#: Maximum length of a value's text in an error line.
-SHOWN = 60
-#: Maximum length of a name: names are part of every message, table and file.
-LONGEST_NAME = 200
 
 
 class Declared(Protocol):
@@ -44,8 +40,9 @@ def refuse(path: str, value: Plain, reason: str, allowed: str) -> SceneError:
 
 def short_text(value: Plain) -> str:
     """A value on one short line."""
+    shown = 60  # maximum length of a value's text in an error line
     text = " ".join(repr(value).split())
-    return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
+    return text if len(text) <= shown else text[: shown - 3] + "..."
 
 
 def plain(value: Plain) -> Plain:
@@ -127,14 +124,15 @@ def read_integer(value: Plain, path: str, low: int | None = None, high: int | No
 
 def read_text(value: Plain, path: str, choices: Iterable[str] | None = None) -> str:
     """A text, one of `choices` where given."""
+    longest_name = 200  # maximum length of a name: names are part of every message, table and file
     if not isinstance(value, str):
         raise refuse(path, value, "is not a text", "one of " + ", ".join(choices) if choices else "a text")
     if choices is not None and value not in choices:
         raise SceneError(
             f"{path}: {short_text(value)} is unknown; {nearest(value, choices)}; allowed: {', '.join(choices)}"
         )
-    if path.rpartition(".")[2] == "name" and len(value) > LONGEST_NAME:
-        raise refuse(path, value, f"has {len(value)} characters", f"at most {LONGEST_NAME}")
+    if path.rpartition(".")[2] == "name" and len(value) > longest_name:
+        raise refuse(path, value, f"has {len(value)} characters", f"at most {longest_name}")
     return value
 
 

@@ -32,14 +32,11 @@ def scatter_add(where: np.ndarray, values: jax.Array | np.ndarray, size: int) ->
     return sum(terms[1:], terms[0])
 
 
-#: Maximum number of values per row for which gathers are used: each is a separate operation.
-FEW = 8
-
-
 def scatter_add_many(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:
     """`scatter_add`, using a scatter if many values meet at one row, as in contact between all pairs of links."""
     where = np.asarray(where)
-    if not len(where) or np.bincount(where, minlength=size).max() <= FEW:
+    # maximum number of values per row for which gathers are used: each is a separate operation
+    if not len(where) or np.bincount(where, minlength=size).max() <= 8:
         return scatter_add(where, values, size)
     return jnp.zeros((size, *values.shape[1:]), values.dtype).at[where].add(values)
 

@@ -28,10 +28,6 @@ def jsonable(value: Any) -> Json:
     return value
 
 
-#: Maximum length of a list on one line [characters]; a longer list has one line per item.
-WIDTH = 100
-
-
 def as_toml(table: Mapping[str, Any]) -> str:
     """Plain values (text, numbers, truth values, lists, tables) as TOML; None is omitted."""
     import tomlkit  # noqa: PLC0415 - 30 ms that only writing needs
@@ -48,15 +44,14 @@ def _item(value: Plain) -> Plain:
     if not isinstance(value, list):
         return value
     items = [_item(item) for item in value]
-    if any(isinstance(item, Mapping) for item in items) or len(repr(items)) <= WIDTH:
+    # maximum length of a list on one line [characters]; a longer list has one line per item
+    if any(isinstance(item, Mapping) for item in items) or len(repr(items)) <= 100:
         return items
     return tomlkit.item(items).multiline(True)
 
 
 #: Maximum nesting depth of tables and lists; a farm needs 6.
 DEEPEST = 32
-#: Whole numbers have 64 bits in TOML.
-LARGEST = 2**63
 
 
 def parsed_toml(text: str) -> dict[str, Any]:
@@ -79,6 +74,7 @@ def parsed_toml(text: str) -> dict[str, Any]:
 
 def _check_depth(table: dict[str, Any]) -> None:
     """Reject values that are nested too deeply, and whole numbers of more than 64 bits."""
+    largest = 2**63  # whole numbers have 64 bits in TOML
     open_, depth = [table], 0
     while open_:
         depth += 1
@@ -86,7 +82,7 @@ def _check_depth(table: dict[str, Any]) -> None:
             raise tomllib.TOMLDecodeError(f"nested more than {DEEPEST} deep")
         inner = [v for item in open_ for v in (item.values() if isinstance(item, dict) else item)]
         for value in inner:
-            if isinstance(value, int) and not -LARGEST <= value < LARGEST:
+            if isinstance(value, int) and not -largest <= value < largest:
                 raise tomllib.TOMLDecodeError("a whole number of more than 64 bits")
         open_ = [v for v in inner if isinstance(v, dict | list)]
 

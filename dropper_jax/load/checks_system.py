@@ -13,9 +13,6 @@ from dropper_jax.effects import EFFECTS
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, point_named
 
-#: Depth below the seabed at which a point may be due to rounding [m].
-ROUNDING = 1e-9
-
 
 def check_names(section: str, items: Sequence[PointSpec | LineSpec | BuoySpec]) -> None:
     """Check that every item of a section has a unique name."""
@@ -135,7 +132,8 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> None:
     bed = bed_height(scene, positions)
     if bed is None:
         return
-    for i in np.flatnonzero(positions[:, 2] < bed - ROUNDING):
+    # depth below the seabed at which a point may be due to rounding [m]
+    for i in np.flatnonzero(positions[:, 2] < bed - 1e-9):
         raise SceneError(
             f"point.{i}.position: z = {positions[i, 2]:g} m is below the seabed; "
             f"allowed: >= {bed[i]:g} m at its x and y"
@@ -150,20 +148,14 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> None:
         )
 
 
-#: Starting speed [m/s] that counts as rest.
-REST = 1e-6
-#: Tension of a shock relative to the friction of the full line below which the tension retained by friction is
-#: negligible.
-NEGLIGIBLE = 0.01
-
-
 def motion_warnings(scene: SceneData) -> tuple[str, ...]:
     """A warning if an end starts with a velocity jump, whose tension seabed friction may retain permanently."""
     motion = scene.effects.get("end_motion")
     if motion is None or motion["ramp"] is not None or "seabed_friction" not in scene.effects:
         return ()
     speed = _first_speed(motion)
-    if speed <= REST or not _matters(scene, speed, {motion["point"], *motion["also"]}):
+    # starting speed [m/s] that counts as rest
+    if speed <= 1e-6 or not _matters(scene, speed, {motion["point"], *motion["also"]}):
         return ()
     return (
         f"effects.end_motion: {motion['point']} starts abruptly at {speed:.3g} m/s; friction on the seabed may retain "
@@ -192,7 +184,9 @@ def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
             return True  # rigid: the shock is unbounded
         weight = float(np.sum(line.mass)) * gravity
         shock = speed * float(np.max(np.sqrt(line.EA * line.mass / line.length)))
-        if shock > NEGLIGIBLE * float(np.max(mu)) * weight:
+        # tension of a shock relative to the friction of the full line below which the tension retained by friction is
+        # negligible
+        if shock > 0.01 * float(np.max(mu)) * weight:
             return True
     return False
 

@@ -15,21 +15,11 @@ from dropper_jax.sea.interpolated import BoundWaves
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.steady import STOKES_HEIGHT, STOKES_LENGTH, highest
 
-#: Steepest waves before breaking: `H = 0.142 L tanh(kd)` (Miche 1944), 0.89 of the depth in shallow water.
-BREAKING = 0.142
-
-
-#: Fraction of the maximum wave height above which a wave of finite height is reported as close to breaking.
-NEARLY = 0.9
-#: Maximum ratio of diameter to wavelength for Morison's equation (thesis (6.11)).
-SLENDER = 0.05
 #: Fraction of the wave energy used to determine a wavelength; the rest is the tail of a spectrum.
 COUNTS = 0.95
 #: Maximum ratio of significant height to depth of irregular waves, as observed on flat seabeds (about 0.6 of single
 #: waves' 0.78).
 SHALLOW = 0.6
-#: Minimum cosine between a current and the direction in which lines shelter each other, about 60 degrees.
-WITH = 0.5
 
 
 def check_water(effect: str, scene: SceneData) -> None:
@@ -109,7 +99,8 @@ def _check_shelter(scene: SceneData) -> list[str]:
     way = last[:2] - first[:2]
     size = float(np.hypot(*way))
     along = float(way @ [np.cos(current.direction), np.sin(current.direction)])
-    if size == 0.0 or along > WITH * size:
+    # minimum cosine between a current and the direction in which lines shelter each other, about 60 degrees
+    if size == 0.0 or along > 0.5 * size:
         return []
     return [
         f"line.shelter: the factors decrease towards {scene.lines[least].name!r}, but the current flows at "
@@ -130,7 +121,8 @@ def _breaking(scene: SceneData, sea: Sea) -> list[str]:
         if height > SHALLOW * scene.sea.depth:
             share = height / scene.sea.depth
             return [f"sea.waves: {what} {height:.4g} m is {share:.2g} of the depth; waves break beyond {SHALLOW:g}"]
-    limit = BREAKING * 2 * np.pi / number * np.tanh(number * scene.sea.depth)
+    # steepest waves before breaking: `H = 0.142 L tanh(kd)` (Miche 1944), 0.89 of the depth in shallow water
+    limit = 0.142 * 2 * np.pi / number * np.tanh(number * scene.sea.depth)
     if height <= limit:
         return [] if amplitude.size == 1 else _too_steep(scene, sea, height)
     return [f"sea.waves: {what} {height:.4g} m is beyond breaking, 0.142 L tanh(kd) = {limit:.4g} m"]
@@ -167,7 +159,8 @@ def _finite(scene: SceneData, waves: BoundWaves) -> list[str]:
     height, length, depth = float(waves.height), float(waves.shortest), scene.sea.depth
     limit = highest(length, depth)
     found = []
-    if height > NEARLY * limit:
+    # fraction of the maximum wave height above which a wave of finite height is reported as close to breaking
+    if height > 0.9 * limit:
         found.append(f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the maximum, {limit:.4g} m")
     long = length >= STOKES_LENGTH * depth
     if waves.theory == "stokes5" and (long or height > STOKES_HEIGHT * limit):
@@ -229,6 +222,7 @@ def _shortest(sea: Sea) -> float:
 
 
 def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
+    slender = 0.05  # maximum ratio of diameter to wavelength for Morison's equation (thesis (6.11))
     diameter = displaced_diameter(scene.line, scene)
     if diameter is None or not {"morison_drag", "morison_inertia", "thesis_wave_force"} & set(scene.effects):
         return []
@@ -242,9 +236,9 @@ def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
         sizes[f"buoy.{buoy.name}"] = buoy.diameter
     return [
         f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m ({COUNTS:.0%} of the wave energy is "
-        f"longer); Morison's equation needs at most {SLENDER}"
+        f"longer); Morison's equation needs at most {slender}"
         for path, size in sizes.items()
-        if size > SLENDER * shortest
+        if size > slender * shortest
     ]
 
 

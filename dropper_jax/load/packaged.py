@@ -28,10 +28,6 @@ MOST_DROPPERS = 200
 #: Centre of gravity of a pitching spar above its base [m], which the paper does not give: a homogeneous spar of its
 #: size capsizes.
 CENTRE = 1.0
-#: Height of the ballast above the base [m]; the hull's mass is spread over its height.
-BALLAST = 0.25
-#: Number of slices of a spar.
-SLICES = 12
 
 
 def parse_toml(data: bytes, label: str) -> dict[str, Any]:
@@ -176,15 +172,17 @@ def pitching(table: dict[str, Any], centre: float = CENTRE) -> dict[str, Any]:
 
 
 def _body(buoy: dict[str, Any], point: list[float], centre: float) -> dict[str, Any]:
+    ballast = 0.25  # height of the ballast above the base [m]; the hull's mass is spread over its height
     mass, height, diameter = buoy["mass"], buoy["height"], buoy["diameter"]
-    hull = mass * (centre - BALLAST) / (0.5 * height - BALLAST)
-    across = hull * (height**2 / 12.0 + (0.5 * height - centre) ** 2) + (mass - hull) * (centre - BALLAST) ** 2
+    hull = mass * (centre - ballast) / (0.5 * height - ballast)
+    across = hull * (height**2 / 12.0 + (0.5 * height - centre) ** 2) + (mass - hull) * (centre - ballast) ** 2
     attachment = buoy.get("attachment", 0.0)
+    # number of slices of a spar
     cylinder = {
         "from": [0.0, 0.0, 0.0],
         "to": [0.0, 0.0, height],
         "diameter": diameter,
-        "slices": SLICES,
+        "slices": 12,
         "ends": "from",
         **{key: buoy[key] for key in ("cdn", "cdt", "can", "cat") if key in buoy},
     }

@@ -36,8 +36,6 @@ from dropper_jax.sea.spec import SeaSpec
 AXIAL = ("law", "EA", "damping", "strain", "tension")
 #: Sections that are lists of tables, whose items are selected by number or name.
 LISTED = ("point", "line", "buoy", "body", "vessel", "failure", "anchor")
-#: Maximum number of valid paths listed in an error line.
-SHOWN = 20
 
 
 def paths(table: Mapping[str, Any]) -> list[str]:
@@ -114,14 +112,15 @@ def _find_parent(table: dict[str, Any], path: str, candidates: Iterable[str]) ->
 
 def _hint(path: str, candidates: set[str]) -> str:
     """The nearest path, otherwise those of the same section, otherwise the sections."""
+    shown = 20  # maximum number of valid paths listed in an error line
     hint = nearest(path, candidates)
-    if not hint.startswith("known:") or len(candidates) <= SHOWN:
+    if not hint.startswith("known:") or len(candidates) <= shown:
         return hint
     section = path.split(".")[0]
     near = sorted(p for p in candidates if p.split(".")[0] == section)
     if not near:
         return f"known sections: {', '.join(sorted({p.split('.')[0] for p in candidates}))}"
-    return f"known: {', '.join(near[:SHOWN])}{', ...' if len(near) > SHOWN else ''}"
+    return f"known: {', '.join(near[:shown])}{', ...' if len(near) > shown else ''}"
 
 
 def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:

@@ -52,8 +52,6 @@ from dropper_jax.sea.spec import SeaSpec
 POSE_TOLERANCE = 1e-6
 #: The same for angles that are closed on loading: files contain angles with four or five decimals.
 CLOSED_TOLERANCE = 1e-4
-#: Newton steps that close angles; starting from a mismatch of `CLOSED_TOLERANCE`, two reach rounding error.
-CLOSING_STEPS = 4
 
 
 def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
@@ -82,7 +80,8 @@ def closed_start(scene: SceneData) -> StartSpec:
     missing = lambda s: span - line.length @ directions(s.polar, s.azimuth, s.zero)  # noqa: E731
     if not POSE_TOLERANCE * line.total < np.linalg.norm(missing(start)) <= CLOSED_TOLERANCE * line.total:
         return start
-    for _ in range(CLOSING_STEPS):
+    # Newton steps that close angles; starting from a mismatch of `CLOSED_TOLERANCE`, two reach rounding error
+    for _ in range(4):
         # a quarter turn further is the derivative of a direction with respect to its azimuth, without z
         by_polar = directions(start.polar + np.pi / 2, start.azimuth, start.zero)
         by_azimuth = directions(start.polar, start.azimuth + np.pi / 2, start.zero) * [1.0, 1.0, 0.0]

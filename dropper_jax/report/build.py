@@ -25,7 +25,6 @@ from dropper_jax.run.weights import line_weights
 from dropper_jax.scene import BuoySpec, whole_lines
 from dropper_jax.scene.data import point_nodes
 
-SCHEMA = 1
 #: Values of a section.
 Found = TypeVar("Found")
 
@@ -117,7 +116,7 @@ def report_runs(solutions: dict[str, Solution], settings: Settings | None = None
     runs = {name: report_run(solution, settings) for name, solution in solutions.items()}
     bad = next((run["status"] for run in runs.values() if run["status"] != "ok"), None)
     return {
-        "schema": SCHEMA,
+        "schema": 1,
         "status": bad or "ok",
         "settings": settings.table(),
         "runs": [{"file": Path(name).name, **run} for name, run in runs.items()],

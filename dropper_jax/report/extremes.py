@@ -107,8 +107,6 @@ def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence:
 
 #: Relative thresholds of a link: slack below this part of its mean tension, a snap above this multiple of it.
 SLACK, SNAP = 0.1, 2.0
-#: Events listed per line, the largest first.
-LISTED = 10
 
 
 class Snap(NamedTuple):
@@ -158,6 +156,7 @@ def _crossing(t: np.ndarray, tension: np.ndarray, i: int, level: float) -> float
 
 def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
     """Per line: number of events, per link and in its worst link, fraction of time slack, and the largest events."""
+    listed = 10  # events listed per line, the largest first
     found = []
     for where in record.written_lines:
         spec = where.spec
@@ -180,8 +179,8 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
                 "most_events": max(counts),
                 "slack_share": share,
                 "largest_share_slack": max(share),
-                "shown": events[:LISTED],
-                "not_shown": max(len(events) - LISTED, 0),
+                "shown": events[:listed],
+                "not_shown": max(len(events) - listed, 0),
             }
         )
     return found

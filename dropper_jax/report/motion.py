@@ -73,8 +73,6 @@ def node_arc(lengths: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(lengths)])
 
 
-#: Pairs of links and instants that are compared at once: 1e6 need some tens of MB.
-AT_ONCE = 100_000
 #: Number of evenly spaced instants: they are close enough that no approach of lines is missed.
 LOOKS = 2000
 
@@ -148,7 +146,8 @@ def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
     if not i.size:
         return None
     first, second = (record.positions[:, record.written_lines[index].nodes] for index in (a, b))
-    step, best = max(1, AT_ONCE // i.size), None
+    # pairs of links and instants that are compared at once: 1e6 need some tens of MB
+    step, best = max(1, 100_000 // i.size), None
     looked = np.arange(0, len(record.t), looks_every(record))
     for k in range(0, len(looked), step):
         part = looked[k : k + step]

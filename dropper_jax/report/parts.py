@@ -13,9 +13,6 @@ from dropper_jax.report.sections import largest, newton, table, with_rest
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import line_slices
 
-#: Maximum number of lines without parts.
-FEW = 10
-
 
 def parts(
     tension: list[dict[str, Any]], snap: list[dict[str, Any]], fatigue: list[dict[str, Any]] | dict[str, str]
@@ -32,7 +29,8 @@ def parts(
         tension, snap, fatigue: the sections, line by line in one order.
     """
     names = [line["line"] for line in tension]
-    if len(names) <= FEW:
+    # maximum number of lines without parts
+    if len(names) <= 10:
         return {"skipped": "ten lines or fewer"}
     members = _alike(names)
     if len(members) == len(names):

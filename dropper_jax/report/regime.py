@@ -15,8 +15,6 @@ from dropper_jax.sea import Sea
 
 #: Kinematic viscosity of sea water at 10 degrees [m^2/s].
 VISCOSITY = 1.35e-6
-#: Maximum number of times at which the water is evaluated.
-LOOKS = 400
 
 
 def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]:
@@ -31,7 +29,8 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
     model = build_model(solution.scene, "float64")
     if model.sea is None or model.line.diameter is None:
         raise ValueError("solution: its scene has no [sea] or no diameter. Use a scene with both")
-    every = max(1, len(solution.t) // LOOKS)
+    # maximum number of times at which the water is evaluated
+    every = max(1, len(solution.t) // 400)
     free, links = _far_ends(solution, model)
     at = [take_every(a, every) for a in (solution.positions, solution.velocities, solution.t)]
     looked = (at[0], at[1][:, free], at[2])

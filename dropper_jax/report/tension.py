@@ -154,8 +154,6 @@ def _spread(values: np.ndarray) -> dict[str, float]:
 YEAR = 365.25 * 86400.0
 #: Ranges below this fraction of the maximum tension of the record are rounding and are not counted.
 ROUNDING = 1e-9
-#: Maximum number of counted links of a line for runs of very many links: the counting is plain Python.
-MOST_LINKS = 200
 
 
 #: Curves of parts, K and m over the breaking load: a curve for chain does not apply to rope.
@@ -196,7 +194,8 @@ def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
 
     The equivalent range `(sum n R^m / sum n)^(1/m)` [N] needs no breaking load.
     """
-    found, every = [], record.tension.shape[1] <= MOST_LINKS
+    # maximum number of counted links of a line for runs of very many links: the counting is plain Python
+    found, every = [], record.tension.shape[1] <= 200
     least = ROUNDING * float(np.abs(record.tension).max())
     for where in record.written_lines:
         spec = where.spec

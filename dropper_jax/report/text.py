@@ -11,9 +11,6 @@ from dropper_jax.report.sections import newton, table
 from dropper_jax.run.weights import lines_in_words
 from dropper_jax.scene import link_mass_words
 
-#: Maximum number of runs with values side by side.
-FEW = 6
-
 
 def markdown(found: dict[str, Any], pictures: list[dict[str, str]]) -> str:
     """The complete report.
@@ -139,7 +136,8 @@ def _coefficients(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
 def _spread(section: dict[str, Any]) -> str:
     """Minimum, mean and maximum over the runs; for a few runs also the value of each run, as needed by a sweep over
     steps."""
-    few = len(section["dt_s"]) <= FEW
+    # maximum number of runs with values side by side
+    few = len(section["dt_s"]) <= 6
     own = [f"run {i + 1}" for i in range(len(section["dt_s"]))] if few else []
     rows = [["step [s]", "", "", "", *(f"{dt:g}" for dt in section["dt_s"][: len(own)])]]
     rows.append(

@@ -35,14 +35,6 @@ from dropper_jax.stepping.integrate import DRIFT_LIMIT, Trajectory
 from dropper_jax.stepping.observe import Observed, observe
 from dropper_jax.stepping.stepper import TOO_FAR, Stepper
 
-#: Number of saved times that are checked.
-INSTANTS = 64
-#: Fraction of the stability limit above which it counts as limiting the steps: the step error keeps them below it.
-HELD = 0.6
-#: Ratio of the damping rate of coupled nodes to that of a single node: a row of equal dampers between nodes has
-#: eigenvalues up to twice its diagonal.
-COUPLED = 2.0
-
 
 class TimeOrigin(NamedTuple):
     """Origin of the saved times: t [s] and the number of earlier saved times."""
@@ -274,7 +266,9 @@ def damping_rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> dic
     for effect in model.having(Force):
         if not effect.constant:
             rates = jax.vmap(lambda r, v, t, e=effect: _rate(model, e, r, v, t))(r, v, t)
-            found[effect.name] = (COUPLED if effect.reach else 1.0) * rates
+            # ratio of the damping rate of coupled nodes to that of a single node: a row of equal dampers between nodes
+            # has eigenvalues up to twice its diagonal
+            found[effect.name] = (2.0 if effect.reach else 1.0) * rates
     return found
 
 
@@ -294,11 +288,13 @@ def stiffness_remarks(
     """A warning if damping limits most steps h (k,) [s] of a run with states (k, ...) at its saved times."""
     if not len(t):
         return ()
-    rows = np.unique(np.linspace(0, len(t) - 1, INSTANTS).round().astype(int))
+    # number of saved times that are checked
+    rows = np.unique(np.linspace(0, len(t) - 1, 64).round().astype(int))
     rates = _rates(model, *(jnp.asarray(a[rows], model.dtype) for a in (r, v, t)))
     sizes = {name: float(np.median(h[rows] * np.asarray(rate))) for name, rate in rates.items()}
     name = max(sizes, key=sizes.get, default=None)
-    if name is None or sizes[name] < HELD * scheme.stable:
+    # fraction of the stability limit above which it counts as limiting the steps: the step error keeps them below it
+    if name is None or sizes[name] < 0.6 * scheme.stable:
         return ()
     return (
         f"effects.{name}: h b/m is {sizes[name]:.2g} on average, and {scheme.name} is stable up to about "

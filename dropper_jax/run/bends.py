@@ -76,10 +76,6 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
                 )
 
 
-#: Curvature below which a radius is that of a straight line [1/m].
-STRAIGHT = 1e-12
-
-
 def bends(scene: Scene) -> bool:
     """Whether lines of the scene have bending stiffness."""
     return "bending" in scene.effects
@@ -144,11 +140,12 @@ def bending_summary(
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         own, bent = moment[:, where.nodes], float(np.max(kappa[:, where.nodes]))
         when, node = np.unravel_index(np.argmax(own), own.shape)
+        # curvature below which a radius is that of a straight line [1/m]
         found[line.name] = {
             "largest_moment_n_m": float(own[when, node]),
             "at_m": float(np.sum(line.length[:node])),
             "t_s": float(t[when]),
-            "least_radius_m": 1.0 / bent if bent > STRAIGHT else None,
+            "least_radius_m": 1.0 / bent if bent > 1e-12 else None,
         }
     return found
 

@@ -29,15 +29,6 @@ from dropper_jax.stepping.controlled import Controlled, advance_controlled, star
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance_some, begin
 from dropper_jax.stepping.stepper import Stepper
 
-#: Copies of all saved states in memory at once (measured), if nothing is stored on disk.
-COPIES = 5
-#: Copies on disk: the raw states, the observed states, and the output file.
-COPIES_ON_DISK = 3
-#: Memory of JAX and its programs [bytes].
-BESIDE = 600_000_000
-#: Fraction of the free memory that a run may use.
-SHARE = 0.9
-
 
 def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None) -> None:
     """Reject a run whose saved states do not fit.
@@ -47,14 +38,18 @@ def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None)
     """
     size = run.saves * row_bytes(model, start)
     if scratch is None:
-        left, need, where = available_memory(), COPIES * size + BESIDE, "memory"
+        # copies of all saved states in memory at once (measured), if nothing is stored on disk
+        # memory of JAX and its programs [bytes]
+        left, need, where = available_memory(), 5 * size + 600_000_000, "memory"
         way = (
             "a larger run.save_every, a shorter run.duration, or `dropper run --out FILE.nc`, which stores them on disk"
         )
     else:
-        left, need, where = shutil.disk_usage(scratch).free, COPIES_ON_DISK * size, "disk"
+        # copies on disk: the raw states, the observed states, and the output file
+        left, need, where = shutil.disk_usage(scratch).free, 3 * size, "disk"
         way = "a larger run.save_every, or a shorter run.duration"
-    if need > SHARE * left:
+    # fraction of the free memory that a run may use
+    if need > 0.9 * left:
         raise SceneError(
             f"run.duration: {run.duration:g} s give {run.saves} saved states, which need {in_words(need)} of {where}, "
             f"and {in_words(left)} are free. Use {way}"
@@ -77,9 +72,6 @@ MOST_STEPS, BYTES = 1024, 16_000_000
 #: Saves of a chunk with steps of variable length: one of these, so that runs of other lengths share the program.
 SAVES = (1, 2, 16, 128, 1024)
 
-#: Number of steps above which the run of a system of lines is fused to one kernel: the program then takes 2 to 15 s
-#: longer to compile, and each step 60 to 120 us less.
-WORTH_ONE_KERNEL = 20_000
 
 #: The state carried from chunk to chunk, and the data on its steps in addition to the trajectory.
 Carry = Progress | Adaptive | Controlled
@@ -166,7 +158,9 @@ class _EqualSteps:
         self.count = 1
         self.late_s = 0.0  # compile time after the start of the run
         self.plain = stepper.until_converged or not model.laws
-        brief = stepper.until_converged and steps < WORTH_ONE_KERNEL
+        # number of steps above which the run of a system of lines is fused to one kernel: the program then takes 2 to
+        # 15 s longer to compile, and each step 60 to 120 us less
+        brief = stepper.until_converged and steps < 20_000
         self.advance = _advance_briefly if brief else _advance
         self.program = self._program(stepper.plain if self.plain else stepper, progress)
 

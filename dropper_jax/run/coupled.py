@@ -29,9 +29,6 @@ from dropper_jax.stepping.integrate import Progress, begin, step_failed
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
-#: Maximum number of inner steps of one coupling step.
-MOST = 1_000_000
-
 Vectors = Sequence[Sequence[float]] | np.ndarray
 
 
@@ -182,6 +179,7 @@ class Coupled:
             SceneError: values that are not finite or not of this shape, a step before `init`.
             SimulationError: the step failed, see `status`; the state is that before the step.
         """
+        most = 1_000_000  # maximum number of inner steps of one coupling step
         saved = self._state()
         if not (math.isfinite(dt) and dt > 0.0):
             raise SceneError(f"dt: {dt} is out of range; allowed: more than 0 s")
@@ -191,9 +189,9 @@ class Coupled:
         bends = np.zeros_like(read[0]) if accelerations is None else self._read("accelerations", accelerations)
         to = _Motion(*read, bends)
         count = max(1, math.ceil(dt / self.scene.run.dt - 1e-9))
-        if count > MOST:
+        if count > most:
             why = f"is {count:.3g} inner steps of {self.scene.run.dt:g} s"
-            raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {MOST}")
+            raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {most}")
         model = self._moving(saved, to, dt)
         result = self._advance(model, saved.progress, dt / count, count)
         self.residual, self.retried = float(result.residual), int(result.retried)

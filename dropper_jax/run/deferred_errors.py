@@ -6,8 +6,6 @@ import os
 from collections.abc import Callable
 from typing import BinaryIO
 
-#: Larger writes are data, which are not read back after a disk error; smaller ones are stored in memory.
-DATA = 65_536
 #: Number of bytes between two calls of the callback.
 OFTEN = 16_000_000
 
@@ -39,7 +37,8 @@ class DeferredErrorFile:
                 left, at = left[wrote:], at + wrote
         except OSError as error:
             self.refused = error
-        if left and len(left) <= DATA:
+        # larger writes are data, which are not read back after a disk error; smaller ones are stored in memory
+        if left and len(left) <= 65_536:
             self._pending.append((at, bytes(left)))
         self._at += size
         self._size = max(self._size, self._at)

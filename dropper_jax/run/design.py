@@ -16,9 +16,6 @@ from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.search import Equilibrium
 
-#: Relative change of the value at which the search stops.
-PRECISION = 1e-9
-
 
 @dataclass(frozen=True)
 class Design:
@@ -76,7 +73,8 @@ def solve_design(scene: SceneLike, path: str, low: float, high: float, target: s
             f"{path}: {low:g} to {high:g} gives {target} from {ends[0] + goal:.6g} to {ends[1] + goal:.6g}, which "
             f"does not include {goal:g}. Use a range whose ends are on either side"
         )
-    value = brentq(miss, low, high, xtol=PRECISION * max(abs(low), abs(high)), rtol=4 * np.finfo(float).eps)
+    # relative change of the value at which the search stops
+    value = brentq(miss, low, high, xtol=1e-9 * max(abs(low), abs(high)), rtol=4 * np.finfo(float).eps)
     reached, changed = miss(value) + goal, scene.with_values({path: value})
     return Design(path, value, target, goal, reached, len(seen), changed, _end_forces(changed, target))
 

@@ -36,8 +36,6 @@ KINDS: dict[str, type | tuple[type, ...]] = {
 NEEDED = ("dt", "duration", "integrator")
 NUMBERS = {"dt": False, "duration": False, "save_every": False, "residual_tolerance": True, "steps": True}
 TEXTS = ("integrator", "solver", "dtype")
-#: Fraction of the free memory that a file may use.
-SHARE = 0.8
 
 
 def check_archive(file: BinaryIO, path: str | Path) -> None:
@@ -51,7 +49,8 @@ def check_archive(file: BinaryIO, path: str | Path) -> None:
         size = sum(item.file_size for item in archive.infolist())
     file.seek(0)
     left = available_memory()
-    if size > SHARE * left:
+    # fraction of the free memory that a file may use
+    if size > 0.8 * left:
         raise SceneError(
             f"{path}: holds {in_words(size)} of arrays, but {in_words(left)} of memory are free. Use a smaller file"
         )

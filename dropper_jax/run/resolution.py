@@ -17,8 +17,6 @@ from dropper_jax.scene.data import point_nodes
 
 #: Static strain of a line above which a warning is given, and above which a scene is an error: a rope breaks before.
 STRETCHED, TORN = 0.1, 0.5
-#: A buoy whose base is within this distance [m] of the seabed is on it.
-NEAR = 0.05
 
 
 def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
@@ -79,27 +77,16 @@ def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
             continue
         if base + buoy.height < 0.0:
             yield f"{buoy.name}: at rest its top is {-base - buoy.height:.3g} m under water"
-        if base < -scene.sea.depth + NEAR:
+        # a buoy whose base is within this distance [m] of the seabed is on it
+        if base < -scene.sea.depth + 0.05:
             yield f"{buoy.name}: at rest its base is on the seabed"
 
 
 #: Relative energy balance error above which the status of a run is not ok. A scheme with numerical damping (implicit
 #: Euler: 90 % of a lab dropper's energy) warns. It fails if it gains as much, or loses more than the energy scale.
 DRIFT_FAILED, LOSS_FAILED = 0.1, 1.0
-#: Energy error [J] per weight times length of all lines that is ignored: rounding of runs at rest.
-NEGLIGIBLE = 1e-6
-#: A peak is unresolved if the tension one step before and after is lower by this fraction on average. That is a
-#: half-sine of less than three steps. Its maximum is low by 5 % (tension is a mean over the step) to 13 % (if the
-#: maximum is between two steps).
-SHARP = 0.5
-#: Fraction of a link's tension over time in pulses of one step, above which a warning is given.
-PULSES = 0.05
 #: Tensions oscillate if they alternate for this many steps by more than this fraction of their mean.
 ALTERNATING, ALTERNATION = 20, 0.05
-#: Ratio to the static tension above which a previously slack line has a snatch load.
-SNATCH = 10.0
-#: Ratio to the static tension below which a link is slack.
-SLACK = 1e-3
 #: Steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`.
 RESOLVED = 60
 #: Maximum number of lines listed for one fault: a farm may have thousands with the same.
@@ -170,9 +157,8 @@ def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndar
 
 def _negligible(solution: Samples) -> float:
     lines = solution.scene.lines
-    return (
-        NEGLIGIBLE * GRAVITY * sum(float(np.sum(x.mass)) for x in lines) * sum(float(np.sum(x.length)) for x in lines)
-    )
+    # energy error [J] per weight times length of all lines that is ignored: rounding of runs at rest
+    return 1e-6 * GRAVITY * sum(float(np.sum(x.mass)) for x in lines) * sum(float(np.sum(x.length)) for x in lines)
 
 
 def _dissipates(solution: Samples) -> bool:
@@ -218,7 +204,8 @@ def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
             text = f"{line.name}: the peak tension, {when}, lasts only one or two steps of {dt:g} s and is not resolved"
             yield "peak tensions of one or two steps are not resolved", float(tension[sharp]), text
         pulsed = _pulse_share(tension)
-        if pulsed > PULSES:
+        # fraction of a link's tension over time in pulses of one step, above which a warning is given
+        if pulsed > 0.05:
             text = f"{line.name}: {pulsed:.0%} of the tension is in pulses of one step of {dt:g} s and is not resolved"
             yield "tensions in pulses of one step are not resolved", float(pulsed), text
         elif _alternates(tension):
@@ -235,10 +222,12 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
     largest = solution.tension if solution.tension_max is None else solution.tension_max
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):
         rest = float(np.max(solution.tension[0, where.links]))
-        slack = np.any(least[1:, where.links] < SLACK * rest, axis=0)
+        # ratio to the static tension below which a link is slack
+        slack = np.any(least[1:, where.links] < 1e-3 * rest, axis=0)
         top = np.max(largest[1:, where.links], axis=0, initial=0.0)
         worst = float(np.max(np.where(slack, top, 0.0)))
-        if rest > 0.0 and worst > SNATCH * rest:
+        # ratio to the static tension above which a previously slack line has a snatch load
+        if rest > 0.0 and worst > 10.0 * rest:
             text = (
                 f"{line.name}: changes from slack to {worst:.4g} N, {worst / rest:.3g} times its static tension: peaks "
                 "are snatch loads and may be chaotic. Use --errors"
@@ -252,7 +241,10 @@ def _sharpest(tension: np.ndarray) -> tuple[int, int] | None:
     around = tension[max(step - 1, 0) : step + 2, link]
     if len(around) < 3 or around[1] <= 0.0:
         return None
-    return (int(step), int(link)) if around[1] - 0.5 * (around[0] + around[2]) > SHARP * around[1] else None
+    # a peak is unresolved if the tension one step before and after is lower by this fraction on average. That is a
+    # half-sine of less than three steps. Its maximum is low by 5 % (tension is a mean over the step) to 13 % (if the
+    # maximum is between two steps).
+    return (int(step), int(link)) if around[1] - 0.5 * (around[0] + around[2]) > 0.5 * around[1] else None
 
 
 def _pulse_share(tension: np.ndarray) -> float:

@@ -22,8 +22,6 @@ import numpy as np
 COUNT, ABOUT = "count", "run.json"
 #: Number of states processed at once if all would be too many.
 BLOCK = 4096
-#: Number of distant rows read at once.
-ROWS = 50
 
 
 def release_pages(arrays: Iterable[Any]) -> None:
@@ -36,9 +34,10 @@ def release_pages(arrays: Iterable[Any]) -> None:
 
 def take_every(array: np.ndarray, every: int) -> np.ndarray:
     """Every `step`-th row, in memory: for a mapped file the system maps long stretches around each row."""
+    rows = 50  # number of distant rows read at once
     found = np.empty_like(array[::every], subok=False)
-    for begin in range(0, len(found), ROWS):
-        found[begin : begin + ROWS] = array[begin * every : (begin + ROWS) * every : every]
+    for begin in range(0, len(found), rows):
+        found[begin : begin + rows] = array[begin * every : (begin + rows) * every : every]
         release_pages([array])
     return found
 

@@ -22,8 +22,6 @@ from dropper_jax.run.samples import Kind, Samples, is_finished
 from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.integrate import Progress, Trajectory
 
-#: Run time [s] below which a run is always repeated completely: the start time of a command.
-BRIEF = 2.0
 #: Windows of a complete run, maximum number of stretches of others, and their maximum fraction of the run time.
 WINDOWS, STRETCHES, SHARE = 8, 32, 0.05
 #: Fraction of the maximum tension of all lines, and travel as a fraction of the longest line, below which they are not
@@ -37,8 +35,6 @@ WARNED_STRETCHES = {**WARNED, "window_maxima": 0.07}
 #: Estimated error above which a result is unusable, and that of the advised step. The error then converges with this
 #: fraction of the scheme's order, which is between 0.5 (whipping droppers) and 1 (pendulums).
 ROUGH, TARGET, LESS = 0.1, 0.01, 0.75
-#: Errors of stretches accumulate along a path of this many travels: five swings, each in both directions.
-TRAVELS = 10.0
 #: Chaos: the distance of the two runs is below 1 % of the travel for three times the first swing, and it then reaches
 #: 30 % in less than four times this time. A linear drift of the phase takes 30 times as long.
 RESOLVED, SEPARATED, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
@@ -65,7 +61,8 @@ def with_step_check(solution: Kind, run: ChunkedRun, outcome: RunOutcome, start_
     """
     if not is_finished(solution) or not isinstance(outcome.carry, Progress):
         return solution
-    check = check_full_run if outcome.run_s < max(start_s, BRIEF) else check_stretches
+    # run time [s] below which a run is always repeated completely: the start time of a command
+    check = check_full_run if outcome.run_s < max(start_s, 2.0) else check_stretches
     try:
         found = check(solution, run, outcome)
     except KeyboardInterrupt:  # the run itself is complete
@@ -119,7 +116,8 @@ def check_stretches(solution: Samples, run: ChunkedRun, outcome: RunOutcome) -> 
         separation, moved = np.array(separation), np.array(moved)
         path, distance = (float(np.sqrt(np.mean(_largest(a) ** 2))) / travel for a in (moved, separation))
         drift = abs(float(np.sum(separation * moved))) / float(np.sum(moved**2))
-        off = _error(solution, distance + drift * min(path * saves / length, TRAVELS))
+        # errors of stretches accumulate along a path of this many travels: five swings, each in both directions
+        off = _error(solution, distance + drift * min(path * saves / length, 10.0))
     found = {
         "repeated": f"{count} stretches of {length * solution.settings['save_every']} steps",
         **_tensions(solution, parts, False),

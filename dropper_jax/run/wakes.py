@@ -43,8 +43,6 @@ from dropper_jax.scene import LineSlice, line_slices
 GROWTH = (0.25 / 1.1774) ** 2
 #: Sigma at the element over C D: the deficit there is about half of the flow.
 START = 0.5
-#: Number of heights over the depth for the integration of wakes.
-HEIGHTS = 48
 #: Distance in diameters behind an element at which its wake starts.
 BEHIND = 2.0
 
@@ -161,7 +159,8 @@ def _plane(
     wide = np.sqrt(grown + e.wide[first] ** 2 / (2 * np.pi))
     high = np.sqrt(grown + e.high[first] ** 2 / (2 * np.pi))
     y, z, u, thrust = e.y[first], e.z[first], met[first], drag[first]
-    nodes, weight = np.polynomial.legendre.leggauss(HEIGHTS)
+    # number of heights over the depth for the integration of wakes
+    nodes, weight = np.polynomial.legendre.leggauss(48)
     upright = _upright(0.5 * depth * (nodes - 1.0), z, high, depth)
     weight = 0.5 * depth * weight
     one = np.sqrt(2 * np.pi) * wide * (upright @ weight)
@@ -180,12 +179,6 @@ def _plane(
     share = share * (speed * wanted - np.sqrt(max(left, 0.0))) / (2.0 * square) if square > 0.0 else share
     momentum = speed * float(share @ one) - float(share @ both @ share)
     return Plane(y, z, wide, high, share, depth, momentum)
-
-
-#: Default turbulence intensity of the current (assumed).
-TURBULENCE = 0.05
-#: Maximum number of links with wakes: the cost grows with its square, plane by plane.
-MOST = 3000
 
 
 @dataclass(frozen=True)
@@ -218,12 +211,13 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     Raises:
         SceneError: no drag, no current, a zero current, or too many links.
     """
+    most = 3000  # maximum number of links with wakes: the cost grows with its square, plane by plane
     drag = scene.effects.get("morison_drag")
     if drag is None or scene.sea is None or scene.sea.current is None:
         raise SceneError(f"effects.morison_drag.wakes: scene {scene.name!r} lacks morison_drag or [sea.current]")
     lines = line_slices(scene)
-    if sum(line.links for line in scene.lines) > MOST:
-        raise SceneError(f"effects.morison_drag.wakes: more than {MOST} links; allowed: at most {MOST}")
+    if sum(line.links for line in scene.lines) > most:
+        raise SceneError(f"effects.morison_drag.wakes: more than {most} links; allowed: at most {most}")
     bare = dataclasses.replace(scene, effects={**scene.effects, "morison_drag": {**drag, "wakes": "none"}})
     model = bare_model(bare, "float64")
     nodes = static_pose(bare, model).positions
@@ -249,7 +243,8 @@ def scene_wakes(scene: Scene) -> SceneWakes:
         diameter=displaced_diameter(scene.line, scene) * np.ones(len(middle)),
         drag=_coefficient(scene) * np.ones(len(middle)),
     )
-    turbulence = TURBULENCE if drag["turbulence"] is None else float(drag["turbulence"])
+    # default turbulence intensity of the current (assumed)
+    turbulence = 0.05 if drag["turbulence"] is None else float(drag["turbulence"])
     wakes = solve_wakes(elements, speed, scene.sea.depth, turbulence)
     return SceneWakes(wakes, wakes.met / speed, tuple(lines), float(np.arctan2(stream[1], stream[0])), middle)
 

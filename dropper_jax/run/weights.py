@@ -15,8 +15,6 @@ from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 
 #: Words in names of lines and types that should not float.
 HEAVY = ("chain", "mussel", "dropper", "loop", "sock", "crop")
-#: Diameter [m] above which a line is not a rope: fibre ropes of aquaculture, some of which float, are thinner.
-THICK = 0.1
 
 
 def wet_weights(scene: Scene) -> np.ndarray:
@@ -117,7 +115,8 @@ def line_weights(scene: Scene) -> list[dict[str, Any]]:
         row = rows.setdefault(key, row)
         row["lines"].append(line.name)
         words = f"{line.name} {types.get(line.name, '')}".lower()
-        thick = float(np.max(diameter[line.links])) >= THICK
+        # diameter [m] above which a line is not a rope: fibre ropes of aquaculture, some of which float, are thinner
+        thick = float(np.max(diameter[line.links])) >= 0.1
         grown = own.spec.growth is not None or bare.season is not None
         row["meant_heavy"] |= thick or grown or any(word in words for word in HEAVY)
     return list(rows.values())

@@ -24,8 +24,6 @@ from dropper_jax.base.read import (
     refuse,
 )
 
-#: Grid points of the random field per correlation length.
-FINE = 0.1
 #: Added mass of a mussel divided by that of the displaced water: a sphere's (Lamb 1932, article 92).
 ADDED_MASS = 0.5
 THICK = {"unit": "m", "shape": "table", "low": 0.0}
@@ -141,13 +139,14 @@ class SeasonSpec:
 
     def factor(self, name: str, arc: np.ndarray) -> np.ndarray:
         """Random factor (n,) on the thickness at arc lengths (n,) [m] of a line."""
+        fine = 0.1  # grid points of the random field per correlation length
         if self.deviation == 0.0:
             return np.ones(len(arc))
-        step = FINE * self.correlation
+        step = fine * self.correlation
         grid = np.arange(int(np.max(arc, initial=0.0) / step) + 2) * step
         # one stream per line, so that adding a line leaves the others unchanged
         noise = np.random.default_rng([self.seed, zlib.crc32(name.encode())]).standard_normal(len(grid))
-        keep = np.exp(-FINE)
+        keep = np.exp(-fine)
         field = np.empty(len(grid))
         field[0] = noise[0]
         for i in range(1, len(grid)):

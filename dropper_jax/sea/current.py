@@ -61,10 +61,6 @@ def check_constituents(values: dict[str, Any], path: str, keys: tuple[str, str, 
 
 KINDS = ("uniform", "power", "table")
 
-#: A power law is replaced by a linear profile below this fraction of its reference height, since its slope at the
-#: seabed is infinite.
-LINEAR_BELOW = 0.01
-
 
 @component
 class Current:
@@ -110,9 +106,12 @@ class Current:
         return jnp.stack([size * jnp.cos(course), size * jnp.sin(course), jnp.zeros_like(z)], axis=-1)
 
     def _power(self, z: jax.Array, depth: jax.Array) -> jax.Array:
+        # a power law is replaced by a linear profile below this fraction of its reference height, since its slope at
+        # the seabed is infinite
+        linear_below = 0.01
         share = jnp.maximum(z + depth, 0.0) / (depth + self.reference)
-        inside = jnp.maximum(share, LINEAR_BELOW) ** self.exponent
-        return jnp.where(share < LINEAR_BELOW, inside * share / LINEAR_BELOW, inside)
+        inside = jnp.maximum(share, linear_below) ** self.exponent
+        return jnp.where(share < linear_below, inside * share / linear_below, inside)
 
     def velocity(self, z: jax.Array, t: jax.Array, depth: jax.Array) -> jax.Array:
         """Velocity (n, 3) [m/s] at heights z (n,) [m] and time t [s]."""

@@ -21,11 +21,6 @@ from dropper_jax.base.numerics import sincos
 from dropper_jax.sea.steady import SteadyWave
 from dropper_jax.sea.waves import Motion, Waves
 
-#: Grid step times the maximum wave number: the error of cubics is (0.35)^4 3/128 = 3.5e-4 of this component.
-FINENESS = 0.35
-#: Singular values below this fraction of the maximum are left out.
-CUT = 2e-5
-
 
 @component
 class GridWaves(Waves):
@@ -111,7 +106,8 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
     k = np.asarray(waves.wave_number, float)
     asked, highest = low, 1.5 * float(waves.significant_height)
     low = np.array([low[0], max(low[1] - highest, -depth)])  # stretching moves positions under a crest downwards
-    count = np.maximum(np.ceil((high - low) * k.max() / FINENESS).astype(int), 4) + 4
+    # grid step times the maximum wave number: the error of cubics is (0.35)^4 3/128 = 3.5e-4 of this component
+    count = np.maximum(np.ceil((high - low) * k.max() / 0.35).astype(int), 4) + 4
     step = (high - low) / (count - 4)
     origin = low - 1.5 * step
     s, z = (origin[i] + step[i] * np.arange(count[i]) for i in range(2))
@@ -119,7 +115,8 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
     size = 2 * k.size
     table = np.concatenate([a.reshape(-1, size) for a in (level, rising, surface)])
     left, values, right = np.linalg.svd(table, full_matrices=False)
-    rank = int(np.sum(values > CUT * values[0]))
+    # singular values below this fraction of the maximum are left out
+    rank = int(np.sum(values > 2e-5 * values[0]))
     left, projection = left[:, :rank], values[:rank, None] * right[:rank]
     points = count[0] * count[1]
     u, w = (left[i * points : (i + 1) * points].reshape(*count, rank) for i in range(2))
@@ -165,10 +162,6 @@ def _motions(
 ) -> tuple[Motion, Motion]:
     """Both at positions (q, n, 3) and times (q,)."""
     return tuple(jax.vmap(lambda r, t, w=w: w.motion(r, t, depth))(positions, times) for w in (exact, found))
-
-
-#: Harmonics with a crest velocity below this fraction of that of the first are left out.
-SMALL = 1e-9
 
 
 @component
@@ -245,11 +238,12 @@ def bound_waves(
         phase: e [rad]; the crest is at `k s = w t - e`.
         current: part of the mean Eulerian velocity that the current of the sea already includes [m/s].
     """
+    small = 1e-9  # harmonics with a crest velocity below this fraction of that of the first are left out
     k, order = wave.wave_number, np.arange(1, wave.order + 1)
     tanh = np.tanh(order * k * wave.depth)
     size = np.abs(wave.speed) * np.exp(order * k * wave.crest)
-    kept = max(int(np.max(np.flatnonzero(size > SMALL * size[0]))), 1) + 1
-    kept = max(kept, int(np.max(np.flatnonzero(np.abs(wave.surface) > SMALL * wave.height))) + 1)
+    kept = max(int(np.max(np.flatnonzero(size > small * size[0]))), 1) + 1
+    kept = max(kept, int(np.max(np.flatnonzero(np.abs(wave.surface) > small * wave.height))) + 1)
     order, drift = order[:kept], wave.eulerian - current
     return BoundWaves(
         amplitude=jnp.asarray(wave.surface[:kept]),

@@ -30,9 +30,6 @@ from dropper_jax.sea.stream_function import NotSolved, stream_function
 from dropper_jax.sea.water import Sea
 from dropper_jax.sea.waves import Waves
 
-#: Reach of an interpolated sea over that of the line: margin for stretch and moving ends.
-MARGIN = 1.2
-
 
 def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Sea:
     """The sea of a scene.
@@ -174,7 +171,8 @@ def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: 
         what = "one direction" if waves.direction.ndim else "sea.stretching constant or wheeler"
         raise SceneError(f"sea.interpolation: 'grid' does not support this sea; allowed: none, or a sea with {what}")
     course = np.array([np.cos(spec.waves.direction), np.sin(spec.waves.direction)])
-    along, radius = float(middle[:2] @ course), MARGIN * radius
+    # reach of an interpolated sea over that of the line: margin for stretch and moving ends
+    along, radius = float(middle[:2] @ course), 1.2 * radius
     low, high = np.array([along - radius, middle[2] - radius]), np.array([along + radius, 0.0])
     return on_grid(waves, spec.depth, low, high)
 

@@ -19,11 +19,6 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.programs import cached_jit
 
-#: Newton steps from Fenton's approximation, whose relative error is below 5.2e-4: two reach rounding, the third is a
-#: margin.
-ITERATIONS = 3
-#: Newton steps on a current; monotone towards the root, slow only next to blocking.
-CURRENT_ITERATIONS = 60
 #: Quadrature points of U_e, and the depth over which it is taken, in units of 1/k (e^-40 is rounding).
 POINTS, FADE = 64, 20.0
 
@@ -45,7 +40,9 @@ def wave_number(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float =
     """Wave number [rad/m] that satisfies `w^2 = g k tanh(k d)` to rounding, for omega [rad/s] and depth [m]."""
     a = omega**2 * depth / gravity
     kd = fenton(omega, depth, gravity) * depth
-    for _ in range(ITERATIONS):
+    # Newton steps from Fenton's approximation, whose relative error is below 5.2e-4: two reach rounding, the third is a
+    # margin
+    for _ in range(3):
         tanh = jnp.tanh(kd)
         kd = kd - (kd * tanh - a) / (tanh + kd * (1.0 - tanh**2))
     return kd / depth
@@ -97,7 +94,8 @@ def on_current(
         return k - value / jnp.where(slope > 0, slope, jnp.nan)
 
     start = jax.lax.stop_gradient(wave_number(omega, depth, gravity))
-    k = jax.lax.stop_gradient(jax.lax.fori_loop(0, CURRENT_ITERATIONS, lambda _, k: correct(k), start))
+    # Newton steps on a current; monotone towards the root, slow only next to blocking
+    k = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, lambda _, k: correct(k), start))
     k = correct(k)  # carries the derivative: a Newton step at the root is the implicit function theorem
     k = jnp.where(jnp.abs(excess(k)) < 1e-6 * omega, k, jnp.nan)
     return k, frequency(k, depth, gravity), effective_current(k, depth, profile)

@@ -17,8 +17,6 @@ from dropper_jax.sea.steady import SteadyWave, highest
 ORDERS, GOOD, ENOUGH = (10, 14, 20, 28, 40, 56, 80), 1e-6, 1e-3
 #: Newton steps per height; minimum step of the height, relative to the full height.
 STEPS, SMALLEST = 25, 1.0 / 256.0
-#: If Newton's method fails below this fraction of the highest wave, the number of harmonics is too small.
-NEAR = 0.9
 
 
 class NotSolved(ValueError):
@@ -30,7 +28,8 @@ class NotSolved(ValueError):
     def __init__(self, reached: float, length: float, depth: float) -> None:
         super().__init__(f"no steady wave is found above {reached:.4g} m")
         self.reached, self.length = reached, length
-        self.few = reached < NEAR * highest(length, depth)
+        # if Newton's method fails below this fraction of the highest wave, the number of harmonics is too small
+        self.few = reached < 0.9 * highest(length, depth)
 
 
 def stream_function(

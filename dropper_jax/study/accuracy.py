@@ -109,14 +109,10 @@ def _thesis(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 #: Default steps [s]: powers of two, which divide whole seconds and each other.
 DTS = tuple(2.0**-k for k in range(5, 12))
-#: Maximum duration of a comparison [s].
-LONGEST = 20.0
 #: Target errors [rad] of the advice.
 TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 #: Maximum relative error of each load for the advice.
 WANTED = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.08}
-#: Maximum duration of the comparison of loads [s].
-LONGEST_RUN = 60.0
 
 
 def accuracy(
@@ -150,7 +146,8 @@ def accuracy(
         raise SceneError(f"--integrators: none of them can run this scene: {refused[0]['reason']}")
     say(0.0, "how long errors mean something")
     grid = max(dts)
-    longest = max(min(scene.run.duration, LONGEST), 2 * grid)
+    # maximum duration of a comparison [s]
+    longest = max(min(scene.run.duration, 20.0), 2 * grid)
     trusted, exponent = trusted_span(model, s, longest, min(scene.run.dt, grid), grid)
     saves = max(2, round(trusted / grid) if span is None else round(span / grid))
     say(0.1, f"reference over {saves * grid:.3g} s")
@@ -231,7 +228,8 @@ def load_convergence(scene: Scene, dts: tuple[float, ...], skip: float = 0.0, sa
         which it and all smaller ones are within the limit, or None. If the motion is chaotic, errors do not decrease
         below the random difference of two runs.
     """
-    scene = scene.with_values({"run.duration": min(scene.run.duration, LONGEST_RUN)})
+    # maximum duration of the comparison of loads [s]
+    scene = scene.with_values({"run.duration": min(scene.run.duration, 60.0)})
     steps = sorted(dts, reverse=True)
     reference_dt = 0.5 * steps[-1]
     say(0.0, f"loads, {reference_dt:.4g} s")
@@ -280,8 +278,6 @@ CLAIMS = (
 )
 EULER_DTS = (0.01, 0.005, 0.0025)
 EULER_DURATION = 5.0
-#: A change smaller than this fraction of the mean of the other two is neither gain nor loss.
-NEITHER = 0.1
 
 
 def single_pendulum() -> Scene:
@@ -313,7 +309,8 @@ def euler_claims(dts: tuple[float, ...] = EULER_DTS, duration: float = EULER_DUR
     for scene in (single_pendulum(), load_scene("double-pendulum-periodic")):
         for dt in dts:
             gained = [_gain(scene, scheme, dt, duration) for scheme, _, _ in CLAIMS]
-            typical = NEITHER * 0.5 * (abs(gained[0][1]) + abs(gained[1][1]))
+            # a change smaller than this fraction of the mean of the other two is neither gain nor loss
+            typical = 0.1 * 0.5 * (abs(gained[0][1]) + abs(gained[1][1]))
             for (scheme, claim, sign), (status, gain) in zip(CLAIMS, gained, strict=True):
                 holds = status == "ok" and (abs(gain) < typical if sign == 0 else sign * gain > 0)
                 row = {"scene": scene.name, "label": scheme.label, "claim": claim, "dt": dt, "status": status}

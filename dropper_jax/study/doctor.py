@@ -34,8 +34,6 @@ EXTRAS = {
     "fatigue": ("rainflow",),
     "posterior": ("blackjax",),
 }
-#: Maximum relative error of the tension of the pendulum, due to its step.
-ALLOWED = 1e-4
 #: Script that compiles a program with a cache and reports whether it came from the cache, and its result.
 PROBE = """
 import json, sys
@@ -94,11 +92,12 @@ def cache() -> dict[str, Any]:
 def check_tension() -> dict[str, Any]:
     """The tension of a conical pendulum is its weight over the sine of its angle below the horizontal, `m
     g/sin(theta)`."""
+    allowed = 1e-4  # maximum relative error of the tension of the pendulum, due to its step
     solution = simulate("conical-pendulum", duration=1.0)
     expected = GRAVITY / math.sin(math.pi / 8)
     error = float(np.max(np.abs(solution.tension / expected - 1.0)))
-    ok = solution.status == "ok" and error < ALLOWED
-    return _check("tension of a conical pendulum", ok, f"{error:.1e} off, {ALLOWED:.0e} allowed")
+    ok = solution.status == "ok" and error < allowed
+    return _check("tension of a conical pendulum", ok, f"{error:.1e} off, {allowed:.0e} allowed")
 
 
 def known_product() -> dict[str, Any]:

@@ -109,8 +109,6 @@ LINKS = 4.0 / 3.0
 WINDOW, BATCHES = 10.0, 8
 #: Relative change of all masses, and the amplification of this change in the motion above which it is chaotic.
 PERTURBED, AMPLIFIED = 1e-8, 1e4
-#: Minimum range of a motion, as a fraction of the longest line.
-AT_REST = 1e-3
 #: Relative error of the maximum tension of a line above which it is not resolved.
 UNRESOLVED = 0.05
 
@@ -213,7 +211,8 @@ def _horizon(first: Samples, other: Samples) -> float:
     """Time [s] up to which the difference of two runs is below the limit of chaos."""
     k = min(len(first.t), len(other.t))
     apart = np.abs(first.positions[:k] - other.positions[:k]).max(axis=(1, 2))
-    moved = max(float(np.ptp(first.positions, axis=0).max()), AT_REST * max(line.total for line in first.scene.lines))
+    # minimum range of a motion, as a fraction of the longest line
+    moved = max(float(np.ptp(first.positions, axis=0).max()), 1e-3 * max(line.total for line in first.scene.lines))
     over = np.flatnonzero(apart > AMPLIFIED * PERTURBED * moved)
     return float(first.t[over[0]]) if over.size else first.scene.run.duration
 

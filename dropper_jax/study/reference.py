@@ -23,17 +23,10 @@ from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.march import grid_run, link_vectors, rms_angle
 
-#: Growth of a perturbation up to which errors characterise the scheme: rounding (1e-16 per step) then stays below 1e-12
-#: rad, and an error of 0.01 rad is still far from saturation.
-AMPLIFICATION = 100.0
 #: Size of the perturbation [-]: far above rounding, and still small after growth by a factor of 100.
 NEARBY = 1e-8
 #: Target error of the reference: 1e-4 of the minimum target error of the advice (1e-5 rad).
 TARGET = 1e-9
-#: Maximum number of steps of one reference run.
-MOST_STEPS = 150_000
-#: A refinement that would take longer than this [s] is left out, since long runs in waves are expensive.
-LONGEST_WALL = 40.0
 
 
 @dataclass(frozen=True)
@@ -91,7 +84,9 @@ def trusted_span(
     there = grid_run(stepper, model, replace(s, v=s.v + dv), grid, every, saves)
     size = np.asarray(jax.vmap(partial(perturbation_size, model))(there.r - here.r, there.v - here.v))
     growth = np.log(size / NEARBY)
-    apart = np.flatnonzero(~np.isfinite(growth) | (growth > np.log(AMPLIFICATION)) | (here.bad >= 0))
+    # growth of a perturbation up to which errors characterise the scheme: rounding (1e-16 per step) then stays below
+    # 1e-12 rad, and an error of 0.01 rad is still far from saturation
+    apart = np.flatnonzero(~np.isfinite(growth) | (growth > np.log(100.0)) | (here.bad >= 0))
     last = int(apart[0]) if apart.size else saves - 1
     span = min((last + 1) * grid, duration)
     return span, float(growth[last]) / span
@@ -109,7 +104,9 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float, 
     best = None
     every = max(4, int(np.ceil(grid * 256)))
     wall = 0.0  # of the last level, whose programs were already compiled
-    while best is None or (every * saves <= MOST_STEPS and best[0] > target and 2 * wall <= LONGEST_WALL):
+    # maximum number of steps of one reference run
+    # A refinement that would take longer than this [s] is left out, since long runs in waves are expensive
+    while best is None or (every * saves <= 150_000 and best[0] > target and 2 * wall <= 40.0):
         started = time.perf_counter()
         fine = grid_run(first, model, s, grid, every, saves)
         check = _extrapolate(second, model, s, grid, every, saves)

@@ -20,8 +20,6 @@ from dropper_jax.study.pictures import marks, title
 
 #: Number of drawn modes, the slowest ones, and the maximum displacement as a fraction of the configuration's size.
 DRAWN, REACH = 9, 0.12
-#: Ratio of height to length below which the modes are drawn below one another.
-LOW = 0.25
 
 
 def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
@@ -53,7 +51,8 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
     r, ends_of_lines = np.asarray(found.state.r), model.ends(found.state.t)
     rest = np.asarray(found.positions)
     size = view.size(rest)
-    low = np.ptp(rest[:, 2]) < LOW * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
+    # ratio of height to length below which the modes are drawn below one another
+    low = np.ptp(rest[:, 2]) < 0.25 * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
     columns = 1 if low else min(count, 3)
     figure = style.new_figure(3.6 * columns + (4.4 if low else 0.6), (1.5 if low else 2.9) * -(-count // columns) + 0.8)
     grid = np.atleast_1d(figure.subplots(-(-count // columns), columns, squeeze=False)).ravel()

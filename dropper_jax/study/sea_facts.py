@@ -184,8 +184,6 @@ def _speed(sea: Any, t: float) -> float:
 
 #: Fraction of a run, at its end, for the evaluation of the response.
 TAKEN = 1.0 / 3.0
-#: Increase of the wave height for the additional curve.
-MORE = 1.1
 
 
 def responses(
@@ -220,7 +218,8 @@ def responses(
         values = {"sea.waves.period": float(period)}
         row = _response(simulate(scene.with_values(values)), float(period))
         if more:
-            higher = {**values, f"sea.waves.{key}": MORE * float(np.max(getattr(waves, key)))}
+            # increase of the wave height for the additional curve
+            higher = {**values, f"sea.waves.{key}": 1.1 * float(np.max(getattr(waves, key)))}
             other = _response(simulate(scene.with_values(higher)), float(period))
             row["amplitude_10_percent_more"] = other["amplitude_rad"] / row["amplitude_rad"] - 1.0
         found.append({"period_s": float(period), **row})

@@ -36,8 +36,6 @@ from dropper_jax.run.simulate import Solution
 from dropper_jax.study import pictures
 from dropper_jax.study.march import convergence
 
-#: Minimum motion [m] of a buoy along an axis with a panel.
-STILL = 1e-6
 #: Kinds of figures that need no run, and interval of their samples of time [s].
 WITHOUT_RUN, SAMPLES = ("profile", "elevation", "steps"), 0.05
 #: Interval of compared states [s] and steps [s] of a study of convergence.
@@ -180,7 +178,8 @@ def _series(solution: Solution, figure: SourceFigure) -> list[Panel]:
     for name in figure.panels:
         if name in AXES:
             position = solution.point_path(scene.buoys[0].point)[:, AXES.index(name)]
-            if np.ptp(position) < STILL:
+            # minimum motion [m] of a buoy along an axis with a panel
+            if np.ptp(position) < 1e-6:
                 continue
             found.append(Panel(f"{name} [m]", [Curve("", solution.t, position)], f"buoy, {name}"))
         elif name == "tension":

@@ -18,12 +18,8 @@ from dropper_jax.study.reference import trusted_span
 #: Maximum number of times at which pilot runs are compared; nearly always equal for steps h and h/2, so that they share
 #: one compiled program.
 SAVES = 16
-#: Number of times at which two neighbouring runs are compared to find the start of chaos.
-SPANS = 256
 #: Halvings between the two pilot runs: they differ by 3/4 (first order) or 15/16 (second) of the error.
 STRIDE = 2
-#: Fraction of the tolerance that the estimate may reach: it is accurate to a factor only.
-SAFETY = 0.8
 #: Maximum number of halvings of the scene's step, and of steps of one pilot run.
 HALVINGS, MOST_STEPS = 12, 100_000
 
@@ -55,12 +51,13 @@ def choose_step(scene: Scene, tolerance: float) -> StepChoice:
     Raises:
         SceneError: a tolerance that no step down to 2^-12 of the scene's meets.
     """
+    safety = 0.8  # fraction of the tolerance that the estimate may reach: it is accurate to a factor only
     if not (isinstance(tolerance, int | float) and 0 < tolerance < math.inf):
         raise SceneError(f"tolerance: {tolerance!r} is out of range; allowed: an RMS angle error > 0 rad")
     pilot = _Pilot(scene)
     k = 0
     error = pilot.error(0)
-    while error > SAFETY * tolerance:
+    while error > safety * tolerance:
         k -= 1
         if not pilot.affordable(k):
             raise SceneError(
@@ -68,7 +65,7 @@ def choose_step(scene: Scene, tolerance: float) -> StepChoice:
                 f"{error:.2g} rad. Use a larger tolerance or another integrator"
             )
         error = pilot.error(k)
-    while k >= 0 and pilot.sensible(k + 1) and (larger := pilot.error(k + 1)) <= SAFETY * tolerance:
+    while k >= 0 and pilot.sensible(k + 1) and (larger := pilot.error(k + 1)) <= safety * tolerance:
         k, error = k + 1, larger
     return StepChoice(pilot.dt(k), error, pilot.until)
 
@@ -131,6 +128,7 @@ class _Pilot:
 
 def _until(stepper: Stepper, model: Model, s: State, duration: float, dt: float) -> float:
     """Time [s] up to which errors characterise the step, on whole steps."""
-    grid = dt * max(1, int(duration / dt / SPANS))
+    # number of times at which two neighbouring runs are compared to find the start of chaos
+    grid = dt * max(1, int(duration / dt / 256))
     span, _ = trusted_span(model, s, duration, dt, grid, stepper)
     return max(span, 2 * dt)

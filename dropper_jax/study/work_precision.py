@@ -32,10 +32,6 @@ from dropper_jax.study.march import (
 from dropper_jax.study.reference import Reference
 from dropper_jax.study.schemes import Scheme
 
-#: Minimum ratio of a measured error to that of the reference.
-RESOLVED = 100.0
-#: A run that would take longer than this [s] is left out, as are finer steps.
-BUDGET = 4.0
 #: Number of timed runs, and the total time [s] after which no more are run.
 REPEATS, LONG_ENOUGH = 3, 0.2
 #: Error tolerances of error-controlled schemes, instead of steps.
@@ -91,6 +87,7 @@ def _scheme_rows(
     pick: Callable[[list[float]], float],
     retry: bool,
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    budget = 4.0  # a run that would take longer than this [s] is left out, as are finer steps
     cast = (lambda x: x) if scheme.dtype == "float64" else (lambda x: jax.tree.map(_single, x))
     own, start = cast(model), cast(s)
     stepper = scheme.stepper(own)
@@ -101,8 +98,8 @@ def _scheme_rows(
     rows, skipped, per_step = [], [], 0.0
     for every in sorted({max(1, round(target.grid / dt)) for dt in dts}):
         steps = every * saves
-        if per_step * steps > BUDGET:
-            skipped.append({"scheme": scheme.label, "dt": target.grid / every, "reason": f"over {BUDGET:g} s a run"})
+        if per_step * steps > budget:
+            skipped.append({"scheme": scheme.label, "dt": target.grid / every, "reason": f"over {budget:g} s a run"})
             continue
         run = grid_run(stepper, own, start, target.grid, every, saves)
         status = status_of(run, stepper)
@@ -188,13 +185,14 @@ def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: R
     angle = rms_angle(links, target.links)
     loss = energy_loss(model, s, run, target.t)
     path = float(run.path[-1])
+    # minimum ratio of a measured error to that of the reference
     return {
         "rms_angle_error_rad": angle,
         "rms_position_error_m": rms_position(run.r, target.r),
         "rms_tension_error_n": rms(_tension_errors(run, stepper, target.tension)),
         "energy_drift_j": float(np.max(np.abs(loss))),
         "equivalent_linear_damping": float(loss[-1]) / path if path > 0 else 0.0,
-        "resolved": bool(RESOLVED * target.error <= angle < math.inf),
+        "resolved": bool(100.0 * target.error <= angle < math.inf),
     }
 
 

@@ -18,8 +18,6 @@ from dropper_jax.moordyn.writing.writer import write_moordyn
 #: MoorDyn's time integrators that are compared, by label; the last is what a file gets that names neither scheme nor
 #: step: the step then follows from the natural frequencies of the lines.
 SCHEMES = {"moordyn rk2": "rk2", "moordyn default": None}
-#: Positions beyond this distance [m] are not possible in these scenes.
-FAR = 1e4
 
 Drive = Callable[[float], np.ndarray]
 
@@ -85,7 +83,8 @@ def _march(moordyn: Any, system: Any, scene: Scene, point: str, dt: float, steps
             speed = (moved_positions((i + 1) * dt) - moved_positions(i * dt)) / dt
             moordyn.Step(system, moved_positions(i * dt).tolist(), speed.tolist(), i * dt, dt)
             positions.append(where())
-            if not np.all(np.abs(positions[-1]) < FAR):
+            # positions beyond this distance [m] are not possible in these scenes
+            if not np.all(np.abs(positions[-1]) < 1e4):
                 ok = False
                 break
     except RuntimeError:

@@ -12,8 +12,6 @@ from dropper_jax.study.peers.rows import peer_row, time_runs
 from dropper_jax.study.reference import Reference
 
 NAME = "mujoco"
-#: Inertia of a link about its own end, over m L^2: a ball joint would spin freely about the link without any.
-SPIN = 1e-8
 #: Time constant of the closing constraint over the step; below 2 MuJoCo itself raises it.
 STIFFNESS = 2.0
 INTEGRATORS = ("RK4", "implicitfast", "Euler")
@@ -81,7 +79,8 @@ def xml(model: Model, integrator: str, dt: float, hard: bool) -> str:
     body = ""
     for i in reversed(range(len(lengths))):
         position = f"{lengths[i - 1]:.17g} 0 0" if i else " ".join(f"{x:.17g}" for x in start)
-        spin = SPIN * masses[i] * lengths[i] ** 2
+        # inertia of a link about its own end, over m L^2: a ball joint would spin freely about the link without any
+        spin = 1e-8 * masses[i] * lengths[i] ** 2
         body = (
             f'<body name="link{i}" pos="{position}"><joint type="ball"/>'
             f'<inertial pos="{lengths[i]:.17g} 0 0" mass="{masses[i]:.17g}" diaginertia="{spin:g} {spin:g} {spin:g}"/>'

@@ -87,8 +87,8 @@ _advance_controlled = cached_jit(static=("stepper", "saves"))(advance_controlled
 _start_controlled = cached_jit(static=("stepper",))(start_controlled)
 
 
-class ChunkedRun(NamedTuple):
-    """The function that continues from a carry, and the first carry."""
+class Program(NamedTuple):
+    """A compiled run: the function that continues from a carry, and the first carry."""
 
     go_on: GoOn
     carry: Carry
@@ -119,7 +119,7 @@ def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> C
     return adaptive_start(progress, jnp.asarray(run.dt, model.dtype))
 
 
-def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, before: int = 0) -> ChunkedRun:
+def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, before: int = 0) -> Program:
     """The compiled program of a run from a carry.
 
     Args:
@@ -128,7 +128,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
     dt = jnp.asarray(run.dt, model.dtype)
     saves = max(size for size in SAVES if size == 1 or size * PIECES <= run.saves)
     if isinstance(carry, Progress):
-        return ChunkedRun(_EqualSteps(stepper, model, carry, run, max(run.steps, before)), carry)
+        return Program(_EqualSteps(stepper, model, carry, run, max(run.steps, before)), carry)
     if isinstance(carry, Controlled):
         limit, dt = jnp.asarray(allowed_error(stepper, model, run), model.dtype), dt * run.save_every
         several = _advance_controlled
@@ -141,7 +141,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
         after, rows = program(model, carry, dt, limit, jnp.asarray(count, jnp.int32))
         return after, jax.tree.map(lambda a: np.asarray(a)[:count], rows)
 
-    return ChunkedRun(go_on, carry)
+    return Program(go_on, carry)
 
 
 class _EqualSteps:
@@ -205,7 +205,7 @@ def _chunk_size(s: State) -> int:
 
 
 def run_chunks(
-    run: ChunkedRun, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None
+    run: Program, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None
 ) -> RunOutcome:
     """Run chunks until the end, a failure or an interruption, which includes a full disk.
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dropper_jax.integrators import INTEGRATORS
-from dropper_jax.run.chunks import ChunkedRun, RunOutcome
+from dropper_jax.run.chunks import Program, RunOutcome
 from dropper_jax.run.samples import Kind, Samples, is_finished
 from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.integrate import Progress, Trajectory
@@ -53,7 +53,7 @@ class _Compared(NamedTuple):
     distance: np.ndarray
 
 
-def with_step_check(solution: Kind, run: ChunkedRun, outcome: RunOutcome, start_s: float) -> Kind:
+def with_step_check(solution: Kind, run: Program, outcome: RunOutcome, start_s: float) -> Kind:
     """The solution with the estimated errors of its step, and a warning if they are large.
 
     Args:
@@ -73,7 +73,7 @@ def with_step_check(solution: Kind, run: ChunkedRun, outcome: RunOutcome, start_
     return replace(solution, settings=settings, warnings=(*solution.warnings, *_warnings(found, solution)))
 
 
-def check_full_run(solution: Samples, run: ChunkedRun, outcome: RunOutcome) -> dict[str, Any] | None:
+def check_full_run(solution: Samples, run: Program, outcome: RunOutcome) -> dict[str, Any] | None:
     """Estimated errors of a run, from the complete run at half the step."""
     saves, carry, parts = len(outcome.trajectory.r), run.carry, []
     bounds = np.linspace(0, saves, min(WINDOWS, saves) + 1).astype(int)
@@ -94,7 +94,7 @@ def check_full_run(solution: Samples, run: ChunkedRun, outcome: RunOutcome) -> d
     return {**found, "dt_for_1_percent_s": _advise_step(solution, found)}
 
 
-def check_stretches(solution: Samples, run: ChunkedRun, outcome: RunOutcome) -> dict[str, Any] | None:
+def check_stretches(solution: Samples, run: Program, outcome: RunOutcome) -> dict[str, Any] | None:
     """Estimated errors from stretches at half the step, which start from carries of the run."""
     saves, trajectory = len(outcome.trajectory.r), outcome.trajectory
     count = max(1, min(STRETCHES, len(outcome.passed) - 1, int(SHARE * saves / 2)))

@@ -1,0 +1,41 @@
+"""The page about the architecture: every name on it exists, and every folder is on it."""
+
+import importlib
+import re
+from functools import reduce
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+NAMES = sorted(set(re.findall(r"`((?:dropper_jax|fitting)\.[\w.]+)`", TEXT)))
+
+
+def thing(name):
+    """The module, or the attribute of the longest prefix that is a module."""
+    parts = name.split(".")
+    for n in range(len(parts), 0, -1):
+        try:
+            module = importlib.import_module(".".join(parts[:n]))
+        except ModuleNotFoundError:
+            continue
+        return reduce(getattr, parts[n:], module)
+    raise LookupError(name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_of_the_architecture_exists(name):
+    assert thing(name) is not None
+
+
+@pytest.mark.parametrize("package", ["dropper_jax", "fitting"])
+def test_every_folder_is_on_the_page(package):
+    folders = {f"{package}.{path.parent.name}" for path in (ROOT / package).glob("*/__init__.py")}
+    assert folders <= set(NAMES)
+
+
+@pytest.mark.parametrize("heading", ["One run and its step", "One fit"])
+def test_a_call_list_has_ten_lines(heading):
+    section = TEXT.split(f"## {heading}\n")[1].split("\n## ")[0]
+    assert len(re.findall(r"^\| `", section, re.MULTILINE)) == 10

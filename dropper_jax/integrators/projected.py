@@ -44,6 +44,7 @@ class ProjectedRungeKutta(Explicit):
     #: Knots for interpolation of a motion: the error of (positions, velocities, accelerations) is of order 6 in the
     #: step for two knots, of order 9 for three.
     knots: ClassVar[int]
+    controls_error = True
     #: h b/m above which damping makes the scheme unstable.
     stable: ClassVar[float]
     #: Error of a step in positions [m] and velocities [m/s], unless a run specifies another.

@@ -44,7 +44,7 @@ def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buo
         path = f"line.{i}"
         if line.rigid:
             start, end = point_named(points, line.start), point_named(points, line.end)
-            if start.kind == end.kind == "fixed":
+            if not (start.is_free or end.is_free):
                 check_span(line, path, start, end)
         if line.centre_of_mass is not None:
             raise SceneError(
@@ -52,7 +52,7 @@ def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buo
             )
         if line.start == line.end and line.links < 2:
             raise refuse(f"{path}.links", line.links, "leaves no free node in a loop", "a whole number >= 2")
-    if all(point.kind == "fixed" for point in points) and all(line.links == 1 for line in lines):
+    if not any(point.is_free for point in points) and all(line.links == 1 for line in lines):
         raise refuse("line.0.links", lines[0].links, "leaves no free node between fixed points", "a whole number >= 2")
     _check_connected(points, lines)
     kinds = {point.name: point.kind for point in points}
@@ -79,7 +79,7 @@ def check_span(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> f
 
 
 def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...]) -> None:
-    reached = {point.name for point in points if point.kind == "fixed" or point.on}
+    reached = {point.name for point in points if not point.is_free or point.on}
     grown = True
     while grown:
         grown = False
@@ -104,7 +104,7 @@ def _check_masses(scene: SceneData) -> None:
     heavy |= {buoy.point for buoy in scene.buoys} | {p.name for p in scene.points if p.mass or p.on}
     for i, line in enumerate(scene.lines):
         point = scene.point(line.start)
-        if point.kind == "free" and point.name not in heavy:
+        if point.is_free and point.name not in heavy:
             why = f"leaves the free point {point.name!r} without mass"
             raise refuse(f"line.{i}.nodes", line.nodes, why, "shared, or the line written from its other end")
 

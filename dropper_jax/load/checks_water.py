@@ -32,7 +32,7 @@ def check_water(effect: str, scene: SceneData) -> None:
     if scene.effects.get("seabed", {}).get("bed_x") is not None:
         return  # a sloping seabed has a different depth everywhere, see `check_bed`
     for i, point in enumerate(scene.points):
-        if point.kind == "fixed" and point.position[2] < -scene.sea.depth:
+        if not point.is_free and point.position[2] < -scene.sea.depth:
             raise SceneError(
                 f"point.{i}.position: z = {point.position[2]:g} m is below the seabed; "
                 f"allowed: >= {-scene.sea.depth:g} m"
@@ -60,7 +60,7 @@ def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
         )
     line = scene.lines[0]
     first, last = scene.point(line.start), scene.point(line.end)
-    if last.kind == "fixed":
+    if not last.is_free:
         return 0.5 * (first.position + last.position), 0.5 * line.total
     return first.position, line.total
 

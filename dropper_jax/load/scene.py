@@ -57,7 +57,7 @@ CLOSED_TOLERANCE = 1e-4
 def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
     """The path of a given start of one line, and its nodes (n + 1, 3) [m]; None for a static start."""
     line, start = scene.lines[0], scene.start
-    if start.kind == "static":
+    if start.is_static:
         return None
     if start.kind == "positions":
         return "start.positions", start.positions
@@ -74,7 +74,7 @@ def closed_start(scene: SceneData) -> StartSpec:
     """
     line, start = scene.lines[0], scene.start
     end = scene.point(line.end)
-    if start.kind != "angles" or end.kind != "fixed":
+    if start.kind != "angles" or end.is_free:
         return start
     span = end.position - scene.point(line.start).position
     missing = lambda s: span - line.length @ directions(s.polar, s.azimuth, s.zero)  # noqa: E731
@@ -96,7 +96,7 @@ def check_pose(scene: SceneData, path: str, nodes: np.ndarray) -> None:
     links."""
     line = scene.lines[0]
     first, last = scene.point(line.start), scene.point(line.end)
-    ends = [(0, first)] + ([(line.links, last)] if last.kind == "fixed" else [])
+    ends = [(0, first)] + ([(line.links, last)] if not last.is_free else [])
     for i, point in ends:
         if np.linalg.norm(nodes[i] - point.position) > POSE_TOLERANCE * line.total:
             raise SceneError(
@@ -178,7 +178,7 @@ class Scene(SceneData):
             check_system(points, lines, buoys)
         else:
             check_line(lines[0], points)
-        held = branched or point_named(points, lines[0].end).kind == "fixed"
+        held = branched or not point_named(points, lines[0].end).is_free
         if "run" not in table:
             raise SceneError("run: missing; needed: a table with `dt` and `duration`")
         scene = cls(
@@ -200,7 +200,7 @@ class Scene(SceneData):
                 read_text(note, f"notes.{i}") for i, note in enumerate(_list(table, "notes", "a list of texts"))
             ),
             fit=FitSpec.read(table["fit"], "fit") if "fit" in table else None,
-            anchors=read_anchors(_list(table, "anchor"), [p.name for p in points if p.kind == "fixed"]),
+            anchors=read_anchors(_list(table, "anchor"), [p.name for p in points if not p.is_free]),
             season=SeasonSpec.read(table["growth"], [(line.name, line.piece_of) for line in lines])
             if "growth" in table
             else None,
@@ -321,12 +321,12 @@ def check_growth(scene: SceneData) -> None:
 def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> None:
     check_ends((line,), points)
     start, end = point_named(points, line.start), point_named(points, line.end)
-    if start.kind != "fixed":
+    if start.is_free:
         names = [point.name for point in points]
         raise refuse(
             f"point.{names.index(start.name)}.kind", start.kind, "cannot be the start of a rigid line", "fixed"
         )
-    if end.kind == "fixed":
+    if not end.is_free:
         _check_reach(line, "line.0", start, end)
 
 

@@ -98,7 +98,7 @@ class HeldMotion(Effect):
     @classmethod
     def check_points(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         """Reject points that are not fixed."""
-        held = [p.name for p in scene.points if p.kind == "fixed"]
+        held = [p.name for p in scene.points if not p.is_free]
         named = {"point": values["point"], **{f"also.{i}": name for i, name in enumerate(values["also"])}}
         for key, name in named.items():
             if name not in held:

@@ -19,7 +19,7 @@ def watch_circles(record: Record) -> list[dict[str, Any]]:
     buoys = {buoy.point: buoy.name for buoy in record.scene.buoys}
     for point in record.scene.points:
         path = record.point(point.name)
-        if point.kind == "fixed" and np.ptp(path, axis=0).max() == 0.0:
+        if not point.is_free and np.ptp(path, axis=0).max() == 0.0:
             continue
         mean = path.mean(axis=0)
         about = np.hypot(*(path - mean)[:, :2].T)

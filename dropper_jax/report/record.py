@@ -62,7 +62,7 @@ class Record:
     @property
     def static_start(self) -> bool:
         """Whether the run started in its computed equilibrium."""
-        return self.scene.start.kind == "static" and self.scene.start.release_nodes is None
+        return self.scene.start.is_static and self.scene.start.release_nodes is None
 
     def point(self, name: str) -> np.ndarray:
         """Positions (k, 3) [m] of a point."""

@@ -96,7 +96,7 @@ def anchors(record: Record) -> list[dict[str, Any]]:
     """
     found = []
     held = {anchor.point: anchor for anchor in record.scene.anchors}
-    pulls = {point.name: point_load(record, point.name) for point in record.scene.points if point.kind == "fixed"}
+    pulls = {point.name: point_load(record, point.name) for point in record.scene.points if not point.is_free}
     across_up = {name: np.stack([np.hypot(load[:, 0], load[:, 1]), load[:, 2]]) for name, load in pulls.items()}
     for name, load in pulls.items():
         (across, up), size = across_up[name], np.linalg.norm(load, axis=1)

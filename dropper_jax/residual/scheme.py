@@ -29,6 +29,8 @@ class Integrator:
     holds_length: ClassVar[bool] = True
     #: Time of the reported tension within the step: 0.5 for step averages, 1.0 for values at the new time.
     tension_time: ClassVar[float] = 1.0
+    #: Whether the scheme chooses its steps by its own error.
+    controls_error: ClassVar[bool] = False
 
     @property
     def dissipates(self) -> bool:

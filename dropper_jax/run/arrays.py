@@ -59,7 +59,7 @@ def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
 def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Geometry:
     far = scene.link_mass_nodes
     members = tuple(Member(n.name, n.links, index[n.start], index[n.end], far[n.name] == "far") for n in scene.lines)
-    held = tuple(p.kind == "fixed" for p in scene.points)
+    held = tuple(not p.is_free for p in scene.points)
     return Graph(members, held + (False,) * corners) if scene.branched else Path(members, (True, held[members[0].end]))
 
 

@@ -24,7 +24,7 @@ from dropper_jax.run.arrays import breaks, words
 from dropper_jax.run.bends import twist_remarks
 from dropper_jax.run.bodies import body_motion
 from dropper_jax.run.build import allowed_error
-from dropper_jax.run.carry import Last, steps_done
+from dropper_jax.run.carry import Last
 from dropper_jax.run.resolution import pose_remarks, without_push
 from dropper_jax.run.row_store import BLOCK, InMemory, release_pages
 from dropper_jax.run.samples import Kind
@@ -62,7 +62,7 @@ def build_solution(
     rows: InMemory,
 ) -> Kind:
     dt, every = scene.run.dt, scene.run.save_every
-    start, before = first.row, steps_done(first.carry)
+    start, before = first.row, int(first.carry.done)
     good = _good_saves(run)
     bad_step = int(run.first_bad[-1])
     kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
@@ -209,7 +209,7 @@ def with_controlled_steps(
 
 
 def _at_rest(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
-    return pose_remarks(scene, positions, tension) if scene.start.kind == "static" else ()
+    return pose_remarks(scene, positions, tension) if scene.start.is_static else ()
 
 
 def _precision(scene: Scene, model: Model) -> tuple[str, ...]:

@@ -189,7 +189,7 @@ def point_load(
 def held_points(scene: SceneData) -> list[str]:
     """Names of the fixed points at which a line ends."""
     ends = {name for line in scene.lines for name in (line.start, line.end)}
-    return [point.name for point in scene.points if point.kind == "fixed" and point.name in ends]
+    return [point.name for point in scene.points if not point.is_free and point.name in ends]
 
 
 def end_tensions(scene: SceneData, tension: np.ndarray) -> dict[str, np.ndarray]:

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Model, State
@@ -41,7 +40,7 @@ def build_model(scene: Scene, dtype: str | None = None) -> Model:
 def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:
     """The stepper of a scene's `[run]`."""
     stepper = make_stepper(model, run.integrator, run.solver, **run.options, **settings)
-    holds = isinstance(stepper.integrator, ProjectedRungeKutta)
+    holds = stepper.integrator.controls_error
     if run.error_tolerance is not None:
         _check_tolerance(run.error_tolerance, run.integrator, holds, model)
     if run.step_tolerance is not None and holds:
@@ -57,7 +56,7 @@ def equal_steps(model: Model, run: RunSpec, **settings: Any) -> Stepper:
         SceneError: a scheme that controls its own error, whose dt is not a time step.
     """
     stepper = stepper_of(model, run, **settings)
-    if isinstance(stepper.integrator, ProjectedRungeKutta):
+    if stepper.integrator.controls_error:
         why = "controls its own error, but equal steps are needed; allowed: rattle, energy_momentum"
         raise SceneError(f"run.integrator: {run.integrator!r} {why}")
     return stepper

@@ -141,15 +141,3 @@ def may_go_on(status: str, failure: str) -> None:
     """
     if status not in ("ok", "interrupted"):
         raise SceneError(f"{RUN} failed, {failure}. Use a run with status ok or interrupted")
-
-
-def steps_done(carry: Progress | Adaptive | Controlled) -> int:
-    """Steps done before a carry; of runs that control their error, saved times."""
-    if isinstance(carry, Controlled):
-        return int(carry.saved)
-    return int((carry if isinstance(carry, Progress) else carry.progress).done)
-
-
-def steps_refused(carry: Progress | Adaptive | Controlled) -> int:
-    """Steps rejected so far."""
-    return 0 if isinstance(carry, Progress) else int(carry.refused)

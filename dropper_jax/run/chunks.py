@@ -19,7 +19,6 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.base.programs import cached_jit
-from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import allowed_error
 from dropper_jax.run.row_store import InMemory
@@ -110,7 +109,7 @@ class RunOutcome(NamedTuple):
 
 def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Carry:
     """The carry of a run that starts at `start`."""
-    if isinstance(stepper.integrator, ProjectedRungeKutta):
+    if stepper.integrator.controls_error:
         allowed = jnp.asarray(allowed_error(stepper, model, run), model.dtype)
         return _start_controlled(stepper, model, start, allowed)
     progress = begin(stepper, model, start)
@@ -204,9 +203,7 @@ def _chunk_size(s: State) -> int:
     return max(1, min(MOST_STEPS, 2 ** int(np.log2(max(BYTES / max(size, 1), 1.0)))))
 
 
-def run_chunks(
-    run: Program, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None
-) -> RunOutcome:
+def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None) -> RunOutcome:
     """Run chunks until the end, a failure or an interruption, which includes a full disk.
 
     Args:
@@ -223,9 +220,8 @@ def run_chunks(
             rows.append(jax.tree.map(np.asarray, piece))
             at = carry, done + len(piece[0].r)
             done = at[1]
-            t, failed = _reached_time(carry)
-            say(min(done / saves, 1.0), f"t = {t:.3g} s")
-            if failed:
+            say(min(done / saves, 1.0), f"t = {float(carry.t):.3g} s")
+            if carry.failed:
                 break
     except (KeyboardInterrupt, OSError) as error:
         interrupted = True
@@ -237,11 +233,3 @@ def run_chunks(
     carry, done = at
     joined, beside = rows.concatenate(done)
     return RunOutcome(joined, beside, carry, run_s, late_s, interrupted, refused, tuple(passed))
-
-
-def _reached_time(carry: Carry) -> tuple[float, bool]:
-    """The time [s] that a run has reached, and whether it has failed."""
-    if isinstance(carry, Controlled):
-        return float(carry.now.t), bool(carry.bad)
-    progress = carry if isinstance(carry, Progress) else carry.progress
-    return float(progress.state.t), int(progress.first_bad) >= 0

@@ -17,7 +17,6 @@ from dropper_jax.base.errors import SceneError, SimulationError, nearest
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.programs import cached_jit
 from dropper_jax.effects.coupled_motion import CoupledMotion
-from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Displacement, Model
@@ -156,7 +155,7 @@ class Coupled:
         self._indices = tuple([p.name for p in model.points].index(name) for name in self.points)
         self._free = set_free(model, self._indices)
         self._stepper = stepper_of(self._model, here.run)
-        if isinstance(self._stepper.integrator, ProjectedRungeKutta) or here.run.step_tolerance is not None:
+        if self._stepper.integrator.controls_error or here.run.step_tolerance is not None:
             raise SceneError(
                 "run: chooses its own steps, which a coupling cannot use; allowed: schemes with equal steps"
             )
@@ -326,7 +325,7 @@ class Coupled:
 
 def _points(scene: Scene, given: Sequence[str] | None) -> tuple[str, ...]:
     """The coupled points, checked."""
-    held = [p.name for p in scene.points if p.kind == "fixed"]
+    held = [p.name for p in scene.points if not p.is_free]
     if given is None:
         if len(held) != 1:
             raise SceneError(f"points: missing; needed: names of the fixed points that move: {', '.join(held)}")

@@ -12,7 +12,6 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import leftovers, remove
-from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.assembly import build_solution, with_adaptive_steps
 from dropper_jax.run.build import build_model, stepper_of
@@ -81,7 +80,7 @@ def solution_of_rows(scene: Scene, folder: Path, settings: dict[str, Any]) -> So
     model = build_model(scene)
     renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
     stepper = stepper_of(model, scene.run, **renamed)
-    if isinstance(stepper.integrator, ProjectedRungeKutta):
+    if stepper.integrator.controls_error:
         raise SceneError(f"integrator: {stepper.integrator.name} controls its own error; allowed: any other")
     first, since = initial_carry(stepper, model, scene, None)
     s = begin(stepper, model, initial_state(model, scene.start)).state

@@ -216,7 +216,7 @@ def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
 def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
     """Lines that change from slack to many times their static tension, of runs that start at rest: fault, size,
     text."""
-    if solution.scene.start.kind != "static" or solution.continues or "load_errors" in solution.settings:
+    if not solution.scene.start.is_static or solution.continues or "load_errors" in solution.settings:
         return
     least = solution.tension if solution.tension_min is None else solution.tension_min
     largest = solution.tension if solution.tension_max is None else solution.tension_max

@@ -27,7 +27,6 @@ from dropper_jax.run.carry import (
     name_leaves,
     restore_carry,
     same_scene,
-    steps_refused,
 )
 from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
 from dropper_jax.run.resolution import check_stretch, with_quality_checks
@@ -258,7 +257,7 @@ def simulate(
     trajectory, within, carry = outcome.trajectory, outcome.beside, outcome.carry
     solution = build_solution(Solution, scene, stepper, model, first, since, trajectory, dict(settings), rows)
     if isinstance(carry, Adaptive):
-        solution = with_adaptive_steps(solution, within, steps_refused(carry) - steps_refused(first.carry))
+        solution = with_adaptive_steps(solution, within, int(carry.refused - first.carry.refused))
     if isinstance(carry, Controlled):
         solution = with_controlled_steps(solution, stepper, model, trajectory, within, carry, first.carry)
     if solution.first_bad is None:
@@ -286,7 +285,7 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
     run, names = scene.run, work_names(model) if stepper.track_work else ()
     if before is None:
         s = initial_state(model, scene.start)
-        if scene.start.kind == "static":
+        if scene.start.is_static:
             check_stretch(scene, np.asarray(model.nodes(s.r, model.ends(s.t))))
         return Last(first_row(s, len(names)), first_carry(stepper, model, s, run)), TimeOrigin()
 

@@ -82,7 +82,7 @@ def initial_state(model: Model, start: StartSpec, near: State | None = None) -> 
     Raises:
         SceneError: no equilibrium found; the message gives the node and the reason.
     """
-    if start.kind == "static":
+    if start.is_static:
         loads = nodal_loads(model, start.release_nodes, start.release_force)
         s = _equilibrium_state(model, loads) if near is None else settle(model, _still(model, near), loads)
         return _with_body_velocities(model, s)

@@ -81,7 +81,7 @@ class SceneData:
         loaded = {p.name for p in self.points if p.body or p.on in carried} | {buoy.point for buoy in self.buoys}
         ends = [name for line in self.lines for name in {line.start, line.end}]
         alone = {name for name in ends if ends.count(name) == 1} - loaded
-        starts = alone - {p.name for p in self.points if p.kind == "free"}
+        starts = alone - {p.name for p in self.points if p.is_free}
 
         def nodes(line: LineSpec) -> str:
             if line.centre_of_mass is not None:
@@ -147,7 +147,7 @@ def is_branched(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoy
     if len(lines) > 1 or buoys or any(point.body for point in points) or lines[0].nodes == "shared":
         return True
     start = next((p for p in points if p.name == lines[0].start), None)
-    return start is not None and start.kind == "free" and not lines[0].rigid
+    return start is not None and start.is_free and not lines[0].rigid
 
 
 class LineSlice(NamedTuple):
@@ -227,7 +227,7 @@ def _merge_pieces(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
 def held_loads(scene: SceneData, positions: np.ndarray, tension: np.ndarray) -> dict[str, np.ndarray]:
     """Force of the lines on each fixed point (3,) [N] in a configuration: `T d/|d|` of the links that end there, d
     outwards."""
-    loads = {point.name: np.zeros(3) for point in scene.points if point.kind == "fixed"}
+    loads = {point.name: np.zeros(3) for point in scene.points if not point.is_free}
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         first, last = where.nodes.start, where.nodes.stop - 1
         ends = ((line.start, first, first + 1, where.links.start), (line.end, last, last - 1, where.links.stop - 1))

@@ -121,6 +121,11 @@ class StartSpec:
     positions: np.ndarray | None = parameter("positions of all nodes", unit="m", shape="vectors", optional=True)
     velocities: np.ndarray | None = parameter("velocities of all nodes", unit="m/s", shape="vectors", optional=True)
 
+    @property
+    def is_static(self) -> bool:
+        """Whether the run starts from an equilibrium."""
+        return self.kind == "static"
+
     @classmethod
     def read(cls, table: Plain, path: str, line: LineSpec, held: bool, branched: bool = False) -> StartSpec:
         values = read_fields(cls, table, path, {})

@@ -35,6 +35,26 @@ class Adaptive(NamedTuple):
     h: jax.Array
     refused: jax.Array
 
+    @property
+    def state(self) -> State:
+        """State of the line at the end of the last interval."""
+        return self.progress.state
+
+    @property
+    def done(self) -> jax.Array:
+        """Intervals done."""
+        return self.progress.done
+
+    @property
+    def t(self) -> jax.Array:
+        """Time reached [s]."""
+        return self.progress.t
+
+    @property
+    def failed(self) -> jax.Array:
+        """Whether a step failed."""
+        return self.progress.failed
+
 
 class Within(NamedTuple):
     """Tensions between two saved times: mean, mean square, minimum and maximum, (k, n) each; steps (k,)."""

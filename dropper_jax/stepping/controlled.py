@@ -64,6 +64,21 @@ class Controlled(NamedTuple):
     def now(self) -> Knot:
         return self.knots[-1]
 
+    @property
+    def done(self) -> jax.Array:
+        """Saved times so far."""
+        return self.saved
+
+    @property
+    def t(self) -> jax.Array:
+        """Time reached [s]."""
+        return self.now.t
+
+    @property
+    def failed(self) -> jax.Array:
+        """Whether no step can be taken."""
+        return self.bad != 0
+
 
 class Steps(NamedTuple):
     """Steps of a run: lengths (most,) [s], whether they end at a corner (most,), and their number."""

@@ -53,6 +53,16 @@ class Progress(NamedTuple):
     done: jax.Array
     first_bad: jax.Array
 
+    @property
+    def t(self) -> jax.Array:
+        """Time reached [s]."""
+        return self.state.t
+
+    @property
+    def failed(self) -> jax.Array:
+        """Whether a step failed."""
+        return self.first_bad >= 0
+
 
 def begin(stepper: Stepper, model: Model, s: State) -> Progress:
     """The carry of a run that starts from `s`."""

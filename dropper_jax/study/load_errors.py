@@ -12,7 +12,6 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.read import Plain
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS
-from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.report.extremes import line_snaps
@@ -185,7 +184,7 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
         if scene.run.step_tolerance is not None:
             changed = {"run.step_tolerance": scene.run.step_tolerance / n**2}
         scheme = INTEGRATORS[scene.run.integrator]
-        if issubclass(scheme, ProjectedRungeKutta):
+        if scheme.controls_error:
             changed = {"run.error_tolerance": (scene.run.error_tolerance or scheme.tolerance) / n**scheme.order}
         found[str(n)] = scene.with_values(changed) if n > 1 else scene
     heavier = {f"line.{i}.mass": (line.mass * (1.0 + PERTURBED)).tolist() for i, line in enumerate(scene.lines)}

@@ -183,7 +183,7 @@ def _series(solution: Solution, figure: SourceFigure) -> list[Panel]:
                 continue
             found.append(Panel(f"{name} [m]", [Curve("", solution.t, position)], f"buoy, {name}"))
         elif name == "tension":
-            anchor = next(point.name for point in scene.points if point.kind == "fixed")
+            anchor = next(point.name for point in scene.points if not point.is_free)
             arrays = (solution.t, solution.positions, solution.t_tension[1:], solution.tension[1:])
             load = np.linalg.norm(point_load(scene, anchor, *arrays), axis=1)
             unit, size = force_unit(load)

@@ -15,7 +15,6 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from dropper_jax.base.progress import Progress, silent
-from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.march import (
@@ -93,7 +92,7 @@ def _scheme_rows(
     stepper = scheme.stepper(own)
     stepper = stepper if retry else stepper.plain
     saves = len(target.t)
-    if isinstance(stepper.integrator, ProjectedRungeKutta):
+    if stepper.integrator.controls_error:
         return [_held_row(model, s, scheme, stepper, target, x, repeats, pick) for x in TOLERANCES], []
     rows, skipped, per_step = [], [], 0.0
     for every in sorted({max(1, round(target.grid / dt)) for dt in dts}):

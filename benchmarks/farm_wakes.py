@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from study import say, store
 
-from dropper_jax.run.wakes import GROWTH, START, Elements, Wakes, solve_wakes
+from dropper_jax.run.wakes import START, WAKE_GROWTH, Elements, Wakes, solve_wakes
 
 #: Farm: extents along and across the current [m], blocks along and across, longlines of a block, their pitch [m].
 LONG, WIDE, ALONG, ACROSS, LINES, PITCH = 2450.0, 650.0, 10, 2, 11.5, 20.0
@@ -132,7 +132,7 @@ if __name__ == "__main__":
         "rows": rows,
         "others": [row(middle, depth=10.0), row(middle, depth=12.0), row(middle, turbulence=0.1)],
         "measured": {"reduction": MEASURED, "ropes_per_m_at": [crossed(rows, level) for level in MEASURED]},
-        "constants": {"GROWTH": GROWTH, "START": START},
+        "constants": {"WAKE_GROWTH": WAKE_GROWTH, "START": START},
     }
     store("farm_wakes", found)
     say(found)

@@ -56,11 +56,11 @@ def run(args: argparse.Namespace) -> int:
 
 def report(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
     """Measure the quantities that the options request."""
-    from dropper_jax.study.accuracy import DTS, accuracy
+    from dropper_jax.study.accuracy import REPORT_DTS, accuracy
     from dropper_jax.study.schemes import parse
 
     schemes = [parse(name) for text in args.integrators for name in text.split(",")] if args.integrators else None
-    dts = tuple(args.dts) if args.dts else DTS
+    dts = tuple(args.dts) if args.dts else REPORT_DTS
     found = accuracy(scene, schemes, dts, args.span, not args.quick, progress(args.quiet), args.peers)
     for item in found["refused"]:
         print_line(f"left out: {item['scheme']}: {item['reason']}")

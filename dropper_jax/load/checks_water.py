@@ -16,10 +16,10 @@ from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.steady import STOKES_HEIGHT, STOKES_LENGTH, highest
 
 #: Fraction of the wave energy used to determine a wavelength; the rest is the tail of a spectrum.
-COUNTS = 0.95
+CLOSED_SHARE = 0.95
 #: Maximum ratio of significant height to depth of irregular waves, as observed on flat seabeds (about 0.6 of single
 #: waves' 0.78).
-SHALLOW = 0.6
+SHALLOW_HEIGHT = 0.6
 
 
 def check_water(effect: str, scene: SceneData) -> None:
@@ -118,9 +118,11 @@ def _breaking(scene: SceneData, sea: Sea) -> list[str]:
     else:
         height, what = 4.0 * np.sqrt(0.5 * np.sum(amplitude**2)), "significant wave height"
         number = k[int(np.argmin(np.abs(np.asarray(sea.waves.omega) - _mean_frequency(sea))))]
-        if height > SHALLOW * scene.sea.depth:
+        if height > SHALLOW_HEIGHT * scene.sea.depth:
             share = height / scene.sea.depth
-            return [f"sea.waves: {what} {height:.4g} m is {share:.2g} of the depth; waves break beyond {SHALLOW:g}"]
+            return [
+                f"sea.waves: {what} {height:.4g} m is {share:.2g} of the depth; waves break beyond {SHALLOW_HEIGHT:g}"
+            ]
     # steepest waves before breaking: `H = 0.142 L tanh(kd)` (Miche 1944), 0.89 of the depth in shallow water
     limit = 0.142 * 2 * np.pi / number * np.tanh(number * scene.sea.depth)
     if height <= limit:
@@ -217,7 +219,7 @@ def _shortest(sea: Sea) -> float:
     k = np.asarray(sea.waves.wave_number, float)
     longest_first = np.argsort(k)
     energy = np.cumsum(np.broadcast_to(np.asarray(sea.waves.amplitude, float), k.shape)[longest_first] ** 2)
-    last = int(np.searchsorted(energy, COUNTS * energy[-1])) if energy[-1] > 0.0 else -1
+    last = int(np.searchsorted(energy, CLOSED_SHARE * energy[-1])) if energy[-1] > 0.0 else -1
     return float(2 * np.pi / k[longest_first[last]])
 
 
@@ -235,7 +237,7 @@ def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
         buoy = max(scene.buoys, key=lambda buoy: buoy.diameter)
         sizes[f"buoy.{buoy.name}"] = buoy.diameter
     return [
-        f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m ({COUNTS:.0%} of the wave energy is "
+        f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m ({CLOSED_SHARE:.0%} of the wave energy is "
         f"longer); Morison's equation needs at most {slender}"
         for path, size in sizes.items()
         if size > slender * shortest

@@ -27,12 +27,12 @@ from dropper_jax.load.floats import float_of
 PREFIX = "library:"
 #: Damping ratio of a link (internal damping over critical): numerical, not a property of the part; as in packaged
 #: scenes.
-DAMPING = 0.1
+PART_DAMPING = 0.1
 #: The paper's sock of fully grown mussels [kg/m], the density assumed in `edulis-longline` [kg/m^3], and the months to
 #: full growth: the cycle with thinning-out of Galician ropes.
 SOCK, SOCK_DENSITY, SOCK_MONTHS = 21.8, 1300.0, 15.0
 #: Bare rope in a sock [kg/m] and [m] (assumed).
-CORE, CORE_DIAMETER = 0.1, 0.012
+CORE_MASS, CORE_DIAMETER = 0.1, 0.012
 ORCAFLEX = "Orcina, OrcaFlex help, Chain"
 MOORPY = "ropes of moorings (MoorPy, NREL: MoorProps_default.yaml): mass, breaking load, quasi-static stiffness"
 EIGHT_STRAND = "plaited rope of eight strands, OrcaFlex' Rope/wire (as ddjokic/Mooring-Line-Properties has it)"
@@ -74,7 +74,7 @@ def _chain(
             "mass": mass * d**2,
             "diameter": volume * d,
             "EA": stiffness * d**2,
-            "damping_ratio": DAMPING,
+            "damping_ratio": PART_DAMPING,
             "breaking_load": strength * d**2 * (44.0 - 80.0 * d),
             "cdn": across / volume,
             "cdt": along / (math.pi * volume),
@@ -98,7 +98,7 @@ def _rope(
             "mass": mass * d**2,
             "diameter": volume * d,
             "EA": stiffness * load,
-            "damping_ratio": DAMPING,
+            "damping_ratio": PART_DAMPING,
             "breaking_load": load,
             "cdn": 1.6 / volume,
             "cdt": 0.0,
@@ -117,7 +117,7 @@ def _multiplait(mass: float, volume: float, stiffness: float, strength: float) -
             "mass": mass * d**2,
             "diameter": volume * d,
             "EA": stiffness * d**2,
-            "damping_ratio": DAMPING,
+            "damping_ratio": PART_DAMPING,
             "breaking_load": strength * d**2,
             "cdn": 1.6 / volume,
             "cdt": 0.0,
@@ -138,7 +138,7 @@ def _crop(mass: float, density: float, drag: float, along: float) -> dict[str, A
         "mass": mass,
         "diameter": math.sqrt(4.0 * mass / (math.pi * density)),
         "EA": 4e5,
-        "damping_ratio": DAMPING,
+        "damping_ratio": PART_DAMPING,
         "cdn": drag,
         "cdt": along,
         "can": 1.0,
@@ -148,7 +148,7 @@ def _crop(mass: float, density: float, drag: float, along: float) -> dict[str, A
 
 def _sock(months: float) -> dict[str, Any]:
     share = months / SOCK_MONTHS
-    mass = CORE + (SOCK - CORE) * share
+    mass = CORE_MASS + (SOCK - CORE_MASS) * share
     core = CORE_DIAMETER**2
     full = 4.0 * SOCK / (math.pi * SOCK_DENSITY)
     return {**_crop(mass, 1.0, 1.4, 0.02), "diameter": math.sqrt(core + (full - core) * share)}

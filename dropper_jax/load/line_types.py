@@ -34,11 +34,11 @@ from dropper_jax.base.read import (
     read_text,
     refuse,
 )
-from dropper_jax.scene.line import MOST_LINKS
+from dropper_jax.scene.line import LINK_LIMIT
 
 #: Spacing of attached points, relative to the line's length, below which a piece would have no length.
-SAME = 1e-9
-LENGTH = {"low": 0.0, "open_low": True, "unit": "m"}
+SAME_LENGTH = 1e-9
+LENGTH_RANGE = {"low": 0.0, "open_low": True, "unit": "m"}
 #: Keys of a line defined by the link that a line with a type takes from its type.
 OF_TYPES = ("mass", "diameter", "axial", "centre_of_mass", "inertia")
 #: Effect and key that take a coefficient of the line types if the scene omits it.
@@ -189,8 +189,8 @@ def _section(item: Plain, path: str, types: dict[str, LineType]) -> Section:
     read_text(item["type"], f"{path}.type")
     if item["type"] not in types:
         raise SceneError(f"{path}.type: {item['type']!r} is not a line type; {nearest(str(item['type']), types)}")
-    length = read_number(item["length"], f"{path}.length", LENGTH)
-    return Section(types[item["type"]], length, read_integer(item["links"], f"{path}.links", 1, MOST_LINKS))
+    length = read_number(item["length"], f"{path}.length", LENGTH_RANGE)
+    return Section(types[item["type"]], length, read_integer(item["links"], f"{path}.links", 1, LINK_LIMIT))
 
 
 def _read_position(value: Plain) -> np.ndarray | None:
@@ -216,7 +216,7 @@ def _split(
         item = read_table(item, f"{path}.attach.{i}")
         check_keys(item, ("point", "at"), f"{path}.attach.{i}")
         at = read_number(item.get("at"), f"{path}.attach.{i}.at", {"unit": "m"})
-        if not SAME * total < at < (1.0 - SAME) * total:
+        if not SAME_LENGTH * total < at < (1.0 - SAME_LENGTH) * total:
             raise refuse(
                 f"{path}.attach.{i}.at",
                 at,
@@ -226,7 +226,7 @@ def _split(
         stops.append((at, str(item.get("point", f"{line.get('name', 'line')}-at-{at:g}"))))
     stops.sort()
     for (at, name), (further, other) in pairwise(stops):
-        if further - at <= SAME * total:
+        if further - at <= SAME_LENGTH * total:
             raise SceneError(
                 f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point per position"
             )

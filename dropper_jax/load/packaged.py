@@ -20,7 +20,7 @@ DAMPING = ("linear_damping", "quadratic_damping")
 #: Rate at which the force of thesis (E.1)-(E.3) rises [N/s], by release; (E.2) and (E.3) print the node of (E.1).
 RAMPS = {"dropper-release-a": 0.094, "dropper-release-b": 0.065, "dropper-release-c": 0.065}
 #: Start of the force, and release of the node [s].
-RAMP = 3.0, 15.0
+RAMP_TIMES = 3.0, 15.0
 #: Farms of other sizes are packaged too, but not listed.
 FARM = "dropper-farm"
 FARM_NAME = re.compile(r"dropper-farm(?:-(\d+))?")
@@ -97,7 +97,7 @@ def _table_6(table: dict[str, Any], file: str) -> dict[str, Any]:
 
 
 def _ramp(table: dict[str, Any], file: str) -> dict[str, Any]:
-    (begin, release), start = RAMP, table["start"]
+    (begin, release), start = RAMP_TIMES, table["start"]
     force, of = start["release_force"], "the packaged release, because the thesis gives none"
     if file in RAMPS:
         force, of = [[0.0, 0.0, RAMPS[file] * (release - begin)]], "thesis appendix E"

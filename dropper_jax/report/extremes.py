@@ -14,7 +14,7 @@ EULER = 0.5772156649015329
 #: Minimum number of runs for a spread.
 LEAST_RUNS = 3
 #: Number of bootstrap samples of the interval and their seed, which makes the report reproducible.
-SAMPLES, SEED = 4000, 20240901
+BOOTSTRAP_SAMPLES, SEED = 4000, 20240901
 
 
 class Gumbel(NamedTuple):
@@ -77,7 +77,7 @@ def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence:
         return {"skipped": f"no load at all in {idle} of {len(maxima)} runs"}
     times = storm / duration
     whole = one.over(times)
-    drawn = -np.log(-np.log(np.random.default_rng(SEED).random((SAMPLES, len(maxima)))))
+    drawn = -np.log(-np.log(np.random.default_rng(SEED).random((BOOTSTRAP_SAMPLES, len(maxima)))))
     mode, scale = _fit(np.sort(drawn, axis=1))
     tails = [0.5 * (1 + confidence), 0.5 * (1 - confidence)]
 
@@ -106,7 +106,7 @@ def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence:
 
 
 #: Relative thresholds of a link: slack below this part of its mean tension, a snap above this multiple of it.
-SLACK, SNAP = 0.1, 2.0
+SLACK_SHARE, SNAP = 0.1, 2.0
 
 
 class Snap(NamedTuple):
@@ -164,7 +164,7 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
         for j in range(spec.links):
             tension = record.tension[:, where.links.start + j]
             mean = max(float(tension.mean()), 0.0)
-            slack = SLACK * mean if settings.slack is None else settings.slack
+            slack = SLACK_SHARE * mean if settings.slack is None else settings.slack
             snap = max(SNAP * mean if settings.snap is None else settings.snap, slack)
             own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap)
             counts.append(len(own))

@@ -74,14 +74,14 @@ def node_arc(lengths: np.ndarray) -> np.ndarray:
 
 
 #: Number of evenly spaced instants: they are close enough that no approach of lines is missed.
-LOOKS = 2000
+MOTION_TIMES = 2000
 
 
 def line_distances(record: Record) -> list[dict[str, Any]]:
     """Per line: the nearest line, the minimum distance of the axes [m], its time [s] and arc length along both [m].
 
-    The distance is exact between straight links at the saved times (of a long record at `LOOKS` of them). Links that
-    end in a common point of both lines are left out.
+    The distance is exact between straight links at the saved times (of a long record at `MOTION_TIMES` of them). Links
+    that end in a common point of both lines are left out.
     """
     lines = range(len(record.written_lines))
     boxes = [_swept(record, i) for i in lines]
@@ -105,7 +105,7 @@ def line_distances(record: Record) -> list[dict[str, Any]]:
 
 def looks_every(record: Record) -> int:
     """Samples between two instants."""
-    return -(-len(record.t) // LOOKS)
+    return -(-len(record.t) // MOTION_TIMES)
 
 
 def _describe_distance(record: Record, index: int, distance: float, near: dict[str, Any] | None) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from dropper_jax.base.constants import DEGREE
 from dropper_jax.base.toml_text import literal
 
 #: Maximum number of lines in one table, those with the largest values; report.json has all.
-MOST_ROWS = 30
+SECTION_ROWS = 30
 #: Limit of rounding.
-ROUNDING = 1e-6
+SHOWN_ROUNDING = 1e-6
 
 
 def section(values: list[dict[str, Any]] | dict[str, str], write: Callable[[list[dict[str, Any]]], str]) -> str:
@@ -23,8 +23,8 @@ def section(values: list[dict[str, Any]] | dict[str, str], write: Callable[[list
 
 
 def largest(lines: list[dict[str, Any]], size: Callable[[dict[str, Any]], float]) -> list[dict[str, Any]]:
-    """The `MOST_ROWS` largest, in their original order."""
-    kept = sorted(range(len(lines)), key=lambda i: -size(lines[i]))[:MOST_ROWS]
+    """The `SECTION_ROWS` largest, in their original order."""
+    kept = sorted(range(len(lines)), key=lambda i: -size(lines[i]))[:SECTION_ROWS]
     return [lines[i] for i in sorted(kept)]
 
 
@@ -34,7 +34,9 @@ def with_rest(text: str, shown: int, total: int, which: str = "largest", what: s
 
 def _names(lines: list[dict[str, Any]]) -> str:
     names = [line["line"] for line in lines]
-    return ", ".join(names[:MOST_ROWS]) + (f" and {len(names) - MOST_ROWS} more" if len(names) > MOST_ROWS else "")
+    return ", ".join(names[:SECTION_ROWS]) + (
+        f" and {len(names) - SECTION_ROWS} more" if len(names) > SECTION_ROWS else ""
+    )
 
 
 def tension(lines: list[dict[str, Any]]) -> str:
@@ -237,7 +239,7 @@ def water(section: dict[str, Any]) -> str:
 
 
 def acceleration(lines: list[dict[str, Any]]) -> str:
-    some = [line for line in lines if line["largest_m_per_s2"] >= ROUNDING]
+    some = [line for line in lines if line["largest_m_per_s2"] >= SHOWN_ROUNDING]
     shown = largest(some, lambda line: line["largest_m_per_s2"])
     rows = [
         [
@@ -294,7 +296,7 @@ def seabed(lines: list[dict[str, Any]]) -> str:
 
 def newton(value: float) -> str:
     """A load [N] to four digits or whole newtons."""
-    if abs(value) < ROUNDING:
+    if abs(value) < SHOWN_ROUNDING:
         return "0"
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
 

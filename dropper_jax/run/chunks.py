@@ -63,13 +63,13 @@ def row_bytes(model: Model, s: State) -> int:
 
 
 #: Minimum number of chunks of a run that has at least this number of saves.
-PIECES = 32
+MIN_CHUNKS = 32
 #: Target time of a chunk [s], and the maximum ratio of its length to that of the previous one.
 SECONDS, LONGER = 1.0, 8
 #: Maximum number of saves and of bytes of a chunk.
-MOST_STEPS, BYTES = 1024, 16_000_000
+CHUNK_STEPS, CHUNK_BYTES = 1024, 16_000_000
 #: Saves of a chunk with steps of variable length: one of these, so that runs of other lengths share the program.
-SAVES = (1, 2, 16, 128, 1024)
+CHUNK_SAVES = (1, 2, 16, 128, 1024)
 
 
 #: The state carried from chunk to chunk, and the data on its steps in addition to the trajectory.
@@ -125,7 +125,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
         before: steps of the run that it continues; if that run was a long one, its program is used.
     """
     dt = jnp.asarray(run.dt, model.dtype)
-    saves = max(size for size in SAVES if size == 1 or size * PIECES <= run.saves)
+    saves = max(size for size in CHUNK_SAVES if size == 1 or size * MIN_CHUNKS <= run.saves)
     if isinstance(carry, Progress):
         return Program(_EqualSteps(stepper, model, carry, run, max(run.steps, before)), carry)
     if isinstance(carry, Controlled):
@@ -153,7 +153,7 @@ class _EqualSteps:
     def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, steps: int) -> None:
         self.stepper, self.model, self.dt = stepper, model, run.dt
         self.settings = {"capacity": _chunk_size(progress.state), "save_every": run.save_every}
-        self.longest = max(1, run.saves // PIECES)
+        self.longest = max(1, run.saves // MIN_CHUNKS)
         self.count = 1
         self.late_s = 0.0  # compile time after the start of the run
         self.plain = stepper.until_converged or not model.laws
@@ -200,7 +200,7 @@ class _EqualSteps:
 
 def _chunk_size(s: State) -> int:
     size = sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves((s.r, s.v, s.tension, s.work, s.parted, s.own)))
-    return max(1, min(MOST_STEPS, 2 ** int(np.log2(max(BYTES / max(size, 1), 1.0)))))
+    return max(1, min(CHUNK_STEPS, 2 ** int(np.log2(max(CHUNK_BYTES / max(size, 1), 1.0)))))
 
 
 def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None) -> RunOutcome:
@@ -215,7 +215,7 @@ def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows
     started, interrupted, refused = time.perf_counter(), False, ""
     try:
         while done < saves:
-            passed = [*(passed if len(passed) < 2 * PIECES else passed[::2]), (done, carry)]
+            passed = [*(passed if len(passed) < 2 * MIN_CHUNKS else passed[::2]), (done, carry)]
             carry, piece = run.go_on(carry, saves - done)
             rows.append(jax.tree.map(np.asarray, piece))
             at = carry, done + len(piece[0].r)

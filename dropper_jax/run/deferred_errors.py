@@ -7,14 +7,14 @@ from collections.abc import Callable
 from typing import BinaryIO
 
 #: Number of bytes between two calls of the callback.
-OFTEN = 16_000_000
+RELEASE_BYTES = 16_000_000
 
 
 class DeferredErrorFile:
     """An open file that accepts all writes; after a disk error small writes are stored in memory.
 
     Args:
-        told: called after every `OFTEN` bytes.
+        told: called after every `RELEASE_BYTES` bytes.
 
     Attributes:
         refused: the error of the disk; None if there was none.
@@ -43,7 +43,7 @@ class DeferredErrorFile:
         self._at += size
         self._size = max(self._size, self._at)
         self._since += size
-        if self._since > OFTEN:
+        if self._since > RELEASE_BYTES:
             self._on_error()
             self._since = 0
         return size

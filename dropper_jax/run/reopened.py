@@ -13,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.base.read import Plain
-from dropper_jax.run.samples import BODIES, FORMAT, WITHIN, Kind, Samples
+from dropper_jax.run.samples import BODIES, RUN_FORMAT, WITHIN, Kind, Samples
 from dropper_jax.scene import line_slices
 
 #: Types of the provenance entries.
@@ -62,8 +62,8 @@ def reopen_run(path: str | Path, meta: Plain, arrays: dict[str, Any], kind: type
     Raises:
         SceneError: one line with the file and what is wrong with it.
     """
-    if not isinstance(meta, dict) or meta.get("format") != FORMAT:
-        raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
+    if not isinstance(meta, dict) or meta.get("format") != RUN_FORMAT:
+        raise SceneError(f"{path}: a saved run of another format; allowed: format {RUN_FORMAT}")
     wrong = next(_wrong_about(meta), None)
     if wrong:
         raise SceneError(f"{path}: not a saved run: {wrong}")

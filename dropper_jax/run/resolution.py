@@ -88,9 +88,9 @@ DRIFT_FAILED, LOSS_FAILED = 0.1, 1.0
 #: Tensions oscillate if they alternate for this many steps by more than this fraction of their mean.
 ALTERNATING, ALTERNATION = 20, 0.05
 #: Steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`.
-RESOLVED = 60
+AXIAL_STEPS = 60
 #: Maximum number of lines listed for one fault: a farm may have thousands with the same.
-MOST = 20
+MOST_WARNINGS = 20
 
 
 def with_quality_checks(solution: Kind) -> Kind:
@@ -115,7 +115,7 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
 
     Returns:
         axial_period_s: `2 pi/omega` of the stiffest link, `omega^2 = 4 EA/(L m)`, None if no link stretches.
-        steps_per_axial_period, axial_step_s: steps per period, and the step that gives `RESOLVED` steps per period.
+        steps_per_axial_period, axial_step_s: steps per period, and the step that gives `AXIAL_STEPS` steps per period.
         largest_turn_rad: maximum rotation of a link between two saved times. slack_to_taut_steps: number of steps,
             summed over the links, in which a link changes from slack to taut. None unless every step is saved.
     """
@@ -126,7 +126,7 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
     facts: dict[str, float | int | None] = {
         "axial_period_s": period,
         "steps_per_axial_period": None if period is None or "dt" not in used else period / used["dt"],
-        "axial_step_s": None if period is None else period / RESOLVED,
+        "axial_step_s": None if period is None else period / AXIAL_STEPS,
         "largest_turn_rad": None,
         "slack_to_taut_steps": None,
     }
@@ -173,17 +173,17 @@ def _gain(solution: Samples) -> float:
 
 
 def _fewer(found: Iterator[tuple[str, float, str]]) -> list[str]:
-    """The warnings of (fault, its size, text), in order: all of a few lines, otherwise the `MOST` largest of each fault
-    and the number of the others."""
+    """The warnings of (fault, its size, text), in order: all of a few lines, otherwise the `MOST_WARNINGS` largest of
+    each fault and the number of the others."""
     rows = list(found)
     least: dict[str, float] = {}
     for fault in dict.fromkeys(row[0] for row in rows):
         sizes = sorted((row[1] for row in rows if row[0] == fault), reverse=True)
-        least[fault] = sizes[min(MOST, len(sizes)) - 1]
+        least[fault] = sizes[min(MOST_WARNINGS, len(sizes)) - 1]
     notes: list[str] = []
     count = dict.fromkeys(least, 0)
     for fault, size, text in rows:
-        if size >= least[fault] and count[fault] < MOST:
+        if size >= least[fault] and count[fault] < MOST_WARNINGS:
             count[fault] += 1
             notes.append(text)
     for fault, shown in count.items():

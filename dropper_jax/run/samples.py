@@ -15,12 +15,12 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature, torque
-from dropper_jax.run.row_store import BLOCK, release_pages
+from dropper_jax.run.row_store import PAGE_BYTES, release_pages
 from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 
 #: Version of the saved file; files of other versions are rejected.
-FORMAT = 1
+RUN_FORMAT = 1
 
 
 ARRAYS = (
@@ -238,7 +238,7 @@ class Samples:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
         arrays = (*ARRAYS, *WITHIN, *BODIES, "own", "last")
         names = [f.name for f in dataclasses.fields(self) if f.name not in (*arrays, "scene")]
-        meta = {"format": FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
+        meta = {"format": RUN_FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
         return json.loads(json.dumps(meta, default=_plain))
 
     @classmethod
@@ -248,8 +248,8 @@ class Samples:
         Raises:
             ValueError: provenance of another format.
         """
-        if not isinstance(meta, dict) or meta.get("format") != FORMAT:
-            raise ValueError(f"another format; allowed: format {FORMAT}")
+        if not isinstance(meta, dict) or meta.get("format") != RUN_FORMAT:
+            raise ValueError(f"another format; allowed: format {RUN_FORMAT}")
         meta = {key: value for key, value in meta.items() if key != "format"}
         scene = Scene.from_dict(meta.pop("scene"))
         tuples = {key: tuple(meta.pop(key, ())) for key in ("work_names", "warnings", "broken")}
@@ -287,7 +287,7 @@ def largest_size(vectors: np.ndarray) -> float:
     """Maximum length of vectors (k, n, 3), which may be mapped from a file; a failed run may contain any value."""
     with np.errstate(over="ignore", invalid="ignore"):
         found = []
-        for first in range(0, len(vectors), BLOCK):
-            found.append(np.max(np.linalg.norm(vectors[first : first + BLOCK], axis=-1)))
+        for first in range(0, len(vectors), PAGE_BYTES):
+            found.append(np.max(np.linalg.norm(vectors[first : first + PAGE_BYTES], axis=-1)))
             release_pages([vectors])
         return float(np.max(found))

@@ -23,10 +23,10 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.integrate import Progress, Trajectory
 
 #: Windows of a complete run, maximum number of stretches of others, and their maximum fraction of the run time.
-WINDOWS, STRETCHES, SHARE = 8, 32, 0.05
+WINDOWS, REPEATED_STRETCHES, REPEATED_SHARE = 8, 32, 0.05
 #: Fraction of the maximum tension of all lines, and travel as a fraction of the longest line, below which they are not
 #: checked separately.
-SMALL, AT_REST = 0.1, 1e-3
+SMALL_ERROR, MOTION_AT_REST = 0.1, 1e-3
 #: Estimated errors above which a run warns, for complete runs and for stretches, whose maxima depend on few steps
 #: (`benchmarks/long_steps.py`). If another error exceeds `ROUGH` the order of the scheme is not reached, and half the
 #: limit applies. Means are excepted, since unresolved maxima do not affect them.
@@ -34,10 +34,10 @@ WARNED = {"mean_tension": 0.02, "window_maxima": 0.04, "positions": 0.03}
 WARNED_STRETCHES = {**WARNED, "window_maxima": 0.07}
 #: Estimated error above which a result is unusable, and that of the advised step. The error then converges with this
 #: fraction of the scheme's order, which is between 0.5 (whipping droppers) and 1 (pendulums).
-ROUGH, TARGET, LESS = 0.1, 0.01, 0.75
+ROUGH, ERROR_TARGET, LESS = 0.1, 0.01, 0.75
 #: Chaos: the distance of the two runs is below 1 % of the travel for three times the first swing, and it then reaches
 #: 30 % in less than four times this time. A linear drift of the phase takes 30 times as long.
-RESOLVED, SEPARATED, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
+PEAK_RESOLVED, SEPARATED, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
 FULL_RUN = "the whole run"
 #: Names of the results by their keys.
 WORDS = {"mean_tension": "mean tensions", "window_maxima": "largest tensions", "positions": "positions"}
@@ -97,8 +97,8 @@ def check_full_run(solution: Samples, run: Program, outcome: RunOutcome) -> dict
 def check_stretches(solution: Samples, run: Program, outcome: RunOutcome) -> dict[str, Any] | None:
     """Estimated errors from stretches at half the step, which start from carries of the run."""
     saves, trajectory = len(outcome.trajectory.r), outcome.trajectory
-    count = max(1, min(STRETCHES, len(outcome.passed) - 1, int(SHARE * saves / 2)))
-    length = max(1, int(SHARE * saves / (2 * count)))
+    count = max(1, min(REPEATED_STRETCHES, len(outcome.passed) - 1, int(REPEATED_SHARE * saves / 2)))
+    length = max(1, int(REPEATED_SHARE * saves / (2 * count)))
     taken = np.linspace(1 if len(outcome.passed) > 1 else 0, len(outcome.passed) - 1, count).astype(int)
     parts, separation, moved = [], [], []
     for done, carry in (outcome.passed[i] for i in taken):
@@ -154,7 +154,7 @@ def _largest(distance: np.ndarray) -> np.ndarray:
 def _travel(solution: Samples, nodes: np.ndarray) -> float | None:
     """Maximum extent [m] of a node's path (k, nodes, 3); None for a run at rest."""
     travel = float(np.max(np.linalg.norm(np.ptp(nodes, axis=0), axis=1)))
-    return travel if travel > AT_REST * max(line.total for line in solution.scene.lines) else None
+    return travel if travel > MOTION_AT_REST * max(line.total for line in solution.scene.lines) else None
 
 
 def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
@@ -163,7 +163,7 @@ def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
         return None
     shift = _largest(nodes - nodes[0])
     swing = int(np.argmax(shift > 0.5 * np.max(shift)))
-    resolved, off = (int(np.argmax(separation > limit)) for limit in (RESOLVED, SEPARATED))
+    resolved, off = (int(np.argmax(separation > limit)) for limit in (PEAK_RESOLVED, SEPARATED))
     return resolved if resolved > SWINGS * swing and off < SUDDEN * resolved else None
 
 
@@ -174,7 +174,7 @@ def _tensions(solution: Samples, parts: list[_Compared], chaotic: bool) -> dict[
         value = np.stack([getattr(part, values) for part in parts])
         change = value[:, 0] - value[:, 1]
         scale = np.abs(np.mean([getattr(part, sizes) for part in parts], axis=0)[1])
-        scale = np.maximum(scale, SMALL * np.max(scale))
+        scale = np.maximum(scale, SMALL_ERROR * np.max(scale))
         off = np.abs(change.mean(axis=0))
         if chaotic:  # different motions differ by chance
             off = np.maximum(off - 2.0 * change.std(axis=0) / np.sqrt(len(change)), 0.0)
@@ -192,7 +192,7 @@ def _advise_step(solution: Samples, found: dict[str, Any]) -> float:
     """The step [s] for an error of 1 %, two digits."""
     worst = max(found[name] or 1e-300 for name in WARNED)
     order = INTEGRATORS[solution.settings["integrator"]].order * (1.0 if worst < ROUGH else LESS)
-    dt = solution.settings["dt"] * min(1.0, (TARGET / worst) ** (1.0 / order))
+    dt = solution.settings["dt"] * min(1.0, (ERROR_TARGET / worst) ** (1.0 / order))
     return float(f"{dt:.2g}")
 
 

@@ -24,7 +24,7 @@ from dropper_jax.run.carry import LAST, units
 from dropper_jax.run.deferred_errors import DeferredErrorFile
 from dropper_jax.run.reopened import check_archive, reopen_run
 from dropper_jax.run.row_store import release_pages
-from dropper_jax.run.samples import ARRAYS, BODIES, FORMAT, WITHIN, Kind, Samples
+from dropper_jax.run.samples import ARRAYS, BODIES, RUN_FORMAT, WITHIN, Kind, Samples
 
 if TYPE_CHECKING:
     import xarray
@@ -91,8 +91,8 @@ def read_npz(path: str | Path, kind: type[Kind]) -> Kind:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
     except Exception:  # any error of zipfile, zlib, NumPy's header or JSON about damaged bytes
         raise SceneError(f"{path}: not a saved run; allowed: an .npz file written by `dropper run --out`") from None
-    if not isinstance(meta, dict) or meta.get("format") != FORMAT:
-        raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
+    if not isinstance(meta, dict) or meta.get("format") != RUN_FORMAT:
+        raise SceneError(f"{path}: a saved run of another format; allowed: format {RUN_FORMAT}")
     return reopen_run(path, meta, arrays, kind)
 
 

@@ -40,7 +40,7 @@ from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.scene import LineSlice, line_slices
 
 #: Growth of sigma^2 over C D x: (0.25/1.1774)^2.
-GROWTH = (0.25 / 1.1774) ** 2
+WAKE_GROWTH = (0.25 / 1.1774) ** 2
 #: Sigma at the element over C D: the deficit there is about half of the flow.
 START = 0.5
 #: Distance in diameters behind an element at which its wake starts.
@@ -155,7 +155,7 @@ def _plane(
     """Amplitudes at x of the wakes of the elements `first`."""
     e, away = elements, x - elements.x[first]
     size = (e.drag * e.diameter)[first]
-    grown = (START * size) ** 2 + GROWTH * size * away + (turbulence * away) ** 2
+    grown = (START * size) ** 2 + WAKE_GROWTH * size * away + (turbulence * away) ** 2
     wide = np.sqrt(grown + e.wide[first] ** 2 / (2 * np.pi))
     high = np.sqrt(grown + e.high[first] ** 2 / (2 * np.pi))
     y, z, u, thrust = e.y[first], e.z[first], met[first], drag[first]

@@ -44,7 +44,7 @@ from dropper_jax.base.read import (
 )
 
 #: Units of `sensor` and `prior` in SI, by quantity; `%` is relative to the scene's value.
-UNITS: dict[str, tuple[str, float]] = {
+PRIOR_UNITS: dict[str, tuple[str, float]] = {
     "%": ("%", 0.01),
     "m": ("m", 1.0),
     "cm": ("m", 1e-2),
@@ -73,7 +73,7 @@ CHANNELS = {"angle": "rad", "position": "m", "pixel": "px", "tension": "N", "dep
 
 def in_si(value: float, unit: str) -> tuple[float, str]:
     """A value in SI (a fraction for `%`) and its unit there."""
-    base, factor = UNITS[unit]
+    base, factor = PRIOR_UNITS[unit]
     return value * factor, base
 
 
@@ -83,7 +83,7 @@ class SensorSpec:
 
     channel: str = option("measured channel", choices=tuple(CHANNELS))
     resolution: float = parameter("smallest difference that it resolves", unit="-", low=0.0, open_low=True)
-    unit: str = option("unit of the resolution", choices=tuple(UNITS), default="rad")
+    unit: str = option("unit of the resolution", choices=tuple(PRIOR_UNITS), default="rad")
 
     @property
     def si(self) -> float:
@@ -97,7 +97,7 @@ class PriorSpec:
 
     of: str = option("path of one or several numbers", type=str)
     sigma: float = parameter("standard deviation around the scene's value", unit="-", low=0.0, open_low=True)
-    unit: str = option("unit of sigma", choices=tuple(UNITS))
+    unit: str = option("unit of sigma", choices=tuple(PRIOR_UNITS))
     common: bool = option("whether all of them have the same relative error", type=bool, default=False)
 
     @property
@@ -179,6 +179,6 @@ def _prior(table: Plain, path: str) -> PriorSpec:
 
 
 def _check_unit(path: str, unit: str, expected: str) -> None:
-    if UNITS[unit][0] != expected:
-        fitting = [name for name, (base, _) in UNITS.items() if base == expected]
+    if PRIOR_UNITS[unit][0] != expected:
+        fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == expected]
         raise SceneError(f"{path}: {unit!r} does not measure this; {nearest(unit, fitting)}")

@@ -92,7 +92,7 @@ BY_THE_METRE = ("type", "sections", "attach", "shelter")
 
 
 #: Maximum number of links of a line: with more, solvers would take hours per step.
-MOST_LINKS = 100_000
+LINK_LIMIT = 100_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class LineSpec:
     name: str = option("name", type=str)
     start: str = option("name of the point where the line starts", type=str)
     end: str = option("name of the point where the line ends", type=str)
-    links: int = count("number of links", high=MOST_LINKS)
+    links: int = count("number of links", high=LINK_LIMIT)
     length: np.ndarray = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
     mass: np.ndarray = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
     centre_of_mass: np.ndarray | None = parameter(
@@ -145,7 +145,7 @@ class LineSpec:
         axial = own.pop("axial", {"law": "rigid"})
         growth = own.pop("growth", None)
         links = own.get("links")
-        known = isinstance(links, int) and 0 < links <= MOST_LINKS
+        known = isinstance(links, int) and 0 < links <= LINK_LIMIT
         count = links if known else 1  # a wrong number is rejected when the field is read
         values = read_fields(cls, own, path, {"link": count}, cls.KEYS)
         if (values["centre_of_mass"] is None) != (values["inertia"] is None):

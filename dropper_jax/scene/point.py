@@ -98,7 +98,7 @@ KINDS = {"dead_weight": ("weight", "friction"), "tested": ("capacity",), "screw"
 #: Keys that only one kind has, and which of these are optional.
 OPTIONAL = {"screw": ("strength", "friction_angle", "soil_weight", "bearing_factor", "lateral")}
 #: Bearing of a deep plate in clay over its undrained strength; minimum depth and spacing of plates in diameters.
-CLAY, DEEP, SPACING = 9.0, 5.0, 3.0
+CLAY, SCREW_DEPTH, SPACING = 9.0, 5.0, 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -168,8 +168,8 @@ class AnchorSpec:
             raise SceneError(
                 f"{path}.depths: has {len(self.depths)} entries; allowed: one for each entry of `plates`, >= 1"
             )
-        if self.depths[0] < DEEP * self.plates[0]:
-            least = DEEP * self.plates[0]
+        if self.depths[0] < SCREW_DEPTH * self.plates[0]:
+            least = SCREW_DEPTH * self.plates[0]
             raise SceneError(
                 f"{path}.depths.0: {self.depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
                 f"{least:g} m, 5 diameters"

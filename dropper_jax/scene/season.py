@@ -26,7 +26,7 @@ from dropper_jax.base.read import (
 
 #: Added mass of a mussel divided by that of the displaced water: a sphere's (Lamb 1932, article 92).
 ADDED_MASS = 0.5
-THICK = {"unit": "m", "shape": "table", "low": 0.0}
+THICKNESS = {"unit": "m", "shape": "table", "low": 0.0}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class SeasonSpec:
             if not len(values) or np.any(np.diff(values) <= 0):
                 raise refuse(f"growth.{key}", plain(values), "does not rise", "one or more rising numbers")
         given = read_list(rows, "growth.thickness", len(spec.months), f"{len(spec.months)} rows, one for each month")
-        found = [read_parameter(row, f"growth.thickness.{i}", THICK, {}) for i, row in enumerate(given)]
+        found = [read_parameter(row, f"growth.thickness.{i}", THICKNESS, {}) for i, row in enumerate(given)]
         for i, row in enumerate(found):
             if len(row) != len(spec.depth):
                 raise refuse(

@@ -125,7 +125,7 @@ def fitting_theory(height: float, length: float, depth: float) -> str:
 
 
 #: Above this kd the water is deep to rounding; the coefficients are evaluated there without overflow.
-DEEP = 20.0
+DEEP_WATER = 20.0
 
 
 def stokes5(
@@ -208,7 +208,7 @@ def _integrals(e: float, kd: float, k: float, depth: float, gravity: float) -> t
 
 
 def _sech(kd: float) -> float:
-    return 1.0 / np.cosh(2.0 * min(kd, DEEP))
+    return 1.0 / np.cosh(2.0 * min(kd, DEEP_WATER))
 
 
 def _surface(e: float, kd: float) -> np.ndarray:
@@ -234,7 +234,7 @@ def _surface(e: float, kd: float) -> np.ndarray:
 
 def _speed(e: float, kd: float) -> np.ndarray:
     """U_j sqrt(k/g), (5,): `C0 j sum_i e^i A_ij cosh jkd`."""
-    s, deep = _sech(kd), min(kd, DEEP)
+    s, deep = _sech(kd), min(kd, DEEP_WATER)
     sh, c0 = np.sinh(deep), np.sqrt(np.tanh(kd))
     common = (3 + 2 * s) * (1 - s) ** 6
     a11 = 1 / sh

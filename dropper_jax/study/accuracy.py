@@ -26,14 +26,14 @@ from dropper_jax.study.work_precision import energy_loss, measure, orders
 
 SCENE = "dropper-release-a-undamped"
 #: Duration of the runs for the energy table of the schemes [s].
-DURATION = 6.5
+REPORT_DURATION = 6.5
 #: Damping fitted in the thesis [kg/s], with its scheme and step [s].
 THESIS_B_L = 0.002
 THESIS_DT = 0.0065
 THESIS = Scheme("thesis_angles", 0.51)
 DAMPING_DTS = (2.0**-6, THESIS_DT, 2.0**-8, 2.0**-9, 2.0**-10, 2.0**-11)
 
-SCHEMES = (
+REPORT_SCHEMES = (
     THESIS,
     Scheme("thesis_angles", 0.5),
     Scheme("theta", 0.51),
@@ -47,10 +47,10 @@ SCHEMES = (
 
 
 def numerical_damping(
-    schemes: tuple[Scheme, ...] = SCHEMES,
+    schemes: tuple[Scheme, ...] = REPORT_SCHEMES,
     dts: tuple[float, ...] = DAMPING_DTS,
     scene: str = SCENE,
-    duration: float = DURATION,
+    duration: float = REPORT_DURATION,
 ) -> dict[str, Any]:
     """Equivalent damping `b = E_lost / sum over nodes of the integral of |v|^2` [kg/s] of each scheme and step.
 
@@ -108,7 +108,7 @@ def _thesis(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 #: Default steps [s]: powers of two, which divide whole seconds and each other.
-DTS = tuple(2.0**-k for k in range(5, 12))
+REPORT_DTS = tuple(2.0**-k for k in range(5, 12))
 #: Target errors [rad] of the advice.
 TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 #: Maximum relative error of each load for the advice.
@@ -118,7 +118,7 @@ WANTED = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.
 def accuracy(
     scene: Scene,
     schemes: list[Scheme] | None = None,
-    dts: tuple[float, ...] = DTS,
+    dts: tuple[float, ...] = REPORT_DTS,
     span: float | None = None,
     extras: bool = True,
     say: Progress | None = None,

@@ -101,9 +101,9 @@ QUANTITIES = ("mean", "deviation", "window_maximum", "maximum", "minimum", "snap
 #: Steps of the runs relative to that of the scene.
 FINER = (1, 2, 4)
 #: Allowed orders of the step error; measured values outside are random.
-ORDERS = (0.5, 2.0)
+EXTRAPOLATION_ORDERS = (0.5, 2.0)
 #: Ratio of the error of the links to the change with twice the links, for second order.
-LINKS = 4.0 / 3.0
+LINK_RATIO = 4.0 / 3.0
 #: Windows of maxima without waves [s], and number of batches for the random error.
 WINDOW, BATCHES = 10.0, 8
 #: Relative change of all masses, and the amplification of this change in the motion above which it is chaotic.
@@ -298,7 +298,7 @@ def _row(i: int, made: dict[str, list[dict[str, Any]]], chaotic: bool) -> dict[s
         value, chance = first[name]
         step = step_error(*(values[str(n)] for n in FINER), chaotic)
         change = {key: values[key] - value for key in ("links", "twice_damping", "twice_bed") if key in values}
-        links = LINKS * abs(change["links"]) if "links" in change else None
+        links = LINK_RATIO * abs(change["links"]) if "links" in change else None
         row[name] = {
             "value": value,
             "step": step,
@@ -315,5 +315,5 @@ def step_error(full: float, half: float, quarter: float, chaotic: bool) -> float
     first, second = abs(full - half), abs(half - quarter)
     if chaotic:
         return max(first, second, abs(full - quarter))
-    ratio = np.clip(first / second if second > 0 else np.inf, *(2.0**p for p in ORDERS))
+    ratio = np.clip(first / second if second > 0 else np.inf, *(2.0**p for p in EXTRAPOLATION_ORDERS))
     return abs(full - quarter) + second / (float(ratio) - 1.0)

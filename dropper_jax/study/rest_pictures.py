@@ -19,7 +19,7 @@ from dropper_jax.statics.modes import Modes
 from dropper_jax.study.pictures import marks, title
 
 #: Number of drawn modes, the slowest ones, and the maximum displacement as a fraction of the configuration's size.
-DRAWN, REACH = 9, 0.12
+DRAWN, MODE_REACH = 9, 0.12
 
 
 def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
@@ -60,7 +60,7 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
         axes.axis("off")
     for i, axes in enumerate(grid[:count]):
         shape = np.asarray(modes.shape[i])
-        shape = shape * REACH * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
+        shape = shape * MODE_REACH * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
         ends = [np.asarray(model.nodes(r + sign * shape, ends_of_lines)) for sign in (1.0, -1.0)]
         across, up = _plane(rest, ends[0] - rest)
         for line in line_slices(scene):

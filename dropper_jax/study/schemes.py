@@ -11,7 +11,7 @@ from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 
 #: Schemes with a weight gamma, and the default weights of a comparison.
-WEIGHTS = {"theta": (0.51, 1.0), "theta_midpoint": (0.51,), "thesis_angles": (0.51,)}
+SCHEME_WEIGHTS = {"theta": (0.51, 1.0), "theta_midpoint": (0.51,), "thesis_angles": (0.51,)}
 #: Further solvers and precisions of the main schemes.
 SOLVERS = {"energy_momentum": ("banded", "dense")}
 SINGLE = ("energy_momentum", "rattle")
@@ -51,7 +51,7 @@ def parse(text: str) -> Scheme:
     if name not in INTEGRATORS:
         raise SceneError(f"--integrators: {name!r} is unknown; allowed: {', '.join(INTEGRATORS)}, with :GAMMA")
     if not weight:
-        return Scheme(name, WEIGHTS.get(name, (None,))[0])
+        return Scheme(name, SCHEME_WEIGHTS.get(name, (None,))[0])
     try:
         return Scheme(name, float(weight))
     except ValueError:
@@ -65,9 +65,9 @@ def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
     """
     found = []
     if model.sea is not None and model.sea.waves is not None:
-        return [Scheme(name, WEIGHTS.get(name, (None,))[0]) for name in IN_WAVES]
+        return [Scheme(name, SCHEME_WEIGHTS.get(name, (None,))[0]) for name in IN_WAVES]
     for name in INTEGRATORS:
-        plain = [Scheme(name, gamma) for gamma in WEIGHTS.get(name, (None,))]
+        plain = [Scheme(name, gamma) for gamma in SCHEME_WEIGHTS.get(name, (None,))]
         found += plain
         if quick:
             continue

@@ -12,7 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
-from dropper_jax.load.checks_water import SHALLOW, mean_period, steepest_sea
+from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution, simulate
@@ -94,7 +94,7 @@ def _linear(waves: Waves, depth: float) -> dict[str, Any]:
 def _irregular(sea: Sea, spec: SeaSpec) -> dict[str, Any]:
     """Hs, mean period `Tz = 2 pi sqrt(m0/m2)`, and the limits of depth and of steepness."""
     hs, tz = float(sea.waves.significant_height), mean_period(sea)
-    limits = {"depth": SHALLOW * spec.depth, "steepness": steepest_sea(tz, spec.gravity)}
+    limits = {"depth": SHALLOW_HEIGHT * spec.depth, "steepness": steepest_sea(tz, spec.gravity)}
     return {
         "kind": "irregular",
         "theory": "linear",

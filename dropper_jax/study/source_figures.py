@@ -37,9 +37,9 @@ from dropper_jax.study import pictures
 from dropper_jax.study.march import convergence
 
 #: Kinds of figures that need no run, and interval of their samples of time [s].
-WITHOUT_RUN, SAMPLES = ("profile", "elevation", "steps"), 0.05
+WITHOUT_RUN, SAMPLE_INTERVAL = ("profile", "elevation", "steps"), 0.05
 #: Interval of compared states [s] and steps [s] of a study of convergence.
-GRID, STEPS = 0.08, (0.08, 0.04, 0.02, 0.01, 0.005, 0.0025)
+GRID, FIGURE_STEPS = 0.08, (0.08, 0.04, 0.02, 0.01, 0.005, 0.0025)
 #: Maximum frequency of a spectrum [Hz]; the motions of the sources are slower.
 MOST_HZ = 6.0
 AXES = ("x", "y", "z")
@@ -381,12 +381,12 @@ def _steps(figure: SourceFigure, path: Path) -> Path:
 @cache
 def _compared_steps(scene: str, duration: float) -> list[dict[str, Any]]:
     """The differences of one study, used in two figures."""
-    return convergence(*build(scene_of(scene)), GRID, round(duration / GRID), list(STEPS))
+    return convergence(*build(scene_of(scene)), GRID, round(duration / GRID), list(FIGURE_STEPS))
 
 
 def _elevation(figure: SourceFigure, path: Path) -> Path:
     scene = scene_of(figure.scenes[0])
-    t = np.arange(0.0, scene.run.duration + 1e-9, SAMPLES)
+    t = np.arange(0.0, scene.run.duration + 1e-9, SAMPLE_INTERVAL)
     panel = Lines("", "time [s]", "elevation [m]", [("", t, elevation_at_origin(scene, t))])
     return _grid(dataclasses.replace(figure, kind="curve"), [panel], 1, path)
 

@@ -17,11 +17,11 @@ from dropper_jax.study.reference import trusted_span
 
 #: Maximum number of times at which pilot runs are compared; nearly always equal for steps h and h/2, so that they share
 #: one compiled program.
-SAVES = 16
+PILOT_SAVES = 16
 #: Halvings between the two pilot runs: they differ by 3/4 (first order) or 15/16 (second) of the error.
-STRIDE = 2
+PILOT_STRIDE = 2
 #: Maximum number of halvings of the scene's step, and of steps of one pilot run.
-HALVINGS, MOST_STEPS = 12, 100_000
+PILOT_HALVINGS, PILOT_STEPS = 12, 100_000
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class _Pilot:
         return self.base * 2.0**k
 
     def affordable(self, k: int) -> bool:
-        return k >= -HALVINGS and self.until / self.dt(k - STRIDE) <= MOST_STEPS
+        return k >= -PILOT_HALVINGS and self.until / self.dt(k - PILOT_STRIDE) <= PILOT_STEPS
 
     def sensible(self, k: int) -> bool:
         """At least 8 steps in the pilot."""
@@ -99,7 +99,7 @@ class _Pilot:
 
     def error(self, k: int) -> float:
         """Estimated error of the step `h 2^k` [rad], infinite if its run fails."""
-        coarse, fine = self._run(k, k), self._run(k - STRIDE, k)
+        coarse, fine = self._run(k, k), self._run(k - PILOT_STRIDE, k)
         if coarse is None or fine is None:
             return math.inf
         middle = self._run(k - 1, k)
@@ -112,9 +112,9 @@ class _Pilot:
         return apart / (1 - 4.0 ** -min(order, 6.0))
 
     def _run(self, k: int, coarsest: int) -> np.ndarray | None:
-        """Link vectors at up to `SAVES` times to the end, on whole steps of the coarsest run compared with."""
+        """Link vectors at up to `PILOT_SAVES` times to the end, on whole steps of the coarsest run compared with."""
         steps = max(1, int(self.until / self.dt(coarsest) + 1e-9))
-        stride = -(-steps // SAVES)  # rounded up: the saved times must reach the end, where errors are largest
+        stride = -(-steps // PILOT_SAVES)  # rounded up: the saved times must reach the end, where errors are largest
         saves = steps // stride
         grid = stride * self.dt(coarsest)
         key = (k, coarsest)

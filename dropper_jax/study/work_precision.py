@@ -32,9 +32,9 @@ from dropper_jax.study.reference import Reference
 from dropper_jax.study.schemes import Scheme
 
 #: Number of timed runs, and the total time [s] after which no more are run.
-REPEATS, LONG_ENOUGH = 3, 0.2
+TIMING_REPEATS, LONG_ENOUGH = 3, 0.2
 #: Error tolerances of error-controlled schemes, instead of steps.
-TOLERANCES = tuple(10.0 ** (-0.5 * k) for k in range(4, 24))
+SCHEME_TOLERANCES = tuple(10.0 ** (-0.5 * k) for k in range(4, 24))
 #: A failed run has no errors and no speed, since these values would be meaningless.
 NOTHING = {
     "rms_angle_error_rad": None,
@@ -52,14 +52,14 @@ def measure(
     schemes: list[Scheme],
     dts: list[float],
     target: Reference,
-    repeats: int = REPEATS,
+    repeats: int = TIMING_REPEATS,
     say: Progress = silent,
     pick: Callable[[list[float]], float] = statistics.median,
     retry: bool = True,
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Rows of all schemes and steps, and runs left out because of their run time.
 
-    Error-controlled schemes are run at `TOLERANCES`; their `dt` is the mean step.
+    Error-controlled schemes are run at `SCHEME_TOLERANCES`; their `dt` is the mean step.
 
     Args:
         model, s: in float64.
@@ -93,7 +93,7 @@ def _scheme_rows(
     stepper = stepper if retry else stepper.plain
     saves = len(target.t)
     if stepper.integrator.controls_error:
-        return [_held_row(model, s, scheme, stepper, target, x, repeats, pick) for x in TOLERANCES], []
+        return [_held_row(model, s, scheme, stepper, target, x, repeats, pick) for x in SCHEME_TOLERANCES], []
     rows, skipped, per_step = [], [], 0.0
     for every in sorted({max(1, round(target.grid / dt)) for dt in dts}):
         steps = every * saves

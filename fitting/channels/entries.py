@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import read_list, read_number, read_table, read_text, refuse
-from dropper_jax.scene.fit import UNITS
+from dropper_jax.scene.fit import PRIOR_UNITS
 
 
 def tables_of(source: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
@@ -45,7 +45,7 @@ def vector_of(table: Mapping[str, Any], path: str, key: str, count: int) -> np.n
 
 
 def unit_of(table: Mapping[str, Any], path: str, key: str, measures: str) -> str:
-    fitting = [name for name, (base, _) in UNITS.items() if base == measures]
+    fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == measures]
     if key not in table:
         raise SceneError(f"{path}.{key}: missing; needed: {', '.join(fitting)}")
     unit = read_text(table[key], f"{path}.{key}")

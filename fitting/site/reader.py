@@ -12,7 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_table, read_text, refuse
-from dropper_jax.load.checks_water import SHALLOW, mean_period, steepest_sea
+from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import plain_values
@@ -296,7 +296,7 @@ def check_breaking(site: Any) -> None:
         sea = make_sea(SeaSpec(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=waves))
         tz = mean_period(sea)
         limits = {
-            f"0.6 of the depth of {spec.depth + lowest:g} m at the level of {lowest:+g} m": SHALLOW
+            f"0.6 of the depth of {spec.depth + lowest:g} m at the level of {lowest:+g} m": SHALLOW_HEIGHT
             * (spec.depth + lowest),
             f"the steepest seas of mean period {tz:.3g} s (DNV-RP-C205)": steepest_sea(tz, spec.gravity),
         }

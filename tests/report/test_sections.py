@@ -4,7 +4,7 @@ import numpy as np
 
 from dropper_jax.report.build import report_runs
 from dropper_jax.report.parts import parts, parts_text
-from dropper_jax.report.sections import MOST_ROWS, watch
+from dropper_jax.report.sections import SECTION_ROWS, watch
 from dropper_jax.report.text import markdown
 
 
@@ -23,9 +23,9 @@ def test_of_many_points_the_ones_that_move_most_are_shown():
     text = watch([point(i) for i in range(1400)])
     assert "| p1399 |" in text
     assert "| p1369 |" not in text
-    assert text.count("\n| p") == MOST_ROWS
-    assert text.endswith(f"The largest {MOST_ROWS} of 1400 points; report.json has all.")
-    assert "report.json" not in watch([point(i) for i in range(MOST_ROWS)])
+    assert text.count("\n| p") == SECTION_ROWS
+    assert text.endswith(f"The largest {SECTION_ROWS} of 1400 points; report.json has all.")
+    assert "report.json" not in watch([point(i) for i in range(SECTION_ROWS)])
 
 
 def loaded(name, largest, mean, used, events, yearly):

@@ -27,7 +27,7 @@ def test_pieces_of_any_length_give_the_same_numbers(monkeypatch, save_every):
 def test_a_long_run_shows_at_least_so_many_pieces():
     told = []
     run(progress=lambda share, text: told.append(share))
-    assert len(told) > chunks.PIECES
+    assert len(told) > chunks.MIN_CHUNKS
     assert told == sorted(told)
 
 
@@ -44,8 +44,8 @@ def test_a_stop_keeps_what_is_done():
 
 def test_a_piece_keeps_within_its_bytes(monkeypatch):
     model, s = dj.build("conical-pendulum")
-    assert chunks._chunk_size(s) == chunks.MOST_STEPS
-    monkeypatch.setattr(chunks, "BYTES", 1000)
+    assert chunks._chunk_size(s) == chunks.CHUNK_STEPS
+    monkeypatch.setattr(chunks, "CHUNK_BYTES", 1000)
     assert 1 <= chunks._chunk_size(s) < 20
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.run.resolution import MOST, _fewer, with_quality_checks, without_push
+from dropper_jax.run.resolution import MOST_WARNINGS, _fewer, with_quality_checks, without_push
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def test_a_farm_names_its_worst_lines_and_counts_the_others():
     told = _fewer(iter(rows))
     assert told == [*(f"line {size}" for size in range(30, 50)), "line x", "30 more lines: not resolved"]
     assert _fewer(iter(rows[:20])) == [f"line {size}" for size in range(20)]
-    assert len(_fewer(iter([("not resolved", 1.0, "the same")] * 50))) == MOST + 1
+    assert len(_fewer(iter([("not resolved", 1.0, "the same")] * 50))) == MOST_WARNINGS + 1
 
 
 def hoisted(amplitude):

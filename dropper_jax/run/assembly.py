@@ -62,7 +62,7 @@ def build_solution(
     rows: InMemory,
 ) -> Kind:
     dt, every = scene.run.dt, scene.run.save_every
-    start, before = first.row, int(first.carry.done)
+    start, before = first.row, int(first.carry.steps_done)
     good = _good_saves(run)
     bad_step = int(run.first_bad[-1])
     kept = jax.tree.map(lambda a: a[: max(good, 0)], run)

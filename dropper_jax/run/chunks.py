@@ -221,7 +221,7 @@ def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows
             at = carry, done + len(piece[0].r)
             done = at[1]
             say(min(done / saves, 1.0), f"t = {float(carry.t):.3g} s")
-            if carry.failed:
+            if carry.has_failed:
                 break
     except (KeyboardInterrupt, OSError) as error:
         interrupted = True

@@ -41,7 +41,7 @@ class Adaptive(NamedTuple):
         return self.progress.state
 
     @property
-    def done(self) -> jax.Array:
+    def steps_done(self) -> jax.Array:
         """Intervals done."""
         return self.progress.done
 
@@ -51,9 +51,9 @@ class Adaptive(NamedTuple):
         return self.progress.t
 
     @property
-    def failed(self) -> jax.Array:
+    def has_failed(self) -> jax.Array:
         """Whether a step failed."""
-        return self.progress.failed
+        return self.progress.has_failed
 
 
 class Within(NamedTuple):

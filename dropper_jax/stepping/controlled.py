@@ -65,7 +65,7 @@ class Controlled(NamedTuple):
         return self.knots[-1]
 
     @property
-    def done(self) -> jax.Array:
+    def steps_done(self) -> jax.Array:
         """Saved times so far."""
         return self.saved
 
@@ -75,7 +75,7 @@ class Controlled(NamedTuple):
         return self.now.t
 
     @property
-    def failed(self) -> jax.Array:
+    def has_failed(self) -> jax.Array:
         """Whether no step can be taken."""
         return self.bad != 0
 

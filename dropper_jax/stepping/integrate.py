@@ -54,12 +54,17 @@ class Progress(NamedTuple):
     first_bad: jax.Array
 
     @property
+    def steps_done(self) -> jax.Array:
+        """Steps done."""
+        return self.done
+
+    @property
     def t(self) -> jax.Array:
         """Time reached [s]."""
         return self.state.t
 
     @property
-    def failed(self) -> jax.Array:
+    def has_failed(self) -> jax.Array:
         """Whether a step failed."""
         return self.first_bad >= 0
 

@@ -22,7 +22,7 @@ from dropper_jax.base.files import PART, atomic_write, part_prefix, refuse_pipe,
 from dropper_jax.run import labelled
 from dropper_jax.run.carry import LAST, units
 from dropper_jax.run.deferred_errors import DeferredErrorFile
-from dropper_jax.run.reopened import check_archive, reopen_run
+from dropper_jax.run.labelled import check_archive, reopen_run
 from dropper_jax.run.row_store import release_pages
 from dropper_jax.run.samples import ARRAYS, BODIES, RUN_FORMAT, WITHIN, Kind, Samples
 

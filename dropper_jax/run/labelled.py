@@ -1,4 +1,4 @@
-"""Labelled runs: variables derived for files (arc length, loads, CF attributes), and a run from the arrays of a file."""
+"""Labelled runs: variables derived for files (arc length, loads, attributes), and the run rebuilt from a file."""
 
 from __future__ import annotations
 

@@ -58,13 +58,13 @@ def errors(run: Solution, truth: Solution, until: float, window: float) -> dict[
     ours, theirs = (one.positions[:: round(common / h)] for one, h in zip((run, truth), steps, strict=True))
     k = min(len(ours), len(theirs), int(until / common + 1e-6) + 1)
     travel = float(np.max(np.linalg.norm(np.ptp(theirs[:k], axis=0), axis=1)))
-    still = travel < step_check.MOTION_AT_REST * max(line.total for line in run.scene.lines)
+    still = travel < step_check.TRAVEL_AT_REST * max(line.total for line in run.scene.lines)
     apart = np.max(np.linalg.norm(ours[:k] - theirs[:k], axis=2), axis=1)
     found = {"positions": 0.0 if still else float(np.sqrt(np.mean(apart**2))) / travel}
     lines = [line.links for line in whole_lines(run.scene)]
     for name in ("mean_tension", "window_maxima"):
         value, size = zip(*(_loads(one, lines, common * (k - 1), window)[name] for one in (run, truth)), strict=True)
-        scale = np.maximum(np.abs(size[1]), step_check.SMALL_ERROR * np.max(np.abs(size[1])))
+        scale = np.maximum(np.abs(size[1]), step_check.SMALL_TENSION * np.max(np.abs(size[1])))
         found[name] = float(np.max(np.abs(value[0] - value[1]) / scale)) if np.all(scale > 0) else 0.0
     return found
 

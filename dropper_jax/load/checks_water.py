@@ -16,7 +16,7 @@ from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.steady import STOKES_HEIGHT, STOKES_LENGTH, highest
 
 #: Fraction of the wave energy used to determine a wavelength; the rest is the tail of a spectrum.
-CLOSED_SHARE = 0.95
+ENERGY_SHARE = 0.95
 #: Maximum ratio of significant height to depth of irregular waves, as observed on flat seabeds (about 0.6 of single
 #: waves' 0.78).
 SHALLOW_HEIGHT = 0.6
@@ -219,7 +219,7 @@ def _shortest(sea: Sea) -> float:
     k = np.asarray(sea.waves.wave_number, float)
     longest_first = np.argsort(k)
     energy = np.cumsum(np.broadcast_to(np.asarray(sea.waves.amplitude, float), k.shape)[longest_first] ** 2)
-    last = int(np.searchsorted(energy, CLOSED_SHARE * energy[-1])) if energy[-1] > 0.0 else -1
+    last = int(np.searchsorted(energy, ENERGY_SHARE * energy[-1])) if energy[-1] > 0.0 else -1
     return float(2 * np.pi / k[longest_first[last]])
 
 
@@ -237,7 +237,7 @@ def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
         buoy = max(scene.buoys, key=lambda buoy: buoy.diameter)
         sizes[f"buoy.{buoy.name}"] = buoy.diameter
     return [
-        f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m ({CLOSED_SHARE:.0%} of the wave energy is "
+        f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m ({ENERGY_SHARE:.0%} of the wave energy is "
         f"longer); Morison's equation needs at most {slender}"
         for path, size in sizes.items()
         if size > slender * shortest

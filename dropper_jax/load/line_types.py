@@ -37,7 +37,7 @@ from dropper_jax.base.read import (
 from dropper_jax.scene.line import LINK_LIMIT
 
 #: Spacing of attached points, relative to the line's length, below which a piece would have no length.
-SAME_LENGTH = 1e-9
+SAME_POSITION = 1e-9
 LENGTH_RANGE = {"low": 0.0, "open_low": True, "unit": "m"}
 #: Keys of a line defined by the link that a line with a type takes from its type.
 OF_TYPES = ("mass", "diameter", "axial", "centre_of_mass", "inertia")
@@ -216,7 +216,7 @@ def _split(
         item = read_table(item, f"{path}.attach.{i}")
         check_keys(item, ("point", "at"), f"{path}.attach.{i}")
         at = read_number(item.get("at"), f"{path}.attach.{i}.at", {"unit": "m"})
-        if not SAME_LENGTH * total < at < (1.0 - SAME_LENGTH) * total:
+        if not SAME_POSITION * total < at < (1.0 - SAME_POSITION) * total:
             raise refuse(
                 f"{path}.attach.{i}.at",
                 at,
@@ -226,7 +226,7 @@ def _split(
         stops.append((at, str(item.get("point", f"{line.get('name', 'line')}-at-{at:g}"))))
     stops.sort()
     for (at, name), (further, other) in pairwise(stops):
-        if further - at <= SAME_LENGTH * total:
+        if further - at <= SAME_POSITION * total:
             raise SceneError(
                 f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point per position"
             )

@@ -153,7 +153,7 @@ def _spread(values: np.ndarray) -> dict[str, float]:
 #: A year of 365.25 days [s].
 YEAR = 365.25 * 86400.0
 #: Ranges below this fraction of the maximum tension of the record are rounding and are not counted.
-CAPACITY_ROUNDING = 1e-9
+RANGE_ROUNDING = 1e-9
 
 
 #: Curves of parts, K and m over the breaking load: a curve for chain does not apply to rope.
@@ -196,7 +196,7 @@ def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
     """
     # maximum number of counted links of a line for runs of very many links: the counting is plain Python
     found, every = [], record.tension.shape[1] <= 200
-    least = CAPACITY_ROUNDING * float(np.abs(record.tension).max())
+    least = RANGE_ROUNDING * float(np.abs(record.tension).max())
     for where in record.written_lines:
         spec = where.spec
         s, load = arc(spec.length), breaking_load(spec, settings)

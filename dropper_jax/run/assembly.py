@@ -26,7 +26,7 @@ from dropper_jax.run.bodies import body_motion
 from dropper_jax.run.build import allowed_error
 from dropper_jax.run.carry import Last
 from dropper_jax.run.resolution import pose_remarks, without_push
-from dropper_jax.run.row_store import PAGE_BYTES, InMemory, release_pages
+from dropper_jax.run.row_store import BLOCK_STATES, InMemory, release_pages
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.weights import floating_warnings
 from dropper_jax.stepping.adaptive import Within
@@ -150,18 +150,18 @@ def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _O
     Many states are processed in blocks of equal length, which share a program and are never all in memory.
     """
     count = len(states[2])
-    if count <= PAGE_BYTES:
+    if count <= BLOCK_STATES:
         states = jax.tree.map(jnp.asarray, states)
         return _Observed(jax.tree.map(np.asarray, _observe(model, *states)), body_motion(model, *states[:2]))
     found = None
-    for first in range(0, count, PAGE_BYTES):
-        at = np.arange(first, first + PAGE_BYTES).clip(max=count - 1)
+    for first in range(0, count, BLOCK_STATES):
+        at = np.arange(first, first + BLOCK_STATES).clip(max=count - 1)
         block = jax.tree.map(lambda a, at=at: jnp.asarray(a[at]), states)
         seen = _Observed(jax.tree.map(np.asarray, _observe(model, *block)), body_motion(model, *block[:2]))
         if found is None:
             found = jax.tree.map(lambda a: rows.empty((count, *a.shape[1:]), a.dtype), seen)
         for whole, part in zip(jax.tree.leaves(found), jax.tree.leaves(seen), strict=True):
-            whole[first : first + PAGE_BYTES] = part[: count - first]
+            whole[first : first + BLOCK_STATES] = part[: count - first]
         release_pages(jax.tree.leaves((states, found)))
     return found
 

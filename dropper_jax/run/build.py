@@ -27,7 +27,7 @@ from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 
 #: Minimum error tolerance in units of rounding.
-STEP_ROUNDING = 100.0
+TOLERANCE_ROUNDING = 100.0
 
 SceneLike = str | Path | Mapping[str, Any] | Scene
 
@@ -66,14 +66,14 @@ def allowed_error(stepper: Stepper, model: Model, run: RunSpec) -> float:
     """The error tolerance of a step, for schemes that control their error."""
     if run.error_tolerance is not None:
         return run.error_tolerance
-    return max(stepper.integrator.tolerance, STEP_ROUNDING * float(jnp.finfo(model.dtype).eps))
+    return max(stepper.integrator.tolerance, TOLERANCE_ROUNDING * float(jnp.finfo(model.dtype).eps))
 
 
 def _check_tolerance(tolerance: float, integrator: str, holds: bool, model: Model) -> None:
     if not holds:
         why = f"is given, but integrator {integrator!r} takes equal steps. Use it with tsit5 or dop853"
         raise SceneError(f"run.error_tolerance: {tolerance:g} {why}")
-    least = STEP_ROUNDING * float(jnp.finfo(model.dtype).eps)
+    least = TOLERANCE_ROUNDING * float(jnp.finfo(model.dtype).eps)
     if tolerance < least:
         why = f"is below the resolution of {model.dtype}; allowed: at least {least:.0e}"
         raise SceneError(f"run.error_tolerance: {tolerance:g} {why}")

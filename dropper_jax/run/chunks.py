@@ -67,9 +67,9 @@ MIN_CHUNKS = 32
 #: Target time of a chunk [s], and the maximum ratio of its length to that of the previous one.
 SECONDS, LONGER = 1.0, 8
 #: Maximum number of saves and of bytes of a chunk.
-CHUNK_STEPS, CHUNK_BYTES = 1024, 16_000_000
+MOST_SAVES, CHUNK_BYTES = 1024, 16_000_000
 #: Saves of a chunk with steps of variable length: one of these, so that runs of other lengths share the program.
-CHUNK_SAVES = (1, 2, 16, 128, 1024)
+CHUNK_SIZES = (1, 2, 16, 128, 1024)
 
 
 #: The state carried from chunk to chunk, and the data on its steps in addition to the trajectory.
@@ -125,7 +125,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
         before: steps of the run that it continues; if that run was a long one, its program is used.
     """
     dt = jnp.asarray(run.dt, model.dtype)
-    saves = max(size for size in CHUNK_SAVES if size == 1 or size * MIN_CHUNKS <= run.saves)
+    saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.saves)
     if isinstance(carry, Progress):
         return Program(_EqualSteps(stepper, model, carry, run, max(run.steps, before)), carry)
     if isinstance(carry, Controlled):
@@ -200,7 +200,7 @@ class _EqualSteps:
 
 def _chunk_size(s: State) -> int:
     size = sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves((s.r, s.v, s.tension, s.work, s.parted, s.own)))
-    return max(1, min(CHUNK_STEPS, 2 ** int(np.log2(max(CHUNK_BYTES / max(size, 1), 1.0)))))
+    return max(1, min(MOST_SAVES, 2 ** int(np.log2(max(CHUNK_BYTES / max(size, 1), 1.0)))))
 
 
 def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None) -> RunOutcome:

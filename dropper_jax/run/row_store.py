@@ -21,7 +21,7 @@ import numpy as np
 #: File with the number of complete states and the data needed to build a solution from them.
 COUNT, ABOUT = "count", "run.json"
 #: Number of states processed at once if all would be too many.
-PAGE_BYTES = 4096
+BLOCK_STATES = 4096
 
 
 def release_pages(arrays: Iterable[Any]) -> None:
@@ -114,8 +114,8 @@ class OnDisk(InMemory):
         first = np.asarray(first)
         found = self.empty((len(rest) + 1, *rest.shape[1:]), rest.dtype)
         found[0] = first
-        for begin in range(0, len(rest), PAGE_BYTES):
-            found[begin + 1 : begin + 1 + PAGE_BYTES] = rest[begin : begin + PAGE_BYTES]
+        for begin in range(0, len(rest), BLOCK_STATES):
+            found[begin + 1 : begin + 1 + BLOCK_STATES] = rest[begin : begin + BLOCK_STATES]
             release_pages((found, rest))  # otherwise both are completely in memory
         return found
 

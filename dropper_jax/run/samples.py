@@ -15,7 +15,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature, torque
-from dropper_jax.run.row_store import PAGE_BYTES, release_pages
+from dropper_jax.run.row_store import BLOCK_STATES, release_pages
 from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 
@@ -287,7 +287,7 @@ def largest_size(vectors: np.ndarray) -> float:
     """Maximum length of vectors (k, n, 3), which may be mapped from a file; a failed run may contain any value."""
     with np.errstate(over="ignore", invalid="ignore"):
         found = []
-        for first in range(0, len(vectors), PAGE_BYTES):
-            found.append(np.max(np.linalg.norm(vectors[first : first + PAGE_BYTES], axis=-1)))
+        for first in range(0, len(vectors), BLOCK_STATES):
+            found.append(np.max(np.linalg.norm(vectors[first : first + BLOCK_STATES], axis=-1)))
             release_pages([vectors])
         return float(np.max(found))

@@ -26,7 +26,7 @@ from dropper_jax.stepping.integrate import Progress, Trajectory
 WINDOWS, REPEATED_STRETCHES, REPEATED_SHARE = 8, 32, 0.05
 #: Fraction of the maximum tension of all lines, and travel as a fraction of the longest line, below which they are not
 #: checked separately.
-SMALL_ERROR, MOTION_AT_REST = 0.1, 1e-3
+SMALL_TENSION, TRAVEL_AT_REST = 0.1, 1e-3
 #: Estimated errors above which a run warns, for complete runs and for stretches, whose maxima depend on few steps
 #: (`benchmarks/long_steps.py`). If another error exceeds `ROUGH` the order of the scheme is not reached, and half the
 #: limit applies. Means are excepted, since unresolved maxima do not affect them.
@@ -37,7 +37,7 @@ WARNED_STRETCHES = {**WARNED, "window_maxima": 0.07}
 ROUGH, ERROR_TARGET, LESS = 0.1, 0.01, 0.75
 #: Chaos: the distance of the two runs is below 1 % of the travel for three times the first swing, and it then reaches
 #: 30 % in less than four times this time. A linear drift of the phase takes 30 times as long.
-PEAK_RESOLVED, SEPARATED, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
+CHAOS_RESOLVED, SEPARATED, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
 FULL_RUN = "the whole run"
 #: Names of the results by their keys.
 WORDS = {"mean_tension": "mean tensions", "window_maxima": "largest tensions", "positions": "positions"}
@@ -154,7 +154,7 @@ def _largest(distance: np.ndarray) -> np.ndarray:
 def _travel(solution: Samples, nodes: np.ndarray) -> float | None:
     """Maximum extent [m] of a node's path (k, nodes, 3); None for a run at rest."""
     travel = float(np.max(np.linalg.norm(np.ptp(nodes, axis=0), axis=1)))
-    return travel if travel > MOTION_AT_REST * max(line.total for line in solution.scene.lines) else None
+    return travel if travel > TRAVEL_AT_REST * max(line.total for line in solution.scene.lines) else None
 
 
 def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
@@ -163,7 +163,7 @@ def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
         return None
     shift = _largest(nodes - nodes[0])
     swing = int(np.argmax(shift > 0.5 * np.max(shift)))
-    resolved, off = (int(np.argmax(separation > limit)) for limit in (PEAK_RESOLVED, SEPARATED))
+    resolved, off = (int(np.argmax(separation > limit)) for limit in (CHAOS_RESOLVED, SEPARATED))
     return resolved if resolved > SWINGS * swing and off < SUDDEN * resolved else None
 
 
@@ -174,7 +174,7 @@ def _tensions(solution: Samples, parts: list[_Compared], chaotic: bool) -> dict[
         value = np.stack([getattr(part, values) for part in parts])
         change = value[:, 0] - value[:, 1]
         scale = np.abs(np.mean([getattr(part, sizes) for part in parts], axis=0)[1])
-        scale = np.maximum(scale, SMALL_ERROR * np.max(scale))
+        scale = np.maximum(scale, SMALL_TENSION * np.max(scale))
         off = np.abs(change.mean(axis=0))
         if chaotic:  # different motions differ by chance
             off = np.maximum(off - 2.0 * change.std(axis=0) / np.sqrt(len(change)), 0.0)

@@ -20,7 +20,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.programs import cached_jit
 
 #: Quadrature points of U_e, and the depth over which it is taken, in units of 1/k (e^-40 is rounding).
-DEPTH_POINTS, BAND_FADE = 64, 20.0
+DEPTH_POINTS, FADE_DEPTH = 64, 20.0
 
 
 def fenton(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
@@ -69,7 +69,7 @@ def effective_current(k: jax.Array, depth: jax.Array, profile: Callable[[jax.Arr
     Exact for uniform and, to first order in the shear, for linear profiles: `U - O tanh(kd)/(2k)` for `U + O z`.
     """
     x, weight = np.polynomial.legendre.leggauss(DEPTH_POINTS)
-    height = jnp.minimum(depth, BAND_FADE / k)[:, None]
+    height = jnp.minimum(depth, FADE_DEPTH / k)[:, None]
     z = height * (0.5 * (x - 1.0))
     k2 = 2.0 * k[:, None]
     kernel = -k2 * (jnp.exp(k2 * z) + jnp.exp(-k2 * (z + 2.0 * depth))) / jnp.expm1(-2.0 * k2 * depth)

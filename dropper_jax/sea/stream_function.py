@@ -14,7 +14,7 @@ import numpy as np
 from dropper_jax.sea.steady import SteadyWave, highest
 
 #: Sequence of orders, and the tolerance of the surface conditions between the points.
-HARMONICS, CONVERGED_WAVE, LAST_HARMONIC = (10, 14, 20, 28, 40, 56, 80), 1e-6, 1e-3
+ORDERS_TRIED, SURFACE_GOOD, SURFACE_ENOUGH = (10, 14, 20, 28, 40, 56, 80), 1e-6, 1e-3
 #: Newton steps per height; minimum step of the height, relative to the full height.
 NEWTON_STEPS, SMALLEST_STEP = 25, 1.0 / 256.0
 
@@ -59,16 +59,16 @@ def stream_function(
         current / speed,
         criterion,
     )
-    orders = HARMONICS if order is None else (*(n for n in HARMONICS if n < order), order)
+    orders = ORDERS_TRIED if order is None else (*(n for n in ORDERS_TRIED if n < order), order)
     x = _climb_orders(problem, height / depth, orders, depth)
     found, error = x, problem.between(x)
     for n in (n for n in orders if n > _order(x)):
-        if order is None and error < CONVERGED_WAVE:
+        if order is None and error < SURFACE_GOOD:
             break
         finer = _newton(problem, _refine_harmonics(found, n), height / depth)
         if finer is not None:
             found, error = finer, problem.between(finer)
-    if (error > LAST_HARMONIC) if order is None else (_order(found) < order):
+    if (error > SURFACE_ENOUGH) if order is None else (_order(found) < order):
         raise NotSolved(height, depth * 2.0 * np.pi / found[0], depth)
     k, eta, v, flow, flux, head = _parts(found)
     eulerian = problem.eulerian(flow, flux)

@@ -19,7 +19,7 @@ from dropper_jax.study.reference import trusted_span
 #: one compiled program.
 PILOT_SAVES = 16
 #: Halvings between the two pilot runs: they differ by 3/4 (first order) or 15/16 (second) of the error.
-PILOT_STRIDE = 2
+HALVINGS_BETWEEN = 2
 #: Maximum number of halvings of the scene's step, and of steps of one pilot run.
 PILOT_HALVINGS, PILOT_STEPS = 12, 100_000
 
@@ -91,7 +91,7 @@ class _Pilot:
         return self.base * 2.0**k
 
     def affordable(self, k: int) -> bool:
-        return k >= -PILOT_HALVINGS and self.until / self.dt(k - PILOT_STRIDE) <= PILOT_STEPS
+        return k >= -PILOT_HALVINGS and self.until / self.dt(k - HALVINGS_BETWEEN) <= PILOT_STEPS
 
     def sensible(self, k: int) -> bool:
         """At least 8 steps in the pilot."""
@@ -99,7 +99,7 @@ class _Pilot:
 
     def error(self, k: int) -> float:
         """Estimated error of the step `h 2^k` [rad], infinite if its run fails."""
-        coarse, fine = self._run(k, k), self._run(k - PILOT_STRIDE, k)
+        coarse, fine = self._run(k, k), self._run(k - HALVINGS_BETWEEN, k)
         if coarse is None or fine is None:
             return math.inf
         middle = self._run(k - 1, k)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
-from dropper_jax.report.tension import CAPACITY_ROUNDING, cycles
+from dropper_jax.report.tension import RANGE_ROUNDING, cycles
 from dropper_jax.scene import line_slices, whole_lines
 
 #: Stored arrays of a run by name.
@@ -101,6 +101,6 @@ def _cycles(name: str, tension: np.ndarray) -> Found:
     picked = {int(np.argmax(tension.std(axis=0))), int(np.argmax(tension.max(axis=0)))} if len(tension) else set()
     for i, link in enumerate(sorted(picked)):
         own = cycles(tension[:, link].astype(float))
-        own = own[own[:, 0] > CAPACITY_ROUNDING * float(np.abs(tension).max())]
+        own = own[own[:, 0] > RANGE_ROUNDING * float(np.abs(tension).max())]
         found[f"cycles:{name}:{i}"] = own[:, [0, 2]].astype(np.float32)
     return found

@@ -181,7 +181,7 @@ def test_a_run_kept_on_disk_has_the_numbers_of_one_in_memory(tmp_path, monkeypat
 
 @linux
 def test_rows_on_disk_are_joined_and_looked_at_without_standing_in_memory(tmp_path):
-    kept, part = OnDisk(tmp_path), np.arange(row_store.PAGE_BYTES * 300.0).reshape(row_store.PAGE_BYTES, 300)
+    kept, part = OnDisk(tmp_path), np.arange(row_store.BLOCK_STATES * 300.0).reshape(row_store.BLOCK_STATES, 300)
     for i in range(3):
         kept.append([part + i])
     (rest,) = kept.concatenate(kept.count)

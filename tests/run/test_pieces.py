@@ -44,7 +44,7 @@ def test_a_stop_keeps_what_is_done():
 
 def test_a_piece_keeps_within_its_bytes(monkeypatch):
     model, s = dj.build("conical-pendulum")
-    assert chunks._chunk_size(s) == chunks.CHUNK_STEPS
+    assert chunks._chunk_size(s) == chunks.MOST_SAVES
     monkeypatch.setattr(chunks, "CHUNK_BYTES", 1000)
     assert 1 <= chunks._chunk_size(s) < 20
 

@@ -118,7 +118,7 @@ REPEATED = ("point", "line", "buoy", "failure")
 UNIT = ("point", "line", "buoy")
 ARRAY = ("of", "repeat", "name", "origin", "heading", "shared")
 #: Maximum number of items created by one `repeat`: 200 longlines of 60 loops have 12 000.
-MOST_REPETITIONS = 20_000
+MOST_COPIES = 20_000
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 BRACES = re.compile(r"\{([^{}]*)\}")
 
@@ -310,10 +310,8 @@ def _repetitions(item: Mapping[str, Any], path: str, names: Names) -> Iterator[N
         ends = read_list(ends, f"{path}.repeat.{key}", 2, "a count, or [first, last]")
         first, last = (_read_integral(end, f"{path}.repeat.{key}") for end in ends)
         count *= max(last - first + 1, 0)
-        if count > MOST_REPETITIONS:
-            raise SceneError(
-                f"{path}.repeat: creates more than {MOST_REPETITIONS} parts; allowed: at most {MOST_REPETITIONS}"
-            )
+        if count > MOST_COPIES:
+            raise SceneError(f"{path}.repeat: creates more than {MOST_COPIES} parts; allowed: at most {MOST_COPIES}")
         ranges.append(range(first, last + 1))
     return (names.with_counters(dict(zip(repeat, each, strict=True))) for each in itertools.product(*ranges))
 

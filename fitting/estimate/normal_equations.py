@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
-from scipy.optimize import lsq_linear
 
 from fitting.estimate.evaluation import Evaluation
 from fitting.parameters.parameter import Parameter
@@ -107,6 +106,8 @@ def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray,
     free = cho_solve((lower, True), -gradient * size) * size
     if ((free >= low) & (free <= high)).all():
         return free
+    from scipy.optimize import lsq_linear  # noqa: PLC0415 - slow to import, and few steps reach a bound
+
     fixed = high - low <= 0
     step_range = np.where(fixed, 1.0, high)
     found = lsq_linear(

@@ -97,8 +97,9 @@ def cholesky_root(scaled: np.ndarray) -> np.ndarray:
 
 def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The dp (k,) in [low, high] that minimises `gradient . dp + dp' information dp/2`; exact, by active sets."""
-    if not len(gradient):
-        return gradient
+    fixed = high - low <= 0
+    if fixed.all():
+        return np.zeros(len(gradient))
     size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information * np.outer(size, size)
     lower = cholesky_root(scaled)
@@ -108,7 +109,6 @@ def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray,
         return free
     from scipy.optimize import lsq_linear  # noqa: PLC0415 - slow to import, and few steps reach a bound
 
-    fixed = high - low <= 0
     step_range = np.where(fixed, 1.0, high)
     found = lsq_linear(
         lower.T[:, ~fixed], target, (low[~fixed] / size[~fixed], step_range[~fixed] / size[~fixed]), "bvls", tol=1e-14

@@ -37,6 +37,9 @@ RECOVERED = 0.3
 #: Accuracy of intermediate weights: parameters within 0.2 standard errors, and evidence within 0.25. Only the chosen
 #: weight is solved to the end.
 INTERMEDIATE, LITTLE = 0.2**2, 0.5
+#: Difference of the log evidence from that predicted by the linear model up to which the motion follows that model, and
+#: how often the weight is chosen again.
+FOLLOWED, JUMPS = 1.0, 4
 #: Gap weights larger than this multiple of the gaps' own size are skipped.
 SLACK = 5.0
 #: Gap weight and rounds of the multipliers when gaps are closed exactly.
@@ -98,14 +101,24 @@ class JoinedWindows(Separate):
         return -np.inf if step is None else point.cost - self.cost(ahead.evaluation, ahead.values) + step.predicted
 
     def evidence(self, point: Solution) -> float:
-        """Laplace's log evidence of the gap weight w, up to constants: -cost - (gaps) log w - log det H / 2."""
-        nowhere = np.zeros(len(point.values))
-        step = self.solve(self.system(point.evaluation, point.values), point.values, 0.0, nowhere, nowhere)
+        """Laplace's log evidence of the gap weight w, up to constants: -cost - (gaps) log w - log det H / 2.
+
+        The cost is the minimum of its linear model at the point.
+        """
+        limits = self.problem.step_bounds(point.values)
+        step = self.solve(self.system(point.evaluation, point.values), point.values, 0.0, *limits)
         if step is None:
             return -np.inf
         count = int(self.problem.windows.follows.sum()) * self.problem.freedoms
-        cost = self.cost(point.evaluation, point.values)
+        cost = self.cost(point.evaluation, point.values) - step.predicted
         return -cost - count * float(np.log(self.weight)) - 0.5 * step.log_determinant
+
+    def solution_at(self, point: Solution) -> Solution:
+        """A point of another weight as a solution at this weight, not converged."""
+        values, limits = point.values, self.problem.step_bounds(point.values)
+        step = self.solve(self.system(point.evaluation, values), values, 0.0, *limits)
+        cost = self.cost(point.evaluation, values)
+        return self.solution(values, point.evaluation, cost, step or point, gap_weight=self.weight)
 
 
 def fit_shooting(
@@ -140,6 +153,10 @@ def fit_shooting(
     wide = gaps_now(begin)
     # if gaps are much smaller than a weight allows, the weight has no effect
     schedule = [w for i, w in enumerate(schedule) if w < SLACK * wide or i == len(schedule) - 1]
+    if continuity == "estimate" and begin.problem.memory == 1 and begin.problem.descent is None:
+        found_at_once = follow_linear_model(begin, schedule, iterations, finer, progress)
+        if found_at_once is not None:
+            return found_at_once
     for i, weight in enumerate(schedule):
         again = point
         while again is not None:
@@ -169,6 +186,50 @@ def fit_shooting(
         best = _close(best, iterations)
     best.iterations = max(total, best.iterations)
     return best
+
+
+def follow_linear_model(
+    begin: Solution,
+    schedule: Sequence[float],
+    iterations: int,
+    finer: Callable[[Solution], Solution | None],
+    progress: Progress = silent,
+) -> Solution | None:
+    """The solution at the weight that the linear model of the motion chooses; None if the motion does not follow it.
+
+    One evaluation gives the evidence of all weights. The descent goes straight to the chosen one, and the evidence
+    there has to be as predicted.
+    """
+    point, total = begin, begin.iterations
+    expected = log_evidence(point, schedule)
+    for _ in range(JUMPS):
+        if not np.isfinite(expected).all():
+            return None
+        chosen = int(np.argmax(expected >= expected.max() - SAME_EVIDENCE))
+        if point.gap_weight != schedule[chosen]:
+            level = JoinedWindows(point.problem, schedule[chosen], intermediate=True)
+            point = level.descend(point, iterations, total)
+            total, (before, expected) = point.iterations, (expected, log_evidence(point, schedule))
+            progress(0.5, f"gap weight {level.weight:g}, evidence {expected[chosen]:.1f}")
+            if point.status != "ok" or not abs(expected[chosen] - before[chosen]) < FOLLOWED:
+                return None
+            continue
+        point.evidence = float(expected[chosen])
+        fell = np.flatnonzero(expected[chosen:] < expected.max() - SAME_EVIDENCE)
+        again = None
+        if len(fell):
+            tight = JoinedWindows(point.problem, schedule[chosen + fell[0]])
+            again = finer(tight.solution_at(point))
+        if again is None:
+            return point
+        point, total = again, total + 1
+        expected = log_evidence(point, schedule)
+    return None
+
+
+def log_evidence(point: Solution, schedule: Sequence[float]) -> np.ndarray:
+    """Log evidence of every weight by the linear model of the motion at a point."""
+    return np.array([JoinedWindows(point.problem, weight).evidence(point) for weight in schedule])
 
 
 def solve_to_end(point: Solution) -> Solution:

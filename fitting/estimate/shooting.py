@@ -30,16 +30,16 @@ SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 SAME_EVIDENCE = 0.2
 #: Change of the evidence between weights below which smaller weights are not tried.
 LEVEL = 0.02
-#: Difference from the maximum log evidence at which the maximum counts as passed.
+#: Difference from the maximum log evidence at which the maximum counts as passed; and from the one that the linear model
+#: predicts, beyond which the motion does not follow that model.
 EVIDENCE_DROP = 5.0
 #: Fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not noise.
 RECOVERED = 0.3
 #: Accuracy of intermediate weights: parameters within 0.2 standard errors, and evidence within 0.25. Only the chosen
 #: weight is solved to the end.
 INTERMEDIATE, LITTLE = 0.2**2, 0.5
-#: Difference of the log evidence from that predicted by the linear model up to which the motion follows that model, and
-#: how often the weight is chosen again.
-FOLLOWED, JUMPS = 1.0, 4
+#: How often a weight is chosen by the linear model of the motion.
+JUMPS = 6
 #: Gap weights larger than this multiple of the gaps' own size are skipped.
 SLACK = 5.0
 #: Gap weight and rounds of the multipliers when gaps are closed exactly.
@@ -211,7 +211,7 @@ def follow_linear_model(
             point = level.descend(point, iterations, total)
             total, (before, expected) = point.iterations, (expected, log_evidence(point, schedule))
             progress(0.5, f"gap weight {level.weight:g}, evidence {expected[chosen]:.1f}")
-            if point.status != "ok" or not abs(expected[chosen] - before[chosen]) < FOLLOWED:
+            if point.status != "ok" or not expected[chosen] > before[chosen] - EVIDENCE_DROP:
                 return None
             continue
         point.evidence = float(expected[chosen])

@@ -30,8 +30,8 @@ SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 SAME_EVIDENCE = 0.2
 #: Change of the evidence between weights below which smaller weights are not tried.
 LEVEL = 0.02
-#: Difference from the maximum log evidence at which the maximum counts as passed; and from the one that the linear model
-#: predicts, beyond which the motion does not follow that model.
+#: Difference from the maximum log evidence at which the maximum counts as passed; and from the evidence predicted by the
+#: linear model, below which the motion does not follow that model.
 EVIDENCE_DROP = 5.0
 #: Fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not noise.
 RECOVERED = 0.3
@@ -216,13 +216,11 @@ def follow_linear_model(
             continue
         point.evidence = float(expected[chosen])
         fell = np.flatnonzero(expected[chosen:] < expected.max() - SAME_EVIDENCE)
-        again = None
-        if len(fell):
-            tight = JoinedWindows(point.problem, schedule[chosen + fell[0]])
-            again = finer(tight.solution_at(point))
+        tight = JoinedWindows(point.problem, schedule[chosen + fell[0]]) if len(fell) else None
+        again = None if tight is None else finer(tight.solution_at(point))
         if again is None:
             return point
-        point, total = again, total + 1
+        point, total = replace(again, gap_weight=None), total + 1
         expected = log_evidence(point, schedule)
     return None
 

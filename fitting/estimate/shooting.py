@@ -30,16 +30,14 @@ SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 SAME_EVIDENCE = 0.2
 #: Change of the evidence between weights below which smaller weights are not tried.
 LEVEL = 0.02
-#: Difference from the maximum log evidence at which the maximum counts as passed; and from the evidence predicted by the
-#: linear model, below which the motion does not follow that model.
+#: Difference from the maximum log evidence at which the maximum counts as passed; and from the evidence that the linear
+#: model predicts, at which the motion does not follow that model.
 EVIDENCE_DROP = 5.0
 #: Fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not noise.
 RECOVERED = 0.3
 #: Accuracy of intermediate weights: parameters within 0.2 standard errors, and evidence within 0.25. Only the chosen
 #: weight is solved to the end.
 INTERMEDIATE, LITTLE = 0.2**2, 0.5
-#: How often a weight is chosen by the linear model of the motion.
-JUMPS = 6
 #: Gap weights larger than this multiple of the gaps' own size are skipped.
 SLACK = 5.0
 #: Gap weight and rounds of the multipliers when gaps are closed exactly.
@@ -97,7 +95,7 @@ class JoinedWindows(Separate):
 
     def expected_decrease(self, ahead: Solution, point: Solution) -> float:
         """Predicted decrease of the cost when a solution continues with finer steps."""
-        step = joined_step(ahead, *(end - ahead.values for end in ahead.problem.bounds(ahead.values)))
+        step = JoinedWindows(ahead.problem, ahead.gap_weight).full_step(ahead)
         return -np.inf if step is None else point.cost - self.cost(ahead.evaluation, ahead.values) + step.predicted
 
     def evidence(self, point: Solution) -> float:
@@ -105,8 +103,7 @@ class JoinedWindows(Separate):
 
         The cost is the minimum of its linear model at the point.
         """
-        limits = self.problem.step_bounds(point.values)
-        step = self.solve(self.system(point.evaluation, point.values), point.values, 0.0, *limits)
+        step = self.full_step(point)
         if step is None:
             return -np.inf
         count = int(self.problem.windows.follows.sum()) * self.problem.freedoms
@@ -115,10 +112,9 @@ class JoinedWindows(Separate):
 
     def solution_at(self, point: Solution) -> Solution:
         """A point of another weight as a solution at this weight, not converged."""
-        values, limits = point.values, self.problem.step_bounds(point.values)
-        step = self.solve(self.system(point.evaluation, values), values, 0.0, *limits)
-        cost = self.cost(point.evaluation, values)
-        return self.solution(values, point.evaluation, cost, step or point, gap_weight=self.weight)
+        cost = self.cost(point.evaluation, point.values)
+        known = self.full_step(point) or point
+        return self.solution(point.values, point.evaluation, cost, known, gap_weight=self.weight)
 
 
 def fit_shooting(
@@ -202,7 +198,7 @@ def follow_linear_model(
     """
     point, total = begin, begin.iterations
     expected = log_evidence(point, schedule)
-    for _ in range(JUMPS):
+    for _ in schedule:
         if not np.isfinite(expected).all():
             return None
         chosen = int(np.argmax(expected >= expected.max() - SAME_EVIDENCE))

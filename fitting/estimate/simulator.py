@@ -171,9 +171,9 @@ class Simulator:
         count, slots = len(inputs[0]), windows.theta.shape[1]
         wanted = self._key(windows, plain)
         key, program = self._program(wanted, values, inputs)
-        room = (0, key.slots - slots)
+        padding = (0, key.slots - slots)
         inputs = [
-            np.pad(a, [(0, 0), room, *[(0, 0)] * (a.ndim - 2)]) if 3 <= i <= 6 else a for i, a in enumerate(inputs)
+            np.pad(a, [(0, 0), padding, *[(0, 0)] * (a.ndim - 2)]) if 3 <= i <= 6 else a for i, a in enumerate(inputs)
         ]
         # windows of similar length run together: a chunk takes as many steps as its longest window, so that copies of
         # the shortest one fill the first chunk

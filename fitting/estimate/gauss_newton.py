@@ -82,6 +82,11 @@ class Separate:
 
     eliminate = staticmethod(eliminate)
 
+    def full_step(self, point: Solution) -> Step | None:
+        """The step without damping from a point, inside the bounds; None if the equations are singular."""
+        limits = self.problem.step_bounds(point.values)
+        return self.solve(self.system(point.evaluation, point.values), point.values, 0.0, *limits)
+
     def record(self, cost: float, values: np.ndarray) -> dict[str, Any]:
         """A row of the history."""
         return {"cost": cost, "values": values.tolist(), "loss": 2 * cost / max(self.problem.samples, 1)}

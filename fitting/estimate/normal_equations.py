@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
-from scipy.optimize import lsq_linear
 
 from fitting.estimate.evaluation import Evaluation
 from fitting.parameters.parameter import Parameter
@@ -98,8 +97,9 @@ def cholesky_root(scaled: np.ndarray) -> np.ndarray:
 
 def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The dp (k,) in [low, high] that minimises `gradient . dp + dp' information dp/2`; exact, by active sets."""
-    if not len(gradient):
-        return gradient
+    fixed = high - low <= 0
+    if fixed.all():
+        return np.zeros(len(gradient))
     size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information * np.outer(size, size)
     lower = cholesky_root(scaled)
@@ -107,7 +107,8 @@ def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray,
     free = cho_solve((lower, True), -gradient * size) * size
     if ((free >= low) & (free <= high)).all():
         return free
-    fixed = high - low <= 0
+    from scipy.optimize import lsq_linear  # noqa: PLC0415 - slow to import, and few steps reach a bound
+
     step_range = np.where(fixed, 1.0, high)
     found = lsq_linear(
         lower.T[:, ~fixed], target, (low[~fixed] / size[~fixed], step_range[~fixed] / size[~fixed]), "bvls", tol=1e-14

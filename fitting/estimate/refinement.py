@@ -89,6 +89,5 @@ def _newton_step(ahead: Solution) -> np.ndarray:
     problem, values = ahead.problem, ahead.values
     if not np.isfinite(ahead.evaluation.residual).all():
         return np.full(len(values), np.nan)
-    level = level_of(problem, ahead.gap_weight)
-    step = level.solve(level.system(ahead.evaluation, values), values, 0.0, *problem.step_bounds(values))
+    step = level_of(problem, ahead.gap_weight).full_step(ahead)
     return np.zeros(len(values)) if step is None else step.dp

@@ -21,7 +21,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.noise import WHITE, Noise, correlates, lag_one, log_volume, rates, whitened
@@ -120,6 +119,8 @@ class ResidualNoiseModel:
         if not -WHITE < self._innovations(replace(white, decay=decay(kept))) < 2 * WHITE:
             return None
         shape = np.ones_like(white.factor)
+        from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import, and white noise needs none
+
         cost = lambda rho: minus_two_log(self.fixed_point(replace(white, decay=decay(rho * shape)), 2)[1])  # noqa: E731
         rho = float(minimize_scalar(cost, bounds=(0.02, MAX_CORRELATION), method="bounded", options={"xatol": 4e-3}).x)
         each = np.clip(
@@ -161,6 +162,8 @@ class ResidualNoiseModel:
         late = along / np.maximum(np.sqrt(square), 1e-300)
         if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE:
             return None
+        from scipy.optimize import minimize_scalar  # noqa: PLC0415 - as above
+
         cost = lambda x: minus_two_log(self.fixed_point(replace(white, delay=delay * np.exp(x)), 2)[1])  # noqa: E731
         size = minimize_scalar(cost, bounds=(-1.5, 1.5), method="bounded", options={"xatol": 0.02}).x
         return self.fixed_point(replace(white, delay=delay * np.exp(size)))

@@ -30,7 +30,8 @@ SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 SAME_EVIDENCE = 0.2
 #: Change of the evidence between weights below which smaller weights are not tried.
 LEVEL = 0.02
-#: Difference from the maximum log evidence at which the maximum counts as passed.
+#: Difference from the maximum log evidence at which the maximum counts as passed; and from the evidence that the linear
+#: model predicts, at which the motion does not follow that model.
 EVIDENCE_DROP = 5.0
 #: Fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not noise.
 RECOVERED = 0.3
@@ -94,18 +95,26 @@ class JoinedWindows(Separate):
 
     def expected_decrease(self, ahead: Solution, point: Solution) -> float:
         """Predicted decrease of the cost when a solution continues with finer steps."""
-        step = joined_step(ahead, *(end - ahead.values for end in ahead.problem.bounds(ahead.values)))
+        step = JoinedWindows(ahead.problem, ahead.gap_weight).full_step(ahead)
         return -np.inf if step is None else point.cost - self.cost(ahead.evaluation, ahead.values) + step.predicted
 
     def evidence(self, point: Solution) -> float:
-        """Laplace's log evidence of the gap weight w, up to constants: -cost - (gaps) log w - log det H / 2."""
-        nowhere = np.zeros(len(point.values))
-        step = self.solve(self.system(point.evaluation, point.values), point.values, 0.0, nowhere, nowhere)
+        """Laplace's log evidence of the gap weight w, up to constants: -cost - (gaps) log w - log det H / 2.
+
+        The cost is the minimum of its linear model at the point.
+        """
+        step = self.full_step(point)
         if step is None:
             return -np.inf
         count = int(self.problem.windows.follows.sum()) * self.problem.freedoms
-        cost = self.cost(point.evaluation, point.values)
+        cost = self.cost(point.evaluation, point.values) - step.predicted
         return -cost - count * float(np.log(self.weight)) - 0.5 * step.log_determinant
+
+    def solution_at(self, point: Solution) -> Solution:
+        """A point of another weight as a solution at this weight, not converged."""
+        cost = self.cost(point.evaluation, point.values)
+        known = self.full_step(point) or point
+        return self.solution(point.values, point.evaluation, cost, known, gap_weight=self.weight)
 
 
 def fit_shooting(
@@ -140,6 +149,10 @@ def fit_shooting(
     wide = gaps_now(begin)
     # if gaps are much smaller than a weight allows, the weight has no effect
     schedule = [w for i, w in enumerate(schedule) if w < SLACK * wide or i == len(schedule) - 1]
+    if continuity == "estimate" and begin.problem.memory == 1 and begin.problem.descent is None:
+        found_at_once = follow_linear_model(begin, schedule, iterations, finer, progress)
+        if found_at_once is not None:
+            return found_at_once
     for i, weight in enumerate(schedule):
         again = point
         while again is not None:
@@ -169,6 +182,48 @@ def fit_shooting(
         best = _close(best, iterations)
     best.iterations = max(total, best.iterations)
     return best
+
+
+def follow_linear_model(
+    begin: Solution,
+    schedule: Sequence[float],
+    iterations: int,
+    finer: Callable[[Solution], Solution | None],
+    progress: Progress = silent,
+) -> Solution | None:
+    """The solution at the weight that the linear model of the motion chooses; None if the motion does not follow it.
+
+    One evaluation gives the evidence of all weights. The descent goes straight to the chosen one, and the evidence
+    there has to be as predicted.
+    """
+    point, total = begin, begin.iterations
+    expected = log_evidence(point, schedule)
+    for _ in schedule:
+        if not np.isfinite(expected).all():
+            return None
+        chosen = int(np.argmax(expected >= expected.max() - SAME_EVIDENCE))
+        if point.gap_weight != schedule[chosen]:
+            level = JoinedWindows(point.problem, schedule[chosen], intermediate=True)
+            point = level.descend(point, iterations, total)
+            total, (before, expected) = point.iterations, (expected, log_evidence(point, schedule))
+            progress(0.5, f"gap weight {level.weight:g}, evidence {expected[chosen]:.1f}")
+            if point.status != "ok" or not expected[chosen] > before[chosen] - EVIDENCE_DROP:
+                return None
+            continue
+        point.evidence = float(expected[chosen])
+        fell = np.flatnonzero(expected[chosen:] < expected.max() - SAME_EVIDENCE)
+        tight = JoinedWindows(point.problem, schedule[chosen + fell[0]]) if len(fell) else None
+        again = None if tight is None else finer(tight.solution_at(point))
+        if again is None:
+            return point
+        point, total = replace(again, gap_weight=None), total + 1
+        expected = log_evidence(point, schedule)
+    return None
+
+
+def log_evidence(point: Solution, schedule: Sequence[float]) -> np.ndarray:
+    """Log evidence of every weight by the linear model of the motion at a point."""
+    return np.array([JoinedWindows(point.problem, weight).evidence(point) for weight in schedule])
 
 
 def solve_to_end(point: Solution) -> Solution:

@@ -171,13 +171,15 @@ class Simulator:
         count, slots = len(inputs[0]), windows.theta.shape[1]
         wanted = self._key(windows, plain)
         key, program = self._program(wanted, values, inputs)
-        more = key.slots - slots
+        padding = (0, key.slots - slots)
         inputs = [
-            np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)]) if 3 <= i <= 6 else a for i, a in enumerate(inputs)
+            np.pad(a, [(0, 0), padding, *[(0, 0)] * (a.ndim - 2)]) if 3 <= i <= 6 else a for i, a in enumerate(inputs)
         ]
-        # windows of similar length run together: a chunk takes as many steps as its longest window
+        # windows of similar length run together: a chunk takes as many steps as its longest window, so that copies of
+        # the shortest one fill the first chunk
         order = np.argsort(inputs[COUNTS], kind="stable")
-        rows = order[np.minimum(np.arange(-(-count // key.size) * key.size), count - 1)].reshape(-1, key.size)
+        more = -count % key.size
+        rows = np.pad(order, (more, 0), mode="edge").reshape(-1, key.size)
         chunks = [tuple(a[some] for a in inputs) for some in rows]
         substeps = np.int32(windows.substeps)
         run = lambda job: [  # noqa: E731
@@ -189,7 +191,7 @@ class Simulator:
         with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:
             parts = list(pool.map(run, jobs))
         by_seed = [parts[i : i + len(chunks)] for i in range(0, len(parts), len(chunks))]
-        back = np.argsort(order, kind="stable")
+        back = more + np.argsort(order, kind="stable")
         joined = [[np.concatenate(column)[back] for column in zip(*some, strict=True)] for some in by_seed]
         whole = Evaluation(*joined[0])
         wanted = self.freedoms + len(self.parameters)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.build import build
+from dropper_jax.run.build import build_model
 from fitting.parameters.parameter import paths
 
 #: Damping fields by effect.
@@ -44,7 +44,7 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
     Error messages use `option` as their heading.
     """
     names = [name.strip() for name in names]
-    known = None if all(_is_full(name) for name in names) else paths(build(scene)[0])
+    known = None if all(_is_full(name) for name in names) else paths(build_model(scene))
     return [name if _is_full(name) else _full(name, known, option) for name in names]
 
 

@@ -204,22 +204,24 @@ def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray,
     samples (NaN) are skipped.
     """
     found = np.full((theta.shape[1], 2), np.nan)
-    for column in range(theta.shape[1]):
-        known = np.isfinite(theta[:, column])
-        x, y = t[known] - at, theta[known, column]
+    by_frames: dict[bytes, list[int]] = {}  # links that were seen in the same frames
+    for j, known in enumerate(np.isfinite(theta).T):
+        by_frames.setdefault(known.tobytes(), []).append(j)
+    for columns in map(np.array, by_frames.values()):
+        frames = np.flatnonzero(np.isfinite(theta[:, columns[0]]))
+        x = t[frames] - at
         distance = np.sort(np.abs(x))
         shortest = distance[min(DEGREE + 1, len(x) - 1)] * (1 + 1e-9)
         reach = max(longest, shortest)
-        while True:
+        while len(columns):  # those links whose cubic may still need a smaller reach
             near = np.abs(x) <= reach
             degree = min(DEGREE, int(near.sum()) - 1)
-            basis = np.vander(x[near] / reach, degree + 1, increasing=True)
-            c = np.linalg.lstsq(basis, y[near], rcond=None)[0]
-            left, freedom = np.sum((basis @ c - y[near]) ** 2) / sigma[column] ** 2, near.sum() - degree - 1
-            if left <= freedom + LEFT_OVER * np.sqrt(2 * freedom) or reach <= shortest:
-                break
-            reach = max(reach / WIDER, shortest)
-        found[column] = c[0], c[1] / reach if degree else 0.0
+            basis, y = np.vander(x[near] / reach, degree + 1, increasing=True), theta[np.ix_(frames[near], columns)]
+            c = np.linalg.lstsq(basis, y, rcond=None)[0]
+            left, freedom = np.sum((basis @ c - y) ** 2, axis=0) / sigma[columns] ** 2, near.sum() - degree - 1
+            fits = (left <= freedom + LEFT_OVER * np.sqrt(2 * freedom)) | (reach <= shortest)
+            found[columns[fits], 0], found[columns[fits], 1] = c[0, fits], c[1, fits] / reach if degree else 0.0
+            columns, reach = columns[~fits], max(reach / WIDER, shortest)
     return found
 
 

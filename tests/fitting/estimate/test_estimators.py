@@ -15,11 +15,12 @@ from scipy.optimize import least_squares
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from fitting.calibration.fit import estimate, prepare, summarise
+from fitting.estimate import shooting
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Huber
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.profile import profile
-from fitting.estimate.shooting import loosest
+from fitting.estimate.shooting import fit_shooting, loosest, solve_to_end
 from fitting.estimate.uncertainty import bootstrap
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import apply, resolve
@@ -235,3 +236,15 @@ def test_of_gap_weights_that_the_evidence_cannot_tell_apart_the_loosest_is_taken
     found = [SimpleNamespace(evidence=e) for e in (-9.0, -3.15, -3.1, -3.0)]
     assert loosest(found) is found[1]
     assert loosest(found[:1]) is found[0]
+
+
+def test_the_gap_weight_of_the_linear_model_is_that_of_a_descent_through_all_weights(twins, separate, monkeypatch):
+    at_once = fit_shooting(separate(0))
+    monkeypatch.setattr(shooting, "follow_linear_model", lambda *_: None)
+    stepwise = fit_shooting(separate(0))
+    assert at_once.gap_weight == stepwise.gap_weight
+    assert at_once.evidence == pytest.approx(stepwise.evidence, abs=0.5)
+    assert at_once.iterations - separate(0).iterations < 0.5 * (stepwise.iterations - separate(0).iterations)
+    ends = [solve_to_end(point) for point in (at_once, stepwise)]
+    error = summarise(twins(0), "shooting", ends[1]).uncertainty.std_error
+    assert np.all(np.abs(ends[0].values - ends[1].values) < 0.01 * error)

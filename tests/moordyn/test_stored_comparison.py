@@ -1,4 +1,4 @@
-"""Stored comparisons with MoorDyn: peaks are judged with means and deviations, errors are those of MoorDyn's own step."""
+"""Stored comparisons with MoorDyn: peaks are judged with means and deviations, errors belong to the step."""
 
 import json
 from pathlib import Path

@@ -1,11 +1,9 @@
-"""Runs do not depend on the frame: a steady current is a moving frame, directions turn together, schemes agree."""
+"""Runs do not depend on the frame: a steady current is a moving frame, and all directions turn together."""
 
-import jax
 import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.integrators import INTEGRATORS
 
 #: Nodes of a slack line between two fixed points, released at rest.
 X = np.linspace(0.0, 3.0, 5)

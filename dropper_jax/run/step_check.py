@@ -184,14 +184,21 @@ def _tensions(solution: Samples, parts: list[_Compared], chaotic: bool) -> dict[
 
 def _error(solution: Samples, change: float) -> float:
     """The error of the step that follows from the change at half the step."""
-    gain = 2.0 ** INTEGRATORS[solution.settings["integrator"]].order
+    gain = 2.0 ** _order(solution)
     return change * gain / (gain - 1.0)
+
+
+def _order(solution: Samples) -> int:
+    """Order of the scheme on the lines of the scene."""
+    scheme = INTEGRATORS[solution.settings["integrator"]]
+    rigid = all(line.rigid for line in solution.scene.lines)
+    return scheme.order if rigid or scheme.elastic_order is None else scheme.elastic_order
 
 
 def _advise_step(solution: Samples, found: dict[str, Any]) -> float:
     """The step [s] for an error of 1 %, two digits."""
     worst = max(found[name] or 1e-300 for name in WARNED)
-    order = INTEGRATORS[solution.settings["integrator"]].order * (1.0 if worst < ROUGH else LESS)
+    order = _order(solution) * (1.0 if worst < ROUGH else LESS)
     dt = solution.settings["dt"] * min(1.0, (ERROR_TARGET / worst) ** (1.0 / order))
     return float(f"{dt:.2g}")
 

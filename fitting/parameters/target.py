@@ -24,7 +24,7 @@ class ModelPlace:
         section: `points`, `lines` or `effects`.
         index: within the section.
         field: of the point, line or effect.
-        entry: of the field; None is the whole field.
+        entry: of the field, counted through all its axes; None is the whole field.
     """
 
     section: str
@@ -36,8 +36,11 @@ class ModelPlace:
         """The model with the value set; differentiable."""
         items = list(getattr(model, self.section))
         old = getattr(items[self.index], self.field)
-        whole = self.entry is None
-        new = jnp.broadcast_to(value, jnp.shape(old)) if whole else jnp.asarray(old).at[self.entry].set(value)
+        shape = jnp.shape(old)
+        if self.entry is None:
+            new = jnp.broadcast_to(value, shape)
+        else:
+            new = jnp.ravel(old).at[self.entry].set(value).reshape(shape)
         items[self.index] = replace(items[self.index], **{self.field: new})
         return replace(model, **{self.section: tuple(items)})
 

@@ -29,6 +29,20 @@ def test_only_the_numbers_that_are_named_change(model):
     assert len(others) == 1
 
 
+def test_an_entry_of_a_table_of_vectors_is_one_number():
+    """Entries are counted through all axes: entry 4 of forces (2, 3) is the second component of the second node."""
+    points = [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [0.6, 0.0, 0.0]}]
+    force = {"nodes": [2, 3], "force_n": [[0.1, 0.0, 0.3], [0.0, 0.2, 0.1]]}
+    loop = {"name": "loop", "from": "a", "to": "b", "links": 4, "length": 0.3, "mass": 0.1}
+    scene = {"point": points, "line": [loop], "effects": {"weight": {}, "nodal_force": force}}
+    pushed = build({"run": {"dt": 0.01, "duration": 1.0}, **scene})[0]
+    path = "effects.nodal_force.force_n"
+    values = jnp.array([0.1, 0.0, 0.3, 0.0, 0.7, 0.1])
+    for names, given in (([path], values), ([f"{path}.4"], values[4:5])):
+        changed = apply(pushed, resolve(pushed, names), given)
+        np.testing.assert_array_equal(jnp.ravel(changed.effects[1].force_n), values)
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_direction_moves_what_was_put_in_place_whichever_is_named_first(model, turned):
     (entry,) = resolve(model, ["line.0.mass.2"])

@@ -95,3 +95,41 @@ def test_a_natural_period_is_a_quantity_of_the_start():
         study(TABLE, "period.1.max", NUMBERS[:1])
     with pytest.raises(SceneError, match="the scene starts at 'points'"):
         study({**TABLE, "start": {"kind": "points"}}, "period.1.start", NUMBERS[:1])
+
+
+#: A rigid arm on a pin, released with a spin.
+ARM = {
+    "name": "arm",
+    "position": [0.0, 0.0, 0.0],
+    "attitude": [0.02, 3.1, 0.0],
+    "angular_velocity": [0.0, 0.3, 0.0],
+    "mass": 5.0,
+    "centre_of_mass": [0.0, 0.0, -2.0],
+    "inertia": [3.0, 2.0, 1.5],
+    "pinned": True,
+}
+
+
+@pytest.mark.check
+def test_a_turning_body_differentiates_by_its_mass_spin_and_gravity():
+    rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
+    scene = {
+        "run": {"dt": 0.01, "duration": 0.2},
+        "point": [{"name": "a", "position": [50.0, 0.0, -5.0]}, {"name": "b", "position": [53.0, 0.0, -5.0]}],
+        "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
+        "body": [ARM],
+        "effects": {"weight": {}},
+        "start": {"kind": "points"},
+    }
+    names = ["mass.0", "spin.1", "gravity"]
+    problem = study(scene, "energy.final", [f"effects.rigid_bodies.{name}" for name in names])
+    at = jnp.asarray(problem.values)
+    assert at.tolist() == [5.0, 0.3, 9.81]
+    value_and_slope = jax.jit(lambda p, along: jax.jvp(problem, (p,), (along,)))
+    for k in range(3):
+        along = jnp.zeros(3).at[k].set(at[k])
+        value, slope = value_and_slope(at, along)
+        ends = {share: value_and_slope(at + share * along, along)[0] for share in (-2e-3, -1e-3, 1e-3, 2e-3)}
+        expected = (8 * (ends[1e-3] - ends[-1e-3]) - (ends[2e-3] - ends[-2e-3])) / 12e-3
+        assert jnp.isfinite(value)
+        assert float(slope) == pytest.approx(float(expected), rel=1e-7, abs=1e-9 * float(abs(value)))

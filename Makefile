@@ -61,6 +61,7 @@ endef
 lint: .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python tests/type_errors.py
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "no suitable python3 found; needed: Python 3.11 to 3.13 with venv"; exit 1; }

@@ -21,7 +21,7 @@ demo: .venv/.installed
 	$(BIN)/dropper demo --out demo
 
 test: .venv/.installed-test
-	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=40 --durations-min=5
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=40 --durations-min=5
 
 # What does not fit into `make test`, at most an hour on two cores: the tests marked `check`, programs as users compile
 # them, the whole catalogue of hard cases, many kinds of scene in one process, 2000 random scenes, 2000 damaged files.
@@ -55,12 +55,13 @@ define suite
 	$(1) -m venv $(2)
 	$(2)/bin/python -m pip install --quiet --upgrade --editable '.[test]' $(3)
 	$(2)/bin/python -c "import jax, sys; print('Python', sys.version.split()[0], 'JAX', jax.__version__)"
-	$(2)/bin/python -m pytest -n 2 --dist loadfile $(MATRIX_TESTS)
+	$(2)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(MATRIX_TESTS)
 endef
 
 lint: .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python tests/type_errors.py
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "no suitable python3 found; needed: Python 3.11 to 3.13 with venv"; exit 1; }

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from collections import Counter
 from functools import partial
 
 import pytest
@@ -60,6 +61,14 @@ from dropper_jax.stepping.integrate import begin  # noqa: E402
 
 #: Memory maps (870 at first) beyond which programs go after a file: each would compile its small operations anew.
 MANY_MAPS = 3000
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    """Files with most slow tests first, then those with most tests: no worker ends alone with a long file."""
+    tests = Counter(item.path for item in items)
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: (-slow[item.path], -tests[item.path]))
 
 
 @pytest.fixture(scope="module", autouse=True)

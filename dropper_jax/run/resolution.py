@@ -98,8 +98,8 @@ def with_quality_checks(solution: Kind) -> Kind:
     error."""
     used = solution.settings
     every_step = used["save_every"] == 1 and "refused_steps" not in used and len(solution.t) > 3
-    found = _fewer(_tensions(solution)) if every_step else []
-    found += _fewer(_snatches(solution))
+    found = limit_warnings(_tensions(solution)) if every_step else []
+    found += limit_warnings(_snatches(solution))
     drift, scale = solution.energy_drift, max(solution.energy_scale, _negligible(solution))
     status = solution.status
     if used.get("track_work", True) and drift > DRIFT_FAILED * scale:
@@ -172,9 +172,9 @@ def _gain(solution: Samples) -> float:
     return float(np.max(balance - np.minimum.accumulate(balance)))
 
 
-def _fewer(found: Iterator[tuple[str, float, str]]) -> list[str]:
-    """The warnings of (fault, its size, text), in order: all of a few lines, otherwise the `MOST_WARNINGS` largest of
-    each fault and the number of the others."""
+def limit_warnings(found: Iterator[tuple[str, float, str]]) -> list[str]:
+    """The warnings of (fault, its size, text), in order: all of a few lines, else the `MOST_WARNINGS` largest of each
+    fault and the number of the others."""
     rows = list(found)
     least: dict[str, float] = {}
     for fault in dict.fromkeys(row[0] for row in rows):

@@ -56,8 +56,8 @@ def cost(scene: Scene, steps: int = COST_STEPS, rounds: int = COST_ROUNDS) -> di
     run = scene.run
     make = partial(make_stepper, integrator=run.integrator, **run.options)
     variants = [
-        _Variant(name, shrunk, make(shrunk, solver=_solver(run, shrunk)), s, run.dt, steps)
-        for name, shrunk in _variants(model)
+        Variant(name, shrunk, make(shrunk, solver=_solver(run, shrunk)), s, run.dt, steps)
+        for name, shrunk in model_variants(model)
     ]
     for variant in variants:
         variant.time()
@@ -89,7 +89,8 @@ def _solver(run: RunSpec, model: Model) -> str:
     return run.solver
 
 
-def _variants(model: Model) -> list[tuple[str, Model]]:
+def model_variants(model: Model) -> list[tuple[str, Model]]:
+    """The whole model, the models without one effect each, and the one without any, with their names."""
     names = [
         e.name for e in model.effects if e not in model.constraints
     ]  # bodies without their constraints would be four masses
@@ -104,7 +105,7 @@ def without_effects(model: Model, names: list[str]) -> Model:
     return replace(model, effects=tuple(e for e in left if not set(e.needs) & set(names)))
 
 
-class _Variant:
+class Variant:
     """One compiled run of a model."""
 
     def __init__(self, name: str, model: Model, stepper: Stepper, s: State, dt: float, steps: int) -> None:

@@ -120,11 +120,11 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
         S = information[used].sum(0) + prior.curvature[np.ix_(free, free)]
         dp = bounded_step(S, gradient[used].sum(0) + prior.gradient[free], low[free], high[free])
         for k in np.flatnonzero(scored & late.any(axis=(1, 2))):
-            found[:, k] = _one(e.residual[k], jacobian[k], early[k], late[k], S, dp, windows.weight[k], m2)
+            found[:, k] = score_window(e.residual[k], jacobian[k], early[k], late[k], S, dp, windows.weight[k], m2)
     return Scores(*found)
 
 
-def _one(
+def score_window(
     residual: np.ndarray,
     jacobian: np.ndarray,
     early: np.ndarray,

@@ -83,7 +83,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
         angle, measured, weight = found[pair, slots], both.theta[pair, slots], both.weight[pair, slots]
         left = right[pair] - 1
         seen = (windows.weight[left] > 0).any(axis=1).sum() // 2 if fitted[left] else 0
-        gain, at, lag = _best_jump(angle, measured, weight, seen)
+        gain, at, lag = best_jump(angle, measured, weight, seen)
         if gain > best:
             run = int(both.run[pair])
             t = prepared.traces[run].t
@@ -149,7 +149,7 @@ def _extend_windows(windows: Windows, right: np.ndarray) -> Windows:
     )
 
 
-def _best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first: int) -> tuple[float, int, int]:
+def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first: int) -> tuple[float, int, int]:
     """Gain, first frame and lost frames of the best jump from slot `first` on; angles (S, n)."""
     rho = lambda r: np.minimum(0.5 * r**2, BOUND).sum(axis=1)  # noqa: E731
     plain, count, best = rho(wrap_angle(angle - measured) * weight), len(angle), (0.0, 0, 0)

@@ -46,7 +46,10 @@ def test_columns_are_treated_alone():
 
 
 def test_single_precision_times_count_as_uniform():
-    amplitude_spectrum((np.arange(5001) * 0.01).astype(np.float32), np.zeros(5001))
+    t = np.arange(5000) * 0.01  # 50 s: bins of 0.02 Hz
+    frequency, amplitude = amplitude_spectrum(t.astype(np.float32), np.sin(2 * np.pi * 2 * t))
+    assert frequency[np.argmax(amplitude)] == pytest.approx(2.0, rel=1e-6)
+    assert np.max(amplitude) == pytest.approx(1.0, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.run.resolution import MOST_WARNINGS, _fewer, with_quality_checks, without_push
+from dropper_jax.run.resolution import MOST_WARNINGS, limit_warnings, with_quality_checks, without_push
 
 
 @pytest.fixture(scope="module")
@@ -97,10 +97,10 @@ def test_what_the_tolerance_leaves_of_a_slack_rope_pushes_nothing(soft):
 
 def test_a_farm_names_its_worst_lines_and_counts_the_others():
     rows = [("not resolved", float(size), f"line {size}") for size in range(50)] + [("alternates", 1.0, "line x")]
-    told = _fewer(iter(rows))
+    told = limit_warnings(iter(rows))
     assert told == [*(f"line {size}" for size in range(30, 50)), "line x", "30 more lines: not resolved"]
-    assert _fewer(iter(rows[:20])) == [f"line {size}" for size in range(20)]
-    assert len(_fewer(iter([("not resolved", 1.0, "the same")] * 50))) == MOST_WARNINGS + 1
+    assert limit_warnings(iter(rows[:20])) == [f"line {size}" for size in range(20)]
+    assert len(limit_warnings(iter([("not resolved", 1.0, "the same")] * 50))) == MOST_WARNINGS + 1
 
 
 def hoisted(amplitude):

@@ -15,7 +15,7 @@ from dropper_jax.effects import EFFECTS
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build
 from dropper_jax.stepping.choose import make_stepper
-from dropper_jax.study.cost import Unused, _Variant, program, proof, without_effects
+from dropper_jax.study.cost import Unused, Variant, program, proof, without_effects
 from dropper_jax.study.stability.contact_cases import sledge
 
 SCENE = "dropper-release-a"
@@ -83,6 +83,6 @@ def test_corrections_of_a_step_are_counted() -> None:
     scene = load_scene("conical-pendulum")
     model, s = build(scene)
     never = {"tolerance": 0.0, "extra": 0, "halvings": 0}
-    variant = _Variant("all", model, make_stepper(model, "energy_momentum", iterations=3, **never), s, scene.run.dt, 5)
+    variant = Variant("all", model, make_stepper(model, "energy_momentum", iterations=3, **never), s, scene.run.dt, 5)
     row = variant.row(30.0, 1.0)
     assert (row["corrections_per_step"], row["us_per_correction"]) == (3.0, 10.0)

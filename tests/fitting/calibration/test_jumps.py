@@ -10,7 +10,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.stepping.integrate import integrate
 from fitting.calibration.estimating import estimate, with_sound_windows
-from fitting.calibration.jumps import _best_jump, alone
+from fitting.calibration.jumps import alone, best_jump
 from fitting.calibration.kicks import without_kicks
 from fitting.calibration.preparation import prepare
 from fitting.calibration.summary import summarise
@@ -29,11 +29,11 @@ def test_a_jump_along_the_flow_is_found_where_it_is(frames, at):
     index = np.arange(140) + np.where(np.arange(140) >= at, frames, 0)
     measured = angle[index] + 0.004 * rng.standard_normal((140, 2))
     measured[20, 0] += 0.3
-    gain, first, lag = _best_jump(angle[:140], measured, np.full((140, 2), 250.0), 60)
+    gain, first, lag = best_jump(angle[:140], measured, np.full((140, 2), 250.0), 60)
     assert (first, lag) == (at, frames)
     assert gain > 100
     whole = angle[:140] + 0.004 * rng.standard_normal((140, 2))
-    assert _best_jump(angle[:140], whole, np.full((140, 2), 250.0), 60)[0] < 5
+    assert best_jump(angle[:140], whole, np.full((140, 2), 250.0), 60)[0] < 5
 
 
 def test_samples_that_stand_out_alone_are_counted_and_smooth_misfits_are_not():

@@ -12,7 +12,7 @@ from scipy.stats import chi2, multivariate_normal
 import dropper_jax as dj
 from fitting.calibration import comparison
 from fitting.calibration.comparison import compare
-from fitting.calibration.cross_validation import Scores, _one, blocks, last_third, other_runs
+from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
 from fitting.calibration.decision import chance, decide, decide_joined, shares, verdict
 from fitting.calibration.law import Law
 from fitting.calibration.laws import LADDER, PARTS, contains
@@ -37,7 +37,7 @@ def test_a_window_is_scored_by_its_density_given_all_that_was_fitted():
     early = np.zeros((samples, links), bool)
     early[:4] = True
     S, dp = np.array([[5.0, 1.0], [1.0, 3.0]]), np.array([0.2, -0.1])
-    found, square, count = _one(residual, jacobian, early, ~early, S, dp, np.full((samples, links), 2.0), m2)
+    found, square, count = score_window(residual, jacobian, early, ~early, S, dp, np.full((samples, links), 2.0), m2)
     # residual + J theta is noise, theta = (start of any size, parameters)
     prior = np.zeros((m2 + k, m2 + k))
     prior[:m2, :m2], prior[m2:, m2:] = 1e4 * np.eye(m2), np.linalg.inv(S)

@@ -19,7 +19,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
-from fitting.channels.data import Data
+from fitting.channels.channel import Data
 from fitting.channels.motion import Clock, Reading, Setup
 from fitting.parameters.naming import full_names
 from fitting.parameters.of_scene import find_parameters, scene_parameter

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from dropper_jax.model import State
-from fitting.channels.data import Data, Sensor
+from fitting.channels.channel import Data, Sensor
 from fitting.estimate import noise as noise_model
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.sandwich import hat_diagonal

@@ -16,7 +16,7 @@ from dropper_jax.model import State
 from dropper_jax.run.build import build_model, equal_steps
 from dropper_jax.run.start import initial_state
 from dropper_jax.stepping.stepper import Stepper
-from fitting.channels.data import Data
+from fitting.channels.channel import Data
 from fitting.channels.free import SetupPlace, setup_with_directions
 from fitting.channels.motion import Plan, differentiate_channels
 from fitting.channels.noise import Evaluation, Noise, lag_one, rows_of

@@ -13,9 +13,8 @@ from dropper_jax.base.references import find_referenced
 from dropper_jax.base.toml_read import parsed_toml
 from dropper_jax.moordyn.reading.options import Options, read_options
 from dropper_jax.moordyn.reading.points import Ends, first_version, read_ends
-from dropper_jax.moordyn.reading.sections import Deck, split_file
+from dropper_jax.moordyn.reading.sections import Deck, columns, integer, number, split_file
 from dropper_jax.moordyn.reading.types import read_seafloor, read_types
-from dropper_jax.moordyn.reading.values import columns, integer, number
 from dropper_jax.moordyn.reading.water import read_current, read_waves
 
 #: Values used if the file does not give them; MoorDyn's driver would.

@@ -18,9 +18,17 @@ from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.moordyn.reading.water import CURRENT, FREQUENCIES
-from dropper_jax.moordyn.writing.bodies import body_numbers, body_tables, check_bodies
 from dropper_jax.moordyn.writing.differences import differences, moved_points
-from dropper_jax.moordyn.writing.pieces import DIGITS, Piece, detachment, line_types, pieces
+from dropper_jax.moordyn.writing.pieces import (
+    DIGITS,
+    Piece,
+    body_numbers,
+    body_tables,
+    check_bodies,
+    detachment,
+    line_types,
+    pieces,
+)
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSpec
 from dropper_jax.sea.make import make_current, wave_components

@@ -10,11 +10,9 @@ import numpy as np
 
 from dropper_jax.report.fatigue import YEAR, damage
 from dropper_jax.scene import whole_lines
-from fitting.cases.characteristic import ENOUGH, characteristic
-from fitting.cases.flags import flags_of
-from fitting.cases.one import STATUS
-from fitting.cases.store import Store
-from fitting.cases.tally import Found
+from fitting.cases.flags import ENOUGH, characteristic, flags_of
+from fitting.cases.one import STATUS, Found
+from fitting.cases.run import Store
 from fitting.site import Anchor, Case, Part, Site, Storm
 
 SCHEMA = 1

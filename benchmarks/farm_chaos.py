@@ -17,9 +17,8 @@ from study import options, say, store, stored
 
 from fitting.optimise.models import Still, sea_of, still, still_model
 from fitting.optimise.quantities import part_load
-from fitting.optimise.rest import Rest, near_rest, rest
-from fitting.optimise.storm import RAMP, peaks
-from fitting.optimise.storms import full_storm
+from fitting.optimise.storm import RAMP, full_storm, peaks
+from fitting.optimise.values import Rest, near_rest, rest
 from fitting.optimise.variables import with_design
 
 #: Share by which a variable is moved, and how many variables are.

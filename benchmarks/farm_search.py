@@ -19,7 +19,7 @@ from study import store, stored
 from dropper_jax.base.errors import SceneError
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import PRICE, ROUNDING, Search, run_search, violation
-from fitting.optimise.storms import full_storm
+from fitting.optimise.storm import full_storm
 from fitting.optimise.variables import with_design
 from fitting.site import read_site
 

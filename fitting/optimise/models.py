@@ -23,6 +23,7 @@ from dropper_jax.sea import Sea
 from dropper_jax.sea.make import make_sea
 from fitting.optimise.variables import Variable, with_design
 from fitting.site import Case, Site, Storm
+from fitting.site.case import Break
 
 #: Step of the differences relative to the range of a variable.
 STEP = 1e-4
@@ -157,3 +158,35 @@ def in_assumed(found: Still) -> Still:
 
 def _longer(slope: np.ndarray, more: int) -> np.ndarray:
     return np.concatenate([slope, np.zeros((more, *slope.shape[1:]))])
+
+
+# Windows of storms in which a line breaks: the first third intact while the waves rise, then without its link.
+#
+#     s_1 = run(intact, s_0),    s_2 = run(parted, s_1)
+#
+# The backward pass includes both runs, so the impact of the break is in the derivatives. The peak load of a whole run
+# may occur long after the break, when the farm has drifted to another position. The window then starts from the
+# equilibrium without that link (`settled`), which is solved again and follows the variables by its own stiffness.
+
+
+def link_of(model: Model, broken: Break) -> int:
+    """Number of the link that breaks."""
+    spans = zip(model.geometry.members, model.geometry.spans, strict=True)
+    own = next(span for member, span in spans if member.name == broken.line)
+    return int(np.arange(model.line.links)[own][broken.link - 1])
+
+
+def with_link_mask(model: Model, broken_link: int | None) -> Model:
+    """The model with a mask of intact links, without `broken_link`; with None all are intact."""
+    intact = jnp.ones(model.line.links, model.dtype)
+    intact = intact if broken_link is None else intact.at[broken_link].set(0.0)
+    return replace(model, lines=(replace(model.line, axial=model.line.axial.with_broken_links(intact)),))
+
+
+def masked_still(found: Still, broken_link: int | None) -> Still:
+    """The same for a model, including the derivatives of its leaves with respect to the variables."""
+    model = with_link_mask(found.model, broken_link)
+    path = jax.tree_util.tree_flatten_with_path
+    number = {jax.tree_util.keystr(key): i for i, (key, _) in enumerate(path(model)[0])}
+    names = [jax.tree_util.keystr(key) for key, _ in path(found.model)[0]]
+    return Still(model, {number[names[i]]: slope for i, slope in found.slopes.items()}, found.assumed)

@@ -15,14 +15,14 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.progress import silent
+from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot_style
+from dropper_jax.plots.style import save as save_figure
 from fitting.optimise.design import Design, Say
 from fitting.optimise.goals import Goals, read_goals
-from fitting.optimise.models import ASSUMPTIONS
-from fitting.optimise.prices import prices
+from fitting.optimise.models import ASSUMPTIONS, still_model
 from fitting.optimise.search import RESIDUAL, Search, constraints_by_name, measure, programme, run_search
-from fitting.optimise.settings import Settings
-from fitting.optimise.storm import Peaks
-from fitting.optimise.values import Values, Window
+from fitting.optimise.storm import Peaks, Settings
+from fitting.optimise.values import Values, Window, near_rest, prices
 from fitting.optimise.variables import Variable, read_variables
 from fitting.site import Site
 
@@ -291,3 +291,39 @@ def check_derivatives(design: Design, say: Say = silent) -> float:
         heights = design.window(design.start, begin, start, slopes=False).hard
         windows.append(dataclasses.replace(begin, height=heights))
     return check_slopes(design, windows)
+
+
+# A picture of a design: the layout from the side, and the utilisation of constraints, before and after
+
+#: Maximum number of constraints shown, those with the highest utilisation.
+SHOWN = 14
+
+
+@plot_style()
+def design_picture(site: Site, found: Optimum, file: Path) -> Path:
+    """Write the picture."""
+    figure = new_figure(10.0, 7.0)
+    above, below = figure.subplots(2, 1, height_ratios=(1.2, 1.0))
+    storm = site.cases[0].storm
+    for values, colour, label in ((found.before, FAINT, "before"), (found.after, FIRST, "after")):
+        model = still_model(site, found.variables, np.asarray(values), storm)
+        s = near_rest(model, None)
+        nodes = np.asarray(model.nodes(s.r, model.ends(s.t)))
+        begin = 0
+        for member in model.geometry.members:
+            own = nodes[begin : begin + member.links + 1]
+            above.plot(own[:, 0], own[:, 2], color=colour, linewidth=1.0, label=label if begin == 0 else None)
+            begin += member.links + 1
+    above.axhline(storm.level, color=SECOND, linewidth=0.8)
+    above.axhline(-site.scene.sea.depth, color=DARK, linewidth=0.8)
+    above.set(xlabel="x [m]", ylabel="z [m]", title=f"{site.name} at rest, {storm.name}")
+    above.legend(loc="lower right")
+    rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:SHOWN][::-1]
+    row = np.arange(len(rows))
+    below.barh(row + 0.2, [row[1][0] for row in rows], 0.38, color=FAINT, label="before")
+    below.barh(row - 0.2, [row[1][1] for row in rows], 0.38, color=FIRST, label="after")
+    below.axvline(1.0, color=SECOND, linewidth=1.0)
+    below.set_yticks(row, [row[0] for row in rows], fontsize=7)
+    below.set(xlabel="used, limit at 1")
+    below.legend(loc="lower right")
+    return save_figure(figure, file)

@@ -19,7 +19,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.optimise.design import Design, Say
-from fitting.optimise.storms import Storms
+from fitting.optimise.storm import Storms
 from fitting.optimise.values import Values, Window
 
 #: Penalty of a violation, in objectives at the start.

@@ -5,7 +5,7 @@ import pytest
 
 from dropper_jax.base.errors import SceneError
 from fitting.cases.flags import characteristic
-from fitting.optimise.over_seeds import check_seeds, weights
+from fitting.optimise.quantities import check_seeds, weights
 from fitting.site.sections import RunValues
 
 

@@ -27,7 +27,7 @@ from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import LARGEST_BIAS, refine
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
 from fitting.estimate.scene_fit import Intervals
-from fitting.parameters.naming import default_free, full_names
+from fitting.parameters.of_scene import default_free, full_names
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 from fitting.parameters.priors import rig_priors
 

@@ -21,8 +21,7 @@ from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from fitting.channels.channel import Data
 from fitting.channels.motion import Clock, Reading, Setup
-from fitting.parameters.naming import full_names
-from fitting.parameters.of_scene import find_parameters, scene_parameter
+from fitting.parameters.of_scene import find_parameters, full_names, scene_parameter
 from fitting.parameters.parameter import Parameter, check_once
 from fitting.parameters.target import Direction
 

@@ -15,7 +15,7 @@ from fitting.channels.free import setup_with_directions
 from fitting.estimate.problem import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
-from fitting.parameters.fitted import fitted_scene
+from fitting.parameters.of_scene import fitted_scene
 from fitting.parameters.target import ModelPlace
 
 # Errors of a fit to channels, and the parameters that its channels do not determine.

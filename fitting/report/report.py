@@ -17,7 +17,7 @@ from fitting.calibration.decision import verdict
 from fitting.calibration.energy import check_energy
 from fitting.calibration.one_run import OneRun, one_run
 from fitting.calibration.result import FitResult
-from fitting.parameters.fitted import fitted_scene
+from fitting.parameters.of_scene import fitted_scene
 from fitting.report.pictures import MOST, PICTURES, descent, fitted
 from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 from fitting.traces.trace import Trace

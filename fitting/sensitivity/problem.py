@@ -22,8 +22,7 @@ from dropper_jax.statics.static_pose import nodal_loads
 from dropper_jax.statics.tangent import free_motion
 from dropper_jax.stepping.integrate import Trajectory, integrate
 from dropper_jax.stepping.stepper import Stepper
-from fitting.parameters.naming import full_names
-from fitting.parameters.of_scene import find_parameters
+from fitting.parameters.of_scene import find_parameters, full_names
 from fitting.parameters.parameter import Parameter, apply, with_effects
 from fitting.parameters.target import Direction
 from fitting.sensitivity.quantities import PERIOD, Quantity, quantity

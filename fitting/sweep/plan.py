@@ -22,7 +22,7 @@ from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build, build_model, equal_steps
 from dropper_jax.stepping.stepper import Stepper
-from fitting.parameters.naming import DAMPING, full_names
+from fitting.parameters.of_scene import DAMPING, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
 
 #: Quantities that can be recorded for each case, with unit and meaning; `links` and `trace` add dimensions.

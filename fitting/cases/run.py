@@ -23,7 +23,7 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.base.progress import Progress, silent
 from fitting.cases.one import Found, Runner
 from fitting.site import Case, Site, read_site
-from fitting.sweep.cluster import done_on
+from fitting.sweep.run import done_on
 
 # Runs of load cases on disk: one file each, written atomically, with a name derived from all of its inputs.
 #

@@ -27,7 +27,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.optimise.quantities import Clearance, Motion, Quantity, anchor_loads, line_nodes, part_load
 from fitting.site import Site
-from fitting.site.parts import match_names
+from fitting.site.case import match_names
 
 OBJECTIVES = ("material", "load", "motion")
 KINDS = {

@@ -20,8 +20,7 @@ from dropper_jax.load.source import plain_values
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
-from fitting.site.case import breaks, growth_of
-from fitting.site.parts import Anchor, Part, match_names, refuse_overlap, short
+from fitting.site.case import Anchor, Part, breaks, growth_of, match_names, refuse_overlap, short
 from fitting.site.sections import (
     AnchorTable,
     Backbone,

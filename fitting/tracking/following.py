@@ -10,11 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.tracking.detection import Circles
+from fitting.tracking.detection import Circles, map_circles
 from fitting.tracking.flattening import Flat, flatten, link_lengths
 from fitting.tracking.hindsight import TrackedChain, fill_missed, reverse_chain
 from fitting.tracking.identity import Follower, length_errors
-from fitting.tracking.learning import map_circles
 from fitting.tracking.marks import find_marks
 from fitting.tracking.ordering import (
     AmbiguousOrderError,

@@ -17,10 +17,6 @@ import numpy as np
 from fitting.traces.trace import Convention, Trace
 from fitting.tracking.flattening import link_lengths
 
-CONVENTION = Convention("horizontal", -1, "rad")
-#: Minimum number of samples for a link's scatter; minimum scatter [that of the edges]; reweighting passes.
-FEWEST, LEAST, PASSES = 10, 0.3, 20
-
 
 def four_quadrant(positions: np.ndarray) -> np.ndarray:
     """Angles (k, n - 1) [rad] of positions (k, n, 2) (right, up), without jumps of a full turn; first in (-pi, pi]."""
@@ -55,17 +51,18 @@ def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, 
     found = np.full(link.shape, np.nan)
     for j in range(link.shape[1]):
         good = both[:, j] & used[:, j]
-        good = good if good.sum() >= FEWEST else both[:, j]
+        # at least ten samples for the scatter of a link
+        good = good if good.sum() >= 10 else both[:, j]
         if good.sum() < 2:
             found[:, j] = expected[:, j]
             continue
         variance, off = expected[good, j] ** 2, (link[good, j] / np.median(link[good, j]) - 1) ** 2
         more = float(np.mean(off))
-        for _ in range(PASSES):
+        for _ in range(20):
             weight = 1 / (variance + max(more, 0.0)) ** 2
             more = float(np.sum(weight * (off - variance)) / np.sum(weight))
         # edges that scatter more than the lengths share pixels: the lengths are right
-        scale = max(LEAST, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0))))) if more < 0 else 1.0
+        scale = max(0.3, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0))))) if more < 0 else 1.0
         found[:, j] = np.sqrt((scale * expected[:, j]) ** 2 + max(more, 0.0))
     return np.where(both, found, np.nan)
 
@@ -76,7 +73,7 @@ def to_trace(name: str, t: np.ndarray, positions: np.ndarray, error: np.ndarray,
     The bridged positions keep the angle continuous across a gap; they are not passed on as measurements.
     """
     theta = np.where(valid, four_quadrant(positions), np.nan)
-    return Trace(name, t, theta, se=np.where(valid, error, np.nan), convention=CONVENTION)
+    return Trace(name, t, theta, se=np.where(valid, error, np.nan), convention=Convention("horizontal", -1, "rad"))
 
 
 # Motion out of the plane, detected from links that seem to shorten in a way that no fixed camera explains.

@@ -15,10 +15,10 @@ from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.track import Tracked
 from fitting.tracking.video import Video, opencv, write_video
 
-#: Blue, green, red: links, detected nodes, bridged nodes.
-LINK, DETECTED, BRIDGED, TEXT = (178, 114, 0), (115, 158, 0), (0, 94, 213), (40, 40, 40)
-#: Frames of a sheet, its columns, and the width of one picture [pixel].
-SHEET_FRAMES, COLUMNS, WIDTH = 12, 4, 420
+#: Blue, green, red: links, bridged nodes, text.
+LINK, BRIDGED, TEXT = (178, 114, 0), (0, 94, 213), (40, 40, 40)
+#: Columns of a sheet, and the width of one picture [pixel].
+PER_ROW, PICTURE_WIDTH = 4, 420
 SUFFIXES = (".png", ".avi", ".mp4")
 
 
@@ -29,13 +29,13 @@ def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path
     if path.suffix.lower() != ".png":
         return write_video(path, _draw_frames(tracked, film, 1.0, None), tracked.fps)
     box = _box(tracked, film.size)
-    chosen = np.unique(np.linspace(0, len(tracked.detected) - 1, SHEET_FRAMES).astype(int))
-    scale = WIDTH / (box[2] - box[0])
+    chosen = np.unique(np.linspace(0, len(tracked.detected) - 1, 12).astype(int))
+    scale = PICTURE_WIDTH / (box[2] - box[0])
     pictures = [picture[box[1] : box[3], box[0] : box[2]] for picture in _draw_frames(tracked, film, scale, chosen)]
     height = round((box[3] - box[1]) * scale)
-    tiles = [opencv().resize(p, (WIDTH, height), interpolation=opencv().INTER_CUBIC) for p in pictures]
-    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % COLUMNS)
-    rows = [np.concatenate(_frame_tiles(tiles[i : i + COLUMNS]), axis=1) for i in range(0, len(tiles), COLUMNS)]
+    tiles = [opencv().resize(p, (PICTURE_WIDTH, height), interpolation=opencv().INTER_CUBIC) for p in pictures]
+    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % PER_ROW)
+    rows = [np.concatenate(_frame_tiles(tiles[i : i + PER_ROW]), axis=1) for i in range(0, len(tiles), PER_ROW)]
     good, data = opencv().imencode(".png", np.concatenate(rows))
     if not good:
         raise OSError(f"{path.name}: the picture cannot be encoded")
@@ -73,7 +73,7 @@ def _draw(image: np.ndarray, tracked: Tracked, i: int, thick: int, letters: floa
         cv2.line(picture, a, b, LINK, thick, cv2.LINE_AA, 4)
     for k, (x, y) in enumerate(tracked.pixels[i].tolist()):
         detected = tracked.detected[i, k]
-        colour = DETECTED if detected else BRIDGED
+        colour = (115, 158, 0) if detected else BRIDGED
         if detected:
             cv2.circle(picture, positions[k], round(16 * 1.3 * radius), colour, thick, cv2.LINE_AA, 4)
         else:

@@ -16,8 +16,6 @@ from fitting.cases.run import Store
 from fitting.site import Anchor, Case, Part, Site, Storm
 
 SCHEMA = 1
-#: Fraction of an anchor's mean load below which a load has no defined direction.
-LOADED = 0.01
 
 
 class Runs:
@@ -287,7 +285,8 @@ def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray])
 def _uplift(load: np.ndarray) -> float:
     """Maximum angle [deg] above the horizontal of loads (k, 2), among those that have a direction."""
     size = np.hypot(*load.T)
-    loaded = size >= max(LOADED * size.mean(), 1e-12)
+    # below 1 % of its mean a load has no defined direction
+    loaded = size >= max(0.01 * size.mean(), 1e-12)
     return float(np.degrees(np.arctan2(load[loaded, 1], load[loaded, 0]).max())) if loaded.any() else 0.0
 
 

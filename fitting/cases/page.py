@@ -33,7 +33,6 @@ COLUMNS = (
 )
 #: Bars of parts within and beyond their limits, and dots of cases with intact and with broken lines.
 HOLDS, WEAK = "#C9DAEA", "#F0C9B0"
-INTACT, BROKEN = style.CYCLE[0], style.CYCLE[1]
 
 
 def write_page(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
@@ -221,7 +220,7 @@ def draw_utilisation(found: dict[str, Any], path: Path) -> Path:
         share = 0.0 if step is None else step.get("relative", 0.0)
         error = np.hypot(worst["utilisation_error"] or 0.0, share * worst["utilisation"])
         axes.errorbar(worst["utilisation"], y, xerr=error, color=style.DARK, capsize=3, lw=1, zorder=4)
-        for broken, colour in ((False, INTACT), (True, BROKEN)):
+        for broken, colour in ((False, style.CYCLE[0]), (True, style.CYCLE[1])):
             used = [c["utilisation"] for c in cases if (states[c["case"]] != "intact") == broken]
             label = ("a line breaks" if broken else "intact") if i == 0 else None
             axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=colour, zorder=3, label=label)

@@ -91,10 +91,6 @@ def _writer(found: Found) -> Callable[[BinaryIO], None]:
     return lambda file: np.savez_compressed(file, **found)
 
 
-#: Interval at which a worker checks that its parent process is still alive [s].
-WATCH = 2.0
-
-
 class CasesStopped(RuntimeError):
     """Runs stopped early (full disk, dead worker); finished runs are complete, and the same call resumes."""
 
@@ -191,7 +187,7 @@ def _watch(parent: int) -> None:
 
     def watch_parent() -> None:
         while os.getppid() == parent:
-            time.sleep(WATCH)
+            time.sleep(2.0)
         os._exit(1)
 
     threading.Thread(target=watch_parent, daemon=True).start()

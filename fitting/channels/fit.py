@@ -116,12 +116,6 @@ def _check_program(scenes: Sequence[Scene], data: Data) -> None:
             raise SceneError(f"run {run.name!r}: ends at {last:g} s; allowed: more than 2 saved steps of {spacing:g} s")
 
 
-#: Growth of the derivatives from the middle of a run to its end above which the motion counts as chaotic.
-CHAOTIC = 10.0
-#: Growth of derivatives above which the step counts as too long.
-UNSTABLE = 1e3
-
-
 def fit_channels(
     data: str | Path | Mapping[str, Any] | Data,
     scene: SceneLike,
@@ -229,7 +223,7 @@ def warnings_of(result: ChannelFit) -> list[str]:
         worst = point.problem.data.sensors[int(np.abs(e.correlation_1).argmax())].channel.name
         found.append(f"channel {worst}: residuals are correlated; errors come from {e.blocks} blocks of time")
     grown = growth(point.evaluation)
-    if grown > CHAOTIC:
+    if grown > 10.0:  # from the middle of a run to its end
         found.append(f"the motion is chaotic: derivatives grow {grown:.2g} times in half the run. Use shorter runs")
     bias = None if result.step_bias is None else float(np.nanmax(np.abs(result.step_bias), initial=0.0))
     if bias is not None and bias > LARGEST_BIAS:
@@ -268,7 +262,7 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
         problem = replace(problem, retries=True)
         e = problem.evaluate(values)
     # a step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion
-    while (e.unstable or not e.failed) and growth(e) > UNSTABLE and problem.halved < MOST_HALVED:
+    while (e.unstable or not e.failed) and growth(e) > 1e3 and problem.halved < MOST_HALVED:
         problem = problem.finer()
         e = problem.evaluate(values)
     if e.failed:

@@ -90,12 +90,6 @@ def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float 
     return Between(name, np.asarray(values), own, mean, error, mean - reach, mean + reach, float(np.sqrt(variance)))
 
 
-#: Sensitivity of the most sensitive channel up to which a parameter is not determined.
-INSENSITIVE = 0.05
-#: Ratio of the standard error to that of the prior above which only the prior determines a parameter.
-PRIOR_ALONE = 0.95
-
-
 @dataclass(frozen=True, kw_only=True)
 class Errors(Uncertainty):
     """Errors of the parameters.
@@ -138,7 +132,7 @@ def _verdict(point: Solution, i: int, se: float, sensitivity: np.ndarray) -> tup
     if not p.low < p.high:
         return "yes", ""
     if p.prior is not None:
-        alone = se >= PRIOR_ALONE * p.prior[1]
+        alone = se >= 0.95 * p.prior[1]  # the data add next to nothing
         return ("prior", "determined by its prior only") if alone else ("yes", "")
     if p.low < 0:
         return "yes", ""
@@ -146,7 +140,7 @@ def _verdict(point: Solution, i: int, se: float, sensitivity: np.ndarray) -> tup
     bound = "upper bound", f"below {max(value, 0.0) + reach:.3g} {p.unit} with 95 %"
     if isinstance(p.where, ModelPlace) and p.low == 0 and value < reach:  # it is compatible with zero
         return bound
-    if value > 0 and most <= INSENSITIVE:
+    if value > 0 and most <= 0.05:
         name = point.problem.data.sensors[int(sensitivity.argmax())].channel.name
         moves = f"1 % of channel {name!r} is {1 / most:.0f} % of it" if most > 1e-6 else "no channel is sensitive to it"
         return "no", f"{moves} (d ln y/d ln p = {most:.2g})"

@@ -27,8 +27,6 @@ from fitting.site.case import Break
 
 #: Step of the differences relative to the range of a variable.
 STEP = 1e-4
-#: Ratio of the ropes' damping to the critical one of a link in windows.
-CALM_RATIO = 1.0
 #: Relative changes of the site's assumptions: heights of all waves, speed of the current. They follow the variables in
 #: every derivative, so that the end of a design reports the cost of an error in them.
 ASSUMPTIONS = ("wave height", "current")
@@ -63,7 +61,8 @@ def calm_slack_ropes(scene: Scene) -> Scene:
         if kind.get("law", "rope") == "rope":
             kind["law"] = "damped_rope"
             if kind.get("damping") is None:
-                kind["damping_ratio"] = max(float(kind.get("damping_ratio") or 0.0), CALM_RATIO)
+                # ratio of the ropes' damping to the critical one of a link in windows
+                kind["damping_ratio"] = max(float(kind.get("damping_ratio") or 0.0), 1.0)
     return Scene.from_dict(table, scene.name)
 
 

@@ -22,9 +22,6 @@ from dropper_jax.report.extremes import EULER, LEAST_RUNS
 from fitting.site import Anchor, Part
 from fitting.site.sections import RunValues
 
-#: Width of soft peaks over their height: they exceed the hard ones by 2 to 6 %, which a factor compensates.
-SHARPNESS = 0.01
-
 
 class Quantity:
     """A signal over time with a peak; `name` in tables, static."""
@@ -41,7 +38,8 @@ class Quantity:
 
     def soft(self, model: Model, r: jax.Array, tension: jax.Array, height: jax.Array) -> jax.Array:
         """The soft peak for hard ones of about `height`, which is fixed; differentiable."""
-        width = SHARPNESS * height
+        # soft peaks exceed the hard ones by 2 to 6 %, which a factor compensates
+        width = 0.01 * height
         return width * jax.scipy.special.logsumexp(self.signal(model, r, tension) / width)
 
 

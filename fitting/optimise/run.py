@@ -26,11 +26,8 @@ from fitting.optimise.values import Values, Window, near_rest, prices
 from fitting.optimise.variables import Variable, read_variables
 from fitting.site import Site
 
-#: Steps for the check of derivatives relative to a variable's range (with larger ones links go slack and nodes touch
-#: the seabed), and the permitted maximum difference relative to the largest derivative, at the better of them.
-CHECK_STEPS, CHECK = (1e-6, 1e-7), 1e-2
-#: Number of random directions of the check.
-DIRECTIONS = 2
+#: Permitted maximum difference of derivatives in their check, relative to the largest derivative, at the better step.
+CHECK = 1e-2
 #: Value above which a constraint is called active.
 ACTIVE = 0.97
 #: Meaning of `run.characteristic`, in words.
@@ -121,10 +118,11 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
     for own in windows:
         slope = window(x, own, True).slope[:, : len(x)]
         size = np.maximum(np.max(np.abs(slope * span), axis=1), 1e-6)
-        for _ in range(DIRECTIONS):
+        for _ in range(2):
             way = rng.choice([-1.0, 1.0], len(x)) * span
             off = []
-            for step in CHECK_STEPS:
+            # relative to a variable's range: with larger steps links go slack and nodes touch the seabed
+            for step in (1e-6, 1e-7):
                 ends = [window(x + sign * step * way, own, False).soft for sign in (1.0, -1.0)]
                 off.append(np.abs((ends[0] - ends[1]) / (2 * step) - slope @ way) / size)
             worst = max(worst, float(np.max(np.min(off, axis=0))))
@@ -295,9 +293,6 @@ def check_derivatives(design: Design, say: Say = silent) -> float:
 
 # A picture of a design: the layout from the side, and the utilisation of constraints, before and after
 
-#: Maximum number of constraints shown, those with the highest utilisation.
-SHOWN = 14
-
 
 @plot_style()
 def design_picture(site: Site, found: Optimum, file: Path) -> Path:
@@ -318,7 +313,7 @@ def design_picture(site: Site, found: Optimum, file: Path) -> Path:
     above.axhline(-site.scene.sea.depth, color=DARK, linewidth=0.8)
     above.set(xlabel="x [m]", ylabel="z [m]", title=f"{site.name} at rest, {storm.name}")
     above.legend(loc="lower right")
-    rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:SHOWN][::-1]
+    rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:14][::-1]
     row = np.arange(len(rows))
     below.barh(row + 0.2, [row[1][0] for row in rows], 0.38, color=FAINT, label="before")
     below.barh(row - 0.2, [row[1][1] for row in rows], 0.38, color=FIRST, label="after")

@@ -35,8 +35,6 @@ from fitting.site import Case, Site
 
 #: Time [s] in which the waves of a window rise; it is not counted.
 RAMP = 10.0
-#: Number of times that an unsolved window is repeated with half the step.
-HALVINGS = 1
 
 _record = cached_jit(static=("stepper", "steps"))(record)
 _backward_pass = cached_jit(static=("stepper", "moving"))(backward_pass)
@@ -102,7 +100,7 @@ def peaks(
     stills = [still] if after is None else [still, after, after]
     models = [in_waves(one.model, sea) for one in stills]
     stepper = storm_stepper(models[0])
-    for halving in range(HALVINGS + 1):
+    for halving in (0, 1):  # an unsolved window is repeated once, with half the step
         h = dt / 2**halving
         steps = int(round(duration / h / len(stills)))
         # windows do not record work: every phase has the same kind of state, and so one program

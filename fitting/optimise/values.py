@@ -160,8 +160,6 @@ class Values:
 # programme within a reach also has prices, but those of its corner. With fewer active constraints than variables the
 # reach itself balances the rest, and the prices are arbitrary.
 
-#: Distance below its limit within which a constraint counts as active.
-NEAR = 0.03
 #: Fraction of a variable's range from a bound within which the bound counts as active.
 AT_BOUND = 1e-3
 
@@ -185,7 +183,7 @@ def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fix
 
     p, span, free = len(x), high - low, ~fixed
     cost, rows = values.slope[:p] * span, values.slopes[:, :p] * span
-    active = np.flatnonzero(values.value >= limit - NEAR)
+    active = np.flatnonzero(values.value >= limit - 0.03)  # this near to the limit a constraint counts as active
     held = [(k, -1.0) for k in np.flatnonzero(x - low <= AT_BOUND * span)]
     held += [(k, 1.0) for k in np.flatnonzero(high - x <= AT_BOUND * span)]
     walls = np.zeros((p, len(held)))

@@ -25,8 +25,6 @@ from dropper_jax.sea.spec import CurrentSpec, SeaSpec, WaveSpec
 from fitting.parameters.parameter import Parameter, check_once, paths, resolve
 from fitting.parameters.target import Direction, ModelPlace
 
-#: Relative steps of the differences; two of them, extrapolated, have an error of 1e-12 for smooth functions.
-STEPS = (1e-3, 5e-4)
 #: A model that this change moves linearly to within `STRAIGHT` counts as linear in the number.
 FAR, STRAIGHT = 0.2, 1e-9
 
@@ -75,7 +73,10 @@ def scene_parameter(scene: Scene, model: Model, path: str) -> Parameter:
             raise SceneError(f"{path}: changes the model's shape. Use numbers that do not")
         return leaves
 
-    wide, narrow = ([(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)] for step in STEPS)
+    # two relative steps, extrapolated: an error of 1e-12 for smooth functions
+    wide, narrow = (
+        [(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)] for step in (1e-3, 5e-4)
+    )
     slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(zip(wide, narrow, strict=True)) if np.any(b != 0)}
     if not slopes:
         raise SceneError(f"{path}: has no effect on the model. Use numbers that do")

@@ -21,10 +21,6 @@ from fitting.estimate.problem import Solution
 MOST = 8
 
 
-#: Number of consecutive missing samples that interrupt a line.
-GAP = 5
-
-
 def fitted(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times (m,), measured and simulated angles (m, n) [rad] and which are measured, of one run's windows in order."""
     return _in_order(result.solution, run)
@@ -44,7 +40,8 @@ def _in_order(solution: Solution, run: int) -> tuple[np.ndarray, np.ndarray, np.
 
 def stretches(t: np.ndarray) -> list[slice]:
     """Parts of the times (m,) without a gap, so that no line is drawn through unfitted stretches."""
-    ends = np.flatnonzero(np.diff(t) > GAP * np.median(np.diff(t))) + 1
+    # five missing samples interrupt a line
+    ends = np.flatnonzero(np.diff(t) > 5 * np.median(np.diff(t))) + 1
     return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(t)])]
 
 

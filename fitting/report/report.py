@@ -27,8 +27,6 @@ from fitting.report.tables import advice_rows, comparison_rows, interval_rows, p
 from fitting.traces.synthetic import Camera, synthetic_traces
 from fitting.traces.trace import Trace, write_trace
 
-#: Number of modes whose damping is reported.
-MODES = 6
 #: The thesis' parts of a trace [s].
 PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
 
@@ -107,7 +105,7 @@ def _modes(result: FitResult) -> str:
     pose = equilibrium(model)
     if pose.status != "ok":
         return f"No equilibrium was found: {pose.message}."
-    modes = natural_modes(model, pose.state, MODES)
+    modes = natural_modes(model, pose.state, 6)
     amplitude = 0.1 * float(np.mean(model.line.length))
     ratios = (modes.damping_ratio, damping_at(model, pose.state, modes, amplitude))
     rows = [("mode", "period [s]", "damping ratio, small swings (b_l)", f"swings of {amplitude:.3g} m (b_l and b_q)")]

@@ -67,8 +67,6 @@ def spread(count: int, need: Sequence[float]) -> list[int]:
 
 
 SCHEMA = 1
-#: Maximum number of times that bounds are tightened when the farm leaves its depths.
-ROUNDS = 4
 
 
 def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
@@ -105,7 +103,8 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
         rows.append(_month(site, month, weights, np.array(pulls), lift))
     low, high = [row["least"] for row in rows], [row["most"] for row in rows]
     known: dict[tuple[str, int], list[dict[str, Any]]] = {}
-    for _ in range(ROUNDS):
+    # bounds are tightened at most four times
+    for _ in range(4):
         plan = schedule(low, high, site.season.start)
         again = False
         for i, (row, count) in enumerate(zip(rows, plan, strict=True)):

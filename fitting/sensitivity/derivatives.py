@@ -29,8 +29,6 @@ from fitting.sensitivity.problem import Plan, Study
 
 #: Growth of a small error up to which derivatives are valid: a change of 1 % has then become one of 100 %.
 GROWTH = 100.0
-#: Fraction of that growth below which the forward derivatives themselves show that a run is not chaotic.
-SCREENED = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,7 +141,7 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
         reverse = np.asarray(_reverse(problem.plan, problem.model, problem.start, at))
         found = dataclasses.replace(found, reverse=reverse)
     moved = reach * [p.scale for p in problem.parameters]
-    small = bool(np.all(moved <= SCREENED * GROWTH * extent))
+    small = bool(np.all(moved <= 0.1 * GROWTH * extent))  # far from chaos
     if problem.of.at_rest or (small and not check):
         say(1.0, "ok")
         return found

@@ -29,8 +29,6 @@ from fitting.sensitivity.quantities import PERIOD, Quantity, quantity
 
 #: Number of runs advanced together in global studies.
 CHUNK = 64
-#: Default range of a parameter in global studies, in both directions.
-SPREAD = 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -188,6 +186,6 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
             raise SceneError(
                 f"to: the model is not linear in {p.name!r}. Use it in local studies, or in `dropper sweep`"
             )
-        spread = SPREAD * p.scale
+        spread = 0.2 * p.scale
         found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
     return found

@@ -27,8 +27,6 @@ PARTS = ("head", "middle", "tail")
 ENDS = (0.24, 0.5)
 #: Minimum number of samples of a part, for a meaningful amplitude spectrum.
 FEWEST = 10
-#: Distance of a time from the nearest known sample, in intervals, above which the sample counts as missing.
-NEAR = 0.75
 
 
 @dataclass(frozen=True)
@@ -251,7 +249,8 @@ def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
         times = trace.t[known]
         after = np.clip(np.searchsorted(times, t), 1, len(times) - 1)
         near = np.minimum(np.abs(t - times[after - 1]), np.abs(t - times[after]))
-        column[near > NEAR * trace.interval] = np.nan
+        # farther from a known sample than 0.75 intervals: missing
+        column[near > 0.75 * trace.interval] = np.nan
     return found
 
 

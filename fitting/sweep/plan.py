@@ -34,8 +34,6 @@ QUANTITIES = {
     "excursion": ("m", "maximum distance of a node from its start position"),
     "energy_final": ("J", "kinetic and potential energy at the end"),
 }
-#: Fraction of the free memory that the table of all cases may use.
-SHARE = 0.5
 SEED = "sea.waves.seed"
 STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 FORMAT = 1
@@ -176,7 +174,7 @@ def _check_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> No
     """Reject a grid or list whose table does not fit into memory."""
     cases = max(counts.values()) if listed else math.prod(counts.values())
     need, left = 8 * cases * (3 * len(counts) + quantities + 2), available_memory()
-    if need > SHARE * left:
+    if need > 0.5 * left:  # the table of all cases may use half of the free memory
         what = f"{' x '.join(str(count) for count in counts.values())} values are {cases:.3g} cases"
         raise SceneError(
             f"vary: {what}, whose table needs {in_words(need)} of memory; only {in_words(left)} are free. Use fewer"

@@ -86,6 +86,8 @@ def to_trace(name: str, t: np.ndarray, positions: np.ndarray, error: np.ndarray,
 # where theta is the link's angle and (x, z) its middle. The part of the rest that persists from frame to frame cannot
 # be noise of the marks: it is motion out of the plane.
 
+#: Relative standard deviation of a link's length that is reported as motion out of the plane: a swing of 0.1 rad.
+OUT_OF_PLANE = 0.003
 #: Minimum number of pairs of frames from which motion out of the plane is detected.
 FEWEST_PAIRS = 30
 
@@ -99,7 +101,7 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
     """
     away = out_of_plane(flat, used)
     worst = int(np.argmax(away))
-    if away[worst] > 0.003:  # a swing of 0.1 rad
+    if away[worst] > OUT_OF_PLANE:
         return (
             f"motion out of the plane: link {worst + 1} seems to change its length by {100 * away[worst]:.2g} %, which "
             "a fixed camera cannot show for a motion in the plane",

@@ -101,11 +101,15 @@ def write_text(
 # A picture of the node orders that a film allows, from which the user selects the right one
 
 
+#: Maximum number of orders that are drawn.
+SHOWN = 6
+
+
 def write_alternatives(error: AmbiguousOrderError, video: str | Path, path: str | Path) -> Path:
-    """The frame once for each order, at most six, side by side in rows of three, as a `.png`."""
+    """The frame once for each order, side by side in rows of three, as a `.png`."""
     cv2 = opencv()
     image = next(Video(video).frames(error.frame, error.frame + 1))
-    tiles = [_tile(image, positions, i) for i, positions in enumerate(error.orders[:6])]
+    tiles = [_tile(image, positions, i) for i, positions in enumerate(error.orders[:SHOWN])]
     columns = min(3, len(tiles))
     tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % columns)
     rows = [np.concatenate(tiles[i : i + columns], axis=1) for i in range(0, len(tiles), columns)]

@@ -21,8 +21,6 @@ from dropper_jax.moordyn.reading.water import read_current, read_waves
 STEP, DURATION = 0.01, 60.0
 #: Outputs that belong to a line: tensions at its ends, and values of its nodes.
 OUTPUT = re.compile(r"(?:fair|anch)ten(\d+)|l(?:ine)?(\d+)(?:n\d+|[ab])?(?:p|v|t|f|st|sr)\w*", re.IGNORECASE)
-#: Time steps below this one are needed for the stability of an explicit scheme, not for accuracy [s].
-EXPLICIT = 1e-3
 #: Options by the scene paths that they set.
 OPTION_OF = {
     **{"effects.weight.gravity": "g", "sea.gravity": "g", "sea.density": "rho", "sea.depth": "wtrdpth"},
@@ -205,7 +203,7 @@ def _run(options: Options, notes: list[str]) -> dict[str, Any]:
     if dt is None or dt <= 0.0:
         notes.append(f"the file has no time step dtM: {STEP:g} s is used")
         dt = STEP
-    elif dt < EXPLICIT:
+    elif dt < 1e-3:  # needed for the stability of an explicit scheme, not for accuracy
         notes.append(
             f"dtM of {dt:g} s keeps MoorDyn's explicit scheme stable: {STEP:g} s is used. Use run.dt for another step"
         )

@@ -22,8 +22,6 @@ FREQUENCIES, ELEVATION, CURRENT = "wave_frequencies.txt", "wave_elevation.txt", 
 #: whole periods has one component, a series half a sample longer has hundreds. Each costs time at every node in every
 #: step.
 NEGLIGIBLE = 1e-4
-#: Digits that survive the conversion to real and imaginary part and back.
-DIGITS = 12
 
 
 def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> dict[str, Any]:
@@ -80,7 +78,8 @@ def _largest(found: dict[str, np.ndarray], notes: list[str]) -> dict[str, np.nda
 
 def _short(values: np.ndarray) -> list[float]:
     """Numbers without the rounding of the last digits, so that written values are read back exactly."""
-    return [float(f"{x:.{DIGITS}g}") for x in values]
+    # 12 digits survive the conversion to real and imaginary part and back
+    return [float(f"{x:.12g}") for x in values]
 
 
 def _plain(found: dict[str, np.ndarray]) -> dict[str, list[float]]:

@@ -16,8 +16,6 @@ from dropper_jax.moordyn.reading.reader import DURATION, STEP, read_moordyn
 SUFFIXES = (".yaml", ".yml")
 #: Number of links of each line, which these files do not give.
 LINKS = 20
-#: Stiffness [Pa/m] and damping [Pa s/m] of the seabed, MoorDyn's.
-BED = {"stiffness": 3.0e6, "damping": 3.0e5}
 #: Keys of a line type: here, in the file, and whether they are required.
 TYPE = (
     ("diameter", "diameter", True),
@@ -78,7 +76,7 @@ def read_yaml_mooring(path: str | Path, depth: float | None = None) -> dict[str,
         "line": list(lines.values()),
         "effects": {
             **{"weight": {"gravity": gravity}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}},
-            "seabed": dict(BED),
+            "seabed": {"stiffness": 3.0e6, "damping": 3.0e5},  # [Pa/m], [Pa s/m]: MoorDyn's
         },
         "sea": {"depth": deep, "density": density, "gravity": gravity},
         "notes": [f"{path.name}: {note}" for note in notes],

@@ -34,9 +34,6 @@ from dropper_jax.scene import LineSpec
 from dropper_jax.sea.make import make_current, wave_components
 from dropper_jax.sea.spec import CurrentSpec
 
-#: Heights of the table that represents a profile given by a formula.
-HEIGHTS = 61
-
 
 def write_moordyn(
     scene: str | Path | Mapping[str, Any] | Scene,
@@ -307,7 +304,7 @@ def current_text(spec: CurrentSpec, profile: Callable[[np.ndarray], np.ndarray],
     """Text of the current file: a table unchanged, or a formula at heights that become dense towards the seabed."""
     heights = spec.heights
     if heights is None:
-        heights = depth * (np.linspace(0.0, 1.0, HEIGHTS) ** 2 - 1.0)
+        heights = depth * (np.linspace(0.0, 1.0, 61) ** 2 - 1.0)
     lines = ["----- MoorDyn steady currents file -----", "z ux uy uz", "(m) (m/s) (m/s) (m/s)"]
     for z, u in zip(heights, profile(np.asarray(heights, float)), strict=True):
         lines.append(" ".join(repr(float(x)) for x in (z, *u)))

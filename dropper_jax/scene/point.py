@@ -31,10 +31,15 @@ class PointSpec:
     @classmethod
     def read(cls, table: Plain, path: str) -> PointSpec:
         point = cls(**read_fields(cls, table, path, {}))
-        if point.kind == "fixed" and point.body:
+        if not point.is_free and point.body:
             given = next(key for key in cls.BODY if getattr(point, key) is not None)
             raise refuse(f"{path}.{given}", getattr(point, given), "has no effect on a fixed point", "kind = 'free'")
         return point
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it moves with the lines."""
+        return self.kind == "free"
 
     @property
     def body(self) -> bool:

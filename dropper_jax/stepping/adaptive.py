@@ -35,6 +35,11 @@ class Adaptive(NamedTuple):
     h: jax.Array
     refused: jax.Array
 
+    @property
+    def state(self) -> State:
+        """State of the line at the end of the last interval."""
+        return self.progress.state
+
 
 class Within(NamedTuple):
     """Tensions between two saved times: mean, mean square, minimum and maximum, (k, n) each; steps (k,)."""

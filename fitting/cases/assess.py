@@ -24,7 +24,7 @@ class Runs:
     def __init__(self, site: Site, folder: str | Path, dt: float) -> None:
         self.site, self.store = site, Store(folder, site, dt)
         self.lines = whole_lines(site.scene)
-        self.held = [point.name for point in site.scene.points if point.kind == "fixed"]
+        self.held = [point.name for point in site.scene.points if not point.is_free]
 
     def of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[dict[str, Any]]]:
         """Successful runs of a load case, and a row for every other run."""

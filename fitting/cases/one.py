@@ -20,7 +20,6 @@ from dropper_jax.run.growth import overgrown
 from dropper_jax.run.start import initial_state
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.static_pose import equilibrium
-from dropper_jax.stepping.adaptive import Adaptive
 from fitting.site import Case, Site, Storm
 
 # Loads of one run, chunk by chunk: extremes of every link, series of every fixed point, cycles of chosen links
@@ -42,7 +41,7 @@ class Tally:
     def __init__(self, scene: Scene, skip: float, positions: np.ndarray, curved: Sequence[str]) -> None:
         self.skip, self.positions = skip, positions
         self.lines = whole_lines(scene)
-        self.held = [point.name for point in scene.points if point.kind == "fixed"]
+        self.held = [point.name for point in scene.points if not point.is_free]
         self.ends = _ends(scene, self.held)
         links = sum(line.links for line in scene.lines)
         self.largest, self.when = np.full(links, -np.inf), np.full(links, np.nan)
@@ -173,8 +172,7 @@ class Runner:
                 code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
                 info = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
                 break
-        state = (carry.progress if isinstance(carry, Adaptive) else carry).state
-        broken = [row["time_s"] for row in breaks(scene, state.parted)]
+        broken = [row["time_s"] for row in breaks(scene, carry.state.parted)]
         depth = np.stack([_depth(start, model, line.nodes, case.storm.level) for line in tally.lines])
         more = {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
         return {**tally.collect(), **info, **more}

@@ -84,7 +84,7 @@ def read_columns(path: Path) -> Columns:
 def read_motion(table: Mapping[str, Any], path: str, scene: SceneData) -> tuple[str, tuple[str, ...], str]:
     """A fixed point that moves as measured, its columns and their unit."""
     check_keys(table, ("point", "columns", "unit"), path)
-    held = [point.name for point in scene.points if point.kind == "fixed"]
+    held = [point.name for point in scene.points if not point.is_free]
     if table.get("point") not in held:
         raise SceneError(
             f"{path}.point: {table.get('point')!r} is not a fixed point; {nearest(str(table.get('point')), held)}"

@@ -16,7 +16,6 @@ from fitting.estimate.problem import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
 from fitting.parameters.of_scene import fitted_scene
-from fitting.parameters.target import ModelPlace
 
 # Errors of a fit to channels, and the parameters that its channels do not determine.
 #
@@ -138,7 +137,7 @@ def _verdict(point: Solution, i: int, se: float, sensitivity: np.ndarray) -> tup
         return "yes", ""
     most, reach = float(sensitivity.max(initial=0.0)), quantile(0.95) * se
     bound = "upper bound", f"below {max(value, 0.0) + reach:.3g} {p.unit} with 95 %"
-    if isinstance(p.where, ModelPlace) and p.low == 0 and value < reach:  # it is compatible with zero
+    if p.in_model and p.low == 0 and value < reach:  # it is compatible with zero
         return bound
     if value > 0 and most <= 0.05:
         name = point.problem.data.sensors[int(sensitivity.argmax())].channel.name

@@ -114,7 +114,7 @@ def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], va
         model: the fitted one.
     """
     for p, value in zip(parameters, values, strict=True):
-        if scene.branched and isinstance(p.where, ModelPlace) and p.where.section == "lines":
+        if scene.branched and p.in_model and p.where.section == "lines":
             scene = _of_all_lines(scene, p.where, float(value))
             continue
         try:
@@ -139,7 +139,7 @@ def _of_all_lines(scene: Scene, where: ModelPlace, value: float) -> Scene:
 
 
 def _entry_by_entry(scene: Scene, model: Model, p: Parameter) -> Scene:
-    if not isinstance(p.where, ModelPlace):
+    if not p.in_model:
         return scene
     whole = np.asarray(getattr(getattr(model, p.where.section)[p.where.index], p.where.field), float)
     path = p.name if p.where.entry is None else p.name.rsplit(".", 1)[0]

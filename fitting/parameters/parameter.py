@@ -76,6 +76,16 @@ class Parameter:
     prior: tuple[float, float] | None = None
 
     @property
+    def in_model(self) -> bool:
+        """Whether it is a single number of the model, or one field of it."""
+        return isinstance(self.where, ModelPlace)
+
+    @property
+    def moves_model(self) -> bool:
+        """Whether it is a number of the scene, which moves many numbers of the model at once."""
+        return isinstance(self.where, Direction)
+
+    @property
     def scale(self) -> float:
         """A typical size for steps and plots."""
         return abs(self.value) if self.value != 0 else SMALL.get(self.where.field, 1.0)

@@ -86,9 +86,7 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
         raise SceneError("season: missing; needed: [season] with `points` and `volume`")
     if not site.growth:
         raise SceneError("growth: missing; needed: [[growth]] tables, one or more for each month")
-    names = list(
-        match_names(site.season.points, [p.name for p in site.scene.points if p.kind == "free"], "season.points")
-    )
+    names = list(match_names(site.season.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
     lift = _lift(site)
     say, all_waters = progress or silent, waters(site)
     months, rows = list(site.growth), []

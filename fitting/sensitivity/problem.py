@@ -24,7 +24,6 @@ from dropper_jax.stepping.integrate import Trajectory, integrate
 from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.of_scene import find_parameters, full_names
 from fitting.parameters.parameter import Parameter, apply, with_effects
-from fitting.parameters.target import Direction
 from fitting.sensitivity.quantities import PERIOD, Quantity, quantity
 
 #: Number of runs advanced together in global studies.
@@ -182,7 +181,7 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
             raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high of a parameter of --to")
     found = []
     for p in problem.parameters:
-        if isinstance(p.where, Direction) and not p.where.linear:
+        if p.moves_model and not p.where.linear:
             raise SceneError(
                 f"to: the model is not linear in {p.name!r}. Use it in local studies, or in `dropper sweep`"
             )

@@ -76,8 +76,8 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     _unique("cases.months", list(lists.months))
     unchecked = table.get("unchecked", [])
     unchecked = [unchecked] if isinstance(unchecked, str) else read_list(unchecked, "unchecked", None, "patterns")
-    held = [point.name for point in scene.points if point.kind == "fixed"]
-    free = [point.name for point in scene.points if point.kind == "free"]
+    held = [point.name for point in scene.points if not point.is_free]
+    free = [point.name for point in scene.points if point.is_free]
     sections = {
         "exclusion": Exclusion.read(table["exclusion"], "exclusion") if "exclusion" in table else None,
         "backbone": Backbone.read(table["backbone"], "backbone") if "backbone" in table else None,

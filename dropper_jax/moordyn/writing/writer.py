@@ -144,7 +144,7 @@ def _tables(scene: Scene, path: Path) -> Iterator[str]:
         if point.name in words:
             continue
         words[point.name] = str(len(rows) + 1)
-        kind = "Free" if point.kind == "free" else "Coupled" if point.name in moved else "Fixed"
+        kind = "Free" if point.is_free else "Coupled" if point.name in moved else "Fixed"
         position = point.position
         if point.on in bodies:
             kind = f"Body{bodies[point.on]}"

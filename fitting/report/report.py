@@ -14,6 +14,7 @@ from dropper_jax.base.markdown import literal
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.plots import style
+from dropper_jax.report.sections import table
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict
@@ -89,7 +90,11 @@ def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> 
     if result.advice:
         parts += ["## What may be wrong", markdown(advice_rows(result.advice))]
     if result.comparison:
-        parts += ["## Damping laws", verdict(result.comparison) + ".", markdown(comparison_rows(result.comparison))]
+        parts += [
+            "## Damping laws",
+            verdict(result.comparison) + ".",
+            markdown(comparison_rows(result.comparison)),
+        ]
     for run, trace in fitted_runs(result):
         parts.append(f"## {literal(trace.name)}")
         parts += [f"![{name}]({name}_{run + 1}.png)" for name in PICTURES]
@@ -151,8 +156,7 @@ def not_identifiable(result: FitResult) -> str:
 
 def markdown(rows: Sequence[Sequence[str]]) -> str:
     """Rows as a Markdown table; the first one is the heading."""
-    lines = ["| " + " | ".join(literal(cell) for cell in row) + " |" for row in rows]
-    return "\n".join([lines[0], "|" + "---|" * len(rows[0]), *lines[1:]])
+    return table(rows[0], rows[1:])
 
 
 @style.plot_style()

@@ -173,8 +173,3 @@ def _level_homography(homography: np.ndarray, middle: np.ndarray) -> np.ndarray:
     if (turn[:2, :2] @ right)[0] < 0:
         turn = np.diag([-1.0, 1.0, 1.0]) @ turn
     return turn @ homography
-
-
-def plane_from_scale(metres_per_pixel: float) -> Plane:
-    """A plane perpendicular to the camera's axis."""
-    return Plane(np.diag([metres_per_pixel, -metres_per_pixel, 1.0]))

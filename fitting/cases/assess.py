@@ -10,7 +10,7 @@ import numpy as np
 
 from dropper_jax.report.fatigue import YEAR, damage
 from dropper_jax.scene import whole_lines
-from fitting.cases.flags import ENOUGH, characteristic, flags_of
+from fitting.cases.flags import FINAL_SEEDS, characteristic, flags_of
 from fitting.cases.one import STATUS, Found
 from fitting.cases.run import Store
 from fitting.site import Anchor, Case, Part, Site, Storm
@@ -81,7 +81,7 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
         "duration_s": site.run.duration,
         "skip_s": site.run.skip,
         "seeds": len(site.seeds),
-        "final_check": len(site.seeds) >= ENOUGH and not failed,
+        "final_check": len(site.seeds) >= FINAL_SEEDS and not failed,
         "characteristic": site.run.characteristic,
         "factors": {"source": site.factors.source, "edition": site.factors.edition},
         "cases": cases,

@@ -14,7 +14,7 @@ from fitting.site.sections import RunValues
 # Characteristic load of a load case from the maxima of its seeds, with its sampling error
 
 #: Minimum number of seeds for a final check.
-ENOUGH = 10
+FINAL_SEEDS = 10
 
 
 def characteristic(maxima: np.ndarray, run: RunValues) -> dict[str, Any]:
@@ -59,8 +59,8 @@ def flags_of(found: dict[str, Any], site: Site) -> list[str]:
             f"{len(rows)} of {len(site.cases)} runs are missing or failed, the first in case {first['case']}, seed "
             f"{first['seed']} ({first['status']}{at}{why}): their cases are not assessed with all seeds"
         )
-    if found["seeds"] < ENOUGH:
-        notes.append(f"{found['seeds']} seeds: not a final check, which needs at least {ENOUGH}")
+    if found["seeds"] < FINAL_SEEDS:
+        notes.append(f"{found['seeds']} seeds: not a final check, which needs at least {FINAL_SEEDS}")
     for part in found["parts"]:
         notes += _part(part)
     for case in found["cases"]:

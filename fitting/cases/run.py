@@ -31,7 +31,7 @@ from fitting.sweep.run import done_on
 # Factors, capacities and anchors are not part of it: they may change without a new run.
 
 #: Increased when older files can no longer be used.
-FORMAT = 2
+RUN_FORMAT = 2
 RUNS = "runs"
 
 
@@ -51,7 +51,7 @@ class Store:
         run = site.run
         curved = [name for part in site.parts if part.curve is not None for name in part.lines]
         shared = {
-            "format": FORMAT,
+            "format": RUN_FORMAT,
             "scene": site.scene.as_written(),
             "run": [run.duration, dt, run.skip, run.ramp],
             "exclusion": site.exclusion is not None,

@@ -56,7 +56,7 @@ from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 # Runs of a channels file: `[[run]]` with its samples, `[[motion]]` of fixed points that move as measured
 
 #: Minimum number of samples of a channel.
-FEWEST = 3
+FEWEST_READINGS = 3
 
 
 class Columns(NamedTuple):
@@ -114,8 +114,10 @@ def read_run(
         factor = in_si(1.0, sensor.channel.unit)[0]
         y = factor * np.stack([found.values[name] for name in sensor.channel.columns], axis=1)
         keep = (found.t >= low) & (found.t <= high)
-        if (np.isfinite(y[keep]).sum(axis=0) < FEWEST).any():
-            raise SceneError(f"{path}: channel {sensor.channel.name!r} has fewer than {FEWEST} samples; allowed: more")
+        if (np.isfinite(y[keep]).sum(axis=0) < FEWEST_READINGS).any():
+            raise SceneError(
+                f"{path}: channel {sensor.channel.name!r} has fewer than {FEWEST_READINGS} samples; allowed: more"
+            )
         if found.t[keep][0] < 0:
             raise SceneError(f"{path}: t: {found.t[keep][0]:g} s is before the scene starts; allowed: from 0 s")
         times.append(found.t[keep])
@@ -172,8 +174,8 @@ def _recorded_motions(
         found = _find(files, columns, f"{path}: motion of {point!r}")
         y = in_si(1.0, unit)[0] * np.stack([found.values[name] for name in columns], axis=1)
         keep = np.isfinite(y).all(axis=1)
-        if keep.sum() < FEWEST:
-            raise SceneError(f"{path}: motion of {point!r} has fewer than {FEWEST} samples; allowed: more")
+        if keep.sum() < FEWEST_READINGS:
+            raise SceneError(f"{path}: motion of {point!r} has fewer than {FEWEST_READINGS} samples; allowed: more")
         if times is not None and not np.array_equal(times, found.t[keep]):
             raise SceneError(
                 f"{path}: motion of {point!r} has other times; allowed: those of the other points that move"

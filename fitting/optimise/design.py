@@ -20,9 +20,9 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
 from fitting.optimise.goals import Goals, check_depths
-from fitting.optimise.models import STEP, Still, idle, in_assumed, link_of, masked_still, sea_of, still
+from fitting.optimise.models import DIFFERENCE_STEP, Still, idle, in_assumed, link_of, masked_still, sea_of, still
 from fitting.optimise.quantities import Quantity, check_seeds, weights
-from fitting.optimise.storm import RAMP, Peaks, Settings, Storms, full_storm, peaks
+from fitting.optimise.storm import WINDOW_RAMP, Peaks, Settings, Storms, full_storm, peaks
 from fitting.optimise.values import RunStart, Values, Window, rest
 from fitting.optimise.variables import Variable, with_design
 from fitting.site import Case, Part, Site
@@ -101,7 +101,7 @@ class Design:
             slope = np.zeros((1 + len(self.site.parts), len(x)))
             for k, variable in enumerate(self.variables):
                 step = np.zeros(len(x))
-                step[k] = STEP * variable.span
+                step[k] = DIFFERENCE_STEP * variable.span
                 slope[:, k] = (self._evaluate_scene(x + step) - self._evaluate_scene(x - step)) / (2 * step[k])
             self._scene_cache = key, (self._evaluate_scene(x), slope)
         return self._scene_cache[1]
@@ -132,7 +132,7 @@ class Design:
     def window(self, x: np.ndarray, window: Window, start: RunStart, slopes: bool = True) -> Peaks:
         """Peaks of a window of a design."""
         scene = with_design(self.calm.scene, self.variables, x)
-        sea = sea_of(self.calm, scene, window.case, RAMP, window.begin)
+        sea = sea_of(self.calm, scene, window.case, WINDOW_RAMP, window.begin)
         quantities = self.quantities(window.case, start.still)
         own = start.still, start.rest, sea, quantities, self.dt, self.settings.window
         return peaks(*own, slopes, window.height, start.after)

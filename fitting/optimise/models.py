@@ -26,7 +26,7 @@ from fitting.site import Case, Site, Storm
 from fitting.site.case import Break
 
 #: Step of the differences relative to the range of a variable.
-STEP = 1e-4
+DIFFERENCE_STEP = 1e-4
 #: Relative changes of the site's assumptions: heights of all waves, speed of the current. They follow the variables in
 #: every derivative, so that the end of a design reports the cost of an error in them.
 ASSUMPTIONS = ("wave height", "current")
@@ -92,7 +92,7 @@ def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: 
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(model)]
     slopes: dict[int, np.ndarray] = {}
     for k, variable in enumerate(variables):
-        step = STEP * variable.span
+        step = DIFFERENCE_STEP * variable.span
         ends = []
         for sign in (1.0, -1.0):
             moved = np.array(values, float)

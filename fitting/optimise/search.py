@@ -27,7 +27,7 @@ PRICE = 10.0
 #: Minimum reach of a step.
 SMALLEST_REACH = 2e-3
 #: Permitted excess of constraints of the best design over 1: rounding.
-ROUNDING = 1e-9
+PERMITTED_EXCESS = 1e-9
 #: Difference of windows from whole runs, in limits, above which windows are updated after every step.
 RESIDUAL = 0.02
 
@@ -213,7 +213,7 @@ def measure(
     row = {"round": search.round, "objective": found.objective, "worst": found.worst, "whole": True}
     row |= {"residual": search.residual}
     search.history.append({**row, "values": search.x.tolist()})
-    if found.worst <= 1.0 + ROUNDING and found.objective < search.best_objective:
+    if found.worst <= 1.0 + PERMITTED_EXCESS and found.objective < search.best_objective:
         search.best, search.best_objective = search.x.copy(), found.objective
         search.best_residual = search.residual
     return windows, found, full

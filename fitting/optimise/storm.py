@@ -1,7 +1,7 @@
 """Windows of storms: peaks and their derivatives by the variables, statics included.
 
-A window is a separate run. It starts from equilibrium, and its waves rise over `RAMP` seconds with the phase of the
-storm from `begin` on. When it meets the storm's largest waves, its motion no longer depends on the start.
+A window is a separate run. It starts from equilibrium, and its waves rise over `WINDOW_RAMP` seconds with the phase of
+the storm from `begin` on. When it meets the storm's largest waves, its motion no longer depends on the start.
 
     dJ/dp = J_p + sum over leaves m of J_m dm/dp + J_r dr_0/dp + J_T dT_0/dp
 """
@@ -34,7 +34,7 @@ from fitting.optimise.values import Rest, near_rest
 from fitting.site import Case, Site
 
 #: Time [s] in which the waves of a window rise; it is not counted.
-RAMP = 10.0
+WINDOW_RAMP = 10.0
 
 _record = cached_jit(static=("stepper", "steps"))(record)
 _backward_pass = cached_jit(static=("stepper", "moving"))(backward_pass)
@@ -128,7 +128,7 @@ def _peaks(
     counted = phases if len(phases) == 1 else phases[1:]
     r, tension = (jnp.concatenate([getattr(p.run, key) for p in counted]) for key in ("r", "tension"))
     before = sum(len(p.run.tension) for p in phases) - len(tension)
-    count = max(0, min(int(round(RAMP / h)), len(tension) - 1)) if len(phases) == 1 else 0  # steps in the ramp
+    count = max(0, min(int(round(WINDOW_RAMP / h)), len(tension) - 1)) if len(phases) == 1 else 0  # steps in the ramp
     hard, when = (np.asarray(a) for a in _hard(quantities, model, r[count:], tension[count:]))
     when = (when + before + count + 1) * h
     heights = jnp.asarray(hard if heights is None else heights, model.dtype)
@@ -283,9 +283,9 @@ class Settings:
             SceneError: a value out of range, or a window that is filled by its ramp.
         """
         found = cls(**read_fields(cls, dict(read_table(table, "optimise")), "optimise", {}))
-        if not RAMP < found.before <= found.window:
+        if not WINDOW_RAMP < found.before <= found.window:
             raise SceneError(
-                f"optimise.before: {found.before:g} s; allowed: more than the {RAMP:g} s in which waves rise, up to "
-                f"the window of {found.window:g} s"
+                f"optimise.before: {found.before:g} s; allowed: more than the {WINDOW_RAMP:g} s in which waves rise, "
+                f"up to the window of {found.window:g} s"
             )
         return found

@@ -25,8 +25,8 @@ from dropper_jax.sea.spec import CurrentSpec, SeaSpec, WaveSpec
 from fitting.parameters.parameter import Parameter, check_once, paths, resolve
 from fitting.parameters.target import Direction, ModelPlace
 
-#: A model that this change moves linearly to within `STRAIGHT` counts as linear in the number.
-FAR, STRAIGHT = 0.2, 1e-9
+#: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
+LINEAR_REACH, LINEAR_TOLERANCE = 0.2, 1e-9
 
 
 def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: str) -> tuple[Parameter, ...]:
@@ -80,9 +80,14 @@ def scene_parameter(scene: Scene, model: Model, path: str) -> Parameter:
     slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(zip(wide, narrow, strict=True)) if np.any(b != 0)}
     if not slopes:
         raise SceneError(f"{path}: has no effect on the model. Use numbers that do")
-    here, there = at(0.0), at(FAR)
+    here, there = at(0.0), at(LINEAR_REACH)
     linear = all(
-        np.allclose(here[i] + FAR * size * slope, there[i], rtol=STRAIGHT, atol=STRAIGHT * np.max(np.abs(here[i])))
+        np.allclose(
+            here[i] + LINEAR_REACH * size * slope,
+            there[i],
+            rtol=LINEAR_TOLERANCE,
+            atol=LINEAR_TOLERANCE * np.max(np.abs(here[i])),
+        )
         for i, slope in slopes.items()
     )
     # a number keeps its sign

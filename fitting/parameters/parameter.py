@@ -50,8 +50,8 @@ Bounds = Mapping[str, tuple[float | None, float | None]]
 Priors = Mapping[str, tuple[float, float]]
 
 #: Step size of a parameter that starts at zero [its own unit], unless its prior gives one.
-SMALL = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
-SMALL |= {NODE: 1e-3, LOST: 1e-2}
+SIZES_AT_ZERO = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
+SIZES_AT_ZERO |= {NODE: 1e-3, LOST: 1e-2}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Parameter:
     @property
     def scale(self) -> float:
         """A typical size for steps and plots."""
-        return abs(self.value) if self.value != 0 else SMALL.get(self.where.field, 1.0)
+        return abs(self.value) if self.value != 0 else SIZES_AT_ZERO.get(self.where.field, 1.0)
 
 
 class Released(Protocol):

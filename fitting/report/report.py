@@ -23,13 +23,13 @@ from fitting.calibration.fit import fit
 from fitting.calibration.one_run import OneRun, one_run
 from fitting.calibration.result import FitResult
 from fitting.parameters.of_scene import fitted_scene
-from fitting.report.pictures import MOST, PICTURES, descent, fitted
+from fitting.report.pictures import MOST_LINKS_DRAWN, PICTURES, descent, fitted
 from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 from fitting.traces.synthetic import Camera, synthetic_traces
 from fitting.traces.trace import Trace, write_trace
 
 #: The thesis' parts of a trace [s].
-PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
+TRACE_PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
 
 
 def write_report(result: FitResult, folder: str | Path) -> list[Path]:
@@ -125,7 +125,7 @@ def part_rows(result: FitResult) -> list[tuple[str, ...]]:
     rows = [("run", "part", *(f"link {j + 1}" for j in range(links)), "all")]
     for run, trace in fitted_runs(result):
         t, measured, simulated, _ = fitted(result, run)
-        for name, low, high in PARTS:
+        for name, low, high in TRACE_PARTS:
             inside = (t >= low) & (t < high)
             if not inside.any():
                 continue
@@ -162,7 +162,7 @@ def markdown(rows: Sequence[Sequence[str]]) -> str:
 @style.plot_style()
 def one_run_picture(found: OneRun, name: str, path: Path) -> Path:
     """Measured angles and the run, per link [rad from the horizontal]; faint beyond the prediction horizon."""
-    links = min(found.measured.shape[1], MOST)
+    links = min(found.measured.shape[1], MOST_LINKS_DRAWN)
     figure = style.new_figure(9.0, 1.5 + 1.3 * links)
     axes = figure.subplots(links, 1, sharex=True, squeeze=False)[:, 0]
     more = f" (links 1 to {links} of {found.measured.shape[1]})" if found.measured.shape[1] > links else ""

@@ -28,7 +28,7 @@ from fitting.parameters.parameter import apply
 from fitting.sensitivity.problem import Plan, Study
 
 #: Growth of a small error up to which derivatives are valid: a change of 1 % has then become one of 100 %.
-GROWTH = 100.0
+CHAOTIC_GROWTH = 100.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,13 +141,13 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
         reverse = np.asarray(_reverse(problem.plan, problem.model, problem.start, at))
         found = dataclasses.replace(found, reverse=reverse)
     moved = reach * [p.scale for p in problem.parameters]
-    small = bool(np.all(moved <= 0.1 * GROWTH * extent))  # far from chaos
+    small = bool(np.all(moved <= 0.1 * CHAOTIC_GROWTH * extent))  # far from chaos
     if problem.of.at_rest or (small and not check):
         say(1.0, "ok")
         return found
     say(0.7, "trust horizon")
     growth = lyapunov(problem.model, problem.start, problem.stepper, run.dt, max(run.steps, 2))
-    limit, exponent = horizon(growth, run.dt, GROWTH), float(growth.exponent)
+    limit, exponent = horizon(growth, run.dt, CHAOTIC_GROWTH), float(growth.exponent)
     found = dataclasses.replace(found, horizon=limit, exponent=exponent)
     if limit >= (1 - 1e-9) * duration:
         say(1.0, "ok")

@@ -27,7 +27,7 @@ from fitting.parameters.parameter import Parameter, apply, with_effects
 from fitting.sensitivity.quantities import PERIOD, Quantity, quantity
 
 #: Number of runs advanced together in global studies.
-CHUNK = 64
+RUNS_TOGETHER = 64
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,10 +138,10 @@ class Study:
             raise SceneError(f"start: the static pose does not follow the parameters: {free}. {why}")
 
     def batch(self, values: np.ndarray) -> np.ndarray:
-        """The quantity of many values (cases, p) -> (cases,), `CHUNK` at a time in one compiled program."""
-        padded = np.resize(values, (-(-len(values) // CHUNK) * CHUNK, values.shape[1]))
+        """The quantity of many values (cases, p) -> (cases,), `RUNS_TOGETHER` at a time in one compiled program."""
+        padded = np.resize(values, (-(-len(values) // RUNS_TOGETHER) * RUNS_TOGETHER, values.shape[1]))
         run = jax.jit(lanes(self, fallbacks=self.fallbacks))
-        return np.concatenate([run(jnp.asarray(part)) for part in np.split(padded, len(padded) // CHUNK)])[
+        return np.concatenate([run(jnp.asarray(part)) for part in np.split(padded, len(padded) // RUNS_TOGETHER)])[
             : len(values)
         ]
 

@@ -19,7 +19,7 @@ from fitting.site.sections import AnchorTable, Curve, GrowthTable, SeaState
 # Parts and anchors of a site: names matched by patterns, capacities, factors
 
 #: Maximum number of names in an error message.
-SHOWN = 6
+MOST_NAMES = 6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,8 +82,8 @@ def _nearest_hint(pattern: str, names: Sequence[str]) -> str:
 def short(names: Sequence[str]) -> str:
     """The first names of a long list."""
     names = list(names)
-    more = f", ... ({len(names)} in total)" if len(names) > SHOWN else ""
-    return (", ".join(names[:SHOWN]) or "none") + more
+    more = f", ... ({len(names)} in total)" if len(names) > MOST_NAMES else ""
+    return (", ".join(names[:MOST_NAMES]) or "none") + more
 
 
 def refuse_overlap(groups: Sequence[tuple[str, Sequence[str]]], what: str) -> None:

@@ -26,7 +26,7 @@ PARTS = ("head", "middle", "tail")
 #: End of head and middle, as fractions of the trace: 12 and 25 s of the thesis' 50 s (its Figure 8.1).
 ENDS = (0.24, 0.5)
 #: Minimum number of samples of a part, for a meaningful amplitude spectrum.
-FEWEST = 10
+FEWEST_SAMPLES = 10
 
 
 @dataclass(frozen=True)
@@ -263,11 +263,11 @@ def part_ends(t: np.ndarray, parts: Sequence[float] | None) -> tuple[float, floa
     last = float(t[-1])
     ends = tuple(last * part for part in ENDS) if parts is None else tuple(map(float, parts))
     counts = np.histogram(t, [0.0, *ends, np.inf])[0] if list(ends) == sorted(ends) and len(ends) == 2 else [0]
-    if min(counts) < FEWEST:
+    if min(counts) < FEWEST_SAMPLES:
         given = ",".join(f"{end:g}" for end in ends)
         raise SceneError(
             f"parts: {given}: allowed: two increasing times within the trace's {last:g} s, "
-            f"with at least {FEWEST} samples in each of the three parts"
+            f"with at least {FEWEST_SAMPLES} samples in each of the three parts"
         )
     return *ends, last
 

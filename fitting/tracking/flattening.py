@@ -23,7 +23,7 @@ from scipy.optimize import least_squares
 from fitting.tracking.calibration import Lens, Plane
 
 #: Maximum values of pan, pitch, k1 and log(focus / usual).
-LARGEST = np.array([0.6, 0.6, 0.6, 0.9])
+PARAMETER_LIMITS = np.array([0.6, 0.6, 0.6, 0.9])
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,8 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
     for _ in range(3):
         result = least_squares(
             lambda p, noise=noise: np.concatenate([(off(p) / noise).ravel(), p / spread]),
-            np.clip(found, -0.9 * LARGEST, 0.9 * LARGEST),
-            bounds=(-LARGEST, LARGEST),
+            np.clip(found, -0.9 * PARAMETER_LIMITS, 0.9 * PARAMETER_LIMITS),
+            bounds=(-PARAMETER_LIMITS, PARAMETER_LIMITS),
             loss="soft_l1",
         )
         found = result.x

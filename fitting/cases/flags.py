@@ -1,4 +1,4 @@
-"""Warnings of the report, one line each."""
+"""Characteristic loads of load cases, and the warnings of the report, one line each."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from dropper_jax.study.load_errors import UNRESOLVED
 from fitting.site import Site
 from fitting.site.sections import RunValues
 
-# Characteristic load of a load case from the maxima of its seeds, with its sampling error
-
 #: Minimum number of seeds for a final check.
 FINAL_SEEDS = 10
 
 
 def characteristic(maxima: np.ndarray, run: RunValues) -> dict[str, Any]:
-    """Mean of the seeds' maxima (seeds,), or the most probable maximum of a storm.
+    """Characteristic load of a case: mean of the seeds' maxima (seeds,), or the most probable maximum of a storm.
 
     The standard error of the mean is `s/sqrt(n)`. The interval of either is that of a Gumbel distribution (see
     `report.extremes.storm_extreme`). The standard error of the most probable value is half of a 68 % interval.

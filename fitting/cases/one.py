@@ -1,4 +1,4 @@
-"""One run of a load case, from its scene to the stored arrays."""
+"""One run of a load case, from its scene to the stored arrays, with the statistics of its loads."""
 
 from __future__ import annotations
 
@@ -22,14 +22,12 @@ from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.site import Case, Site, Storm
 
-# Loads of one run, chunk by chunk: extremes of every link, series of every fixed point, cycles of chosen links
-
 #: Stored arrays of a run by name.
 Found = dict[str, np.ndarray]
 
 
 class Tally:
-    """Statistics of a run.
+    """Loads of a run, chunk by chunk: extremes of links, series of fixed points, cycles of chosen links.
 
     Args:
         scene: with its lines.

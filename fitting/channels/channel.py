@@ -1,4 +1,4 @@
-"""Base of all channels: a name, columns of a file with a unit, and a function of the motion."""
+"""Channels: the position of their sensors, their base class, and the measured data of runs."""
 
 from __future__ import annotations
 

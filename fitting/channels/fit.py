@@ -31,8 +31,6 @@ from fitting.parameters.of_scene import default_free, full_names
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 from fitting.parameters.priors import rig_priors
 
-# The problem of a fit to channels: free parameters of each run, priors and bounds, from data and a scene
-
 #: Sections of paths that do not belong to the scene's model.
 OF_DATA = ("start", "channel", "camera")
 

@@ -53,8 +53,6 @@ from fitting.channels.sensors import (
 )
 from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
-# Runs of a channels file: `[[run]]` with its samples, `[[motion]]` of fixed points that move as measured
-
 #: Minimum number of samples of a channel.
 FEWEST_READINGS = 3
 

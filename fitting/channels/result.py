@@ -17,27 +17,6 @@ from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
 from fitting.parameters.of_scene import fitted_scene
 
-# Errors of a fit to channels, and the parameters that its channels do not determine.
-#
-# White residuals of known size give the covariance `S^-1`; if neighbours remain correlated, the scatter of blocks of
-# scores gives it (`estimate.sandwich`). A parameter of fixed sign is *not determined* if no channel is sensitive to
-# it: with
-#
-#     s = RMS(p dy/dp)/RMS(y) of a tension,      RMS(p dy/dp)/std(y) of other channels,
-#
-# a calibration error of 1 % of the channel changes it by 1 %/s, for any number of samples.
-
-# Combine the estimates of several runs for a parameter that each run has separately: mean, spread, error of the mean.
-#
-# Run r has `p_r = mu + u_r`, with u_r of variance tau^2. Its estimate is `b_r`; the covariance C of the estimates
-# includes the parameters that runs share. With `V = C + tau^2 I`, and tau^2 by restricted maximum likelihood,
-#
-#     mu = 1'V^-1 b/(1'V^-1 1),      se^2 = (b - mu)'V^-1 (b - mu)/(n - 1)/(1'V^-1 1),
-#
-# and intervals use Student's t with n - 1 degrees of freedom (Hartung and Knapp 2001): with few runs the variance
-# between them is itself uncertain. If the errors of runs differ by a factor ten, such intervals cover 84 % instead of
-# 90 %.
-
 
 @dataclass(frozen=True)
 class Between:
@@ -61,7 +40,17 @@ class Between:
 
 
 def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float = 0.90) -> Between:
-    """Mean and spread of a parameter from the runs' estimates (n,) and their covariance (n, n); n at least 2."""
+    """Mean and spread of a parameter from the runs' estimates (n,) and their covariance (n, n); n at least 2.
+
+    Run r has `p_r = mu + u_r`, with u_r of variance tau^2. Its estimate is `b_r`; the covariance C of the estimates
+    includes the parameters that runs share. With `V = C + tau^2 I`, and tau^2 by restricted maximum likelihood,
+
+        mu = 1'V^-1 b/(1'V^-1 1),      se^2 = (b - mu)'V^-1 (b - mu)/(n - 1)/(1'V^-1 1),
+
+    and intervals use Student's t with n - 1 degrees of freedom (Hartung and Knapp 2001): with few runs the variance
+    between them is itself uncertain. If the errors of runs differ by a factor ten, such intervals cover 84 % instead
+    of 90 %.
+    """
     n = len(values)
     own = np.sqrt(np.diag(covariance))
     ones, eye = np.ones(n), np.eye(n)
@@ -105,7 +94,16 @@ class Errors(Uncertainty):
 
 
 def errors_of(point: Solution) -> Errors:
-    """Errors at a solution."""
+    """Errors at a solution, and the parameters that its channels do not determine.
+
+    White residuals of known size give the covariance `S^-1`; if neighbours remain correlated, the scatter of blocks of
+    scores gives it (`estimate.sandwich`). A parameter of fixed sign is *not determined* if no channel is sensitive to
+    it: with
+
+        s = RMS(p dy/dp)/RMS(y) of a tension,      RMS(p dy/dp)/std(y) of other channels,
+
+    a calibration error of 1 % of the channel changes it by 1 %/s, for any number of samples.
+    """
     u, sensitivity = uncertainty(point), _sensitivity(point)
     verdicts = [_verdict(point, i, u.std_error[i], sensitivity[i]) for i in range(len(point.values))]
     determined, why = zip(*verdicts, strict=True)

@@ -255,17 +255,16 @@ def _silent(done: float, what: str) -> None:
     pass
 
 
-# `[optimise]`: settings of the search for a design.
-#
-# window = 60.0 [s] of each storm with derivatives; `before` = 45.0 of it before the peak load renew = 3 steps after
-# which windows and factors are updated from whole runs rounds = 8 maximum number of such rounds; the search ends if a
-# round gains less than `enough` = 0.003 reach = 0.15 fraction of its range that a variable may move in the first step
-# margin = 0.01 distance of constraints from their limits
-
-
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """Values of `[optimise]`."""
+    """Values of `[optimise]`, settings of the search for a design.
+
+    window = 60.0           [s] of each storm with derivatives; `before` = 45.0 of it before the peak load
+    renew = 3               steps after which windows and factors are updated from whole runs
+    rounds = 8              maximum number of such rounds; the search ends if a round gains less than `enough` = 0.003
+    reach = 0.15            fraction of its range that a variable may move in the first step
+    margin = 0.01           distance of constraints from their limits
+    """
 
     window: float = parameter("length of a window", unit="s", low=0.0, open_low=True, default=60.0)
     before: float = parameter("part of it before the peak load", unit="s", low=0.0, default=45.0)

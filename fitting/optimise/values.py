@@ -1,4 +1,4 @@
-"""Values of a design, and their inputs: windows of storms, and the starts of runs."""
+"""Values of a design: equilibria and their derivatives, windows of storms, starts of runs, shadow prices."""
 
 from __future__ import annotations
 
@@ -18,10 +18,6 @@ from dropper_jax.statics.system import find_rest
 from dropper_jax.statics.tangent import stiffness
 from fitting.optimise.models import Still
 from fitting.site import Case
-
-# Equilibrium of a design, and its derivatives with respect to the variables.
-#
-# F(r, p) = 0 -> dr/dp = -K^-1 dF/dp, K = dF/dr (sparse, all forces)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +54,10 @@ def near_rest(model: Model, near: State | None) -> State:
 
 
 def rest(still: Still, near: State | None = None) -> Rest:
-    """The equilibrium and its derivatives by the variables."""
+    """The equilibrium and its derivatives by the variables.
+
+    F(r, p) = 0  ->  dr/dp = -K^-1 dF/dp,    K = dF/dr (sparse, all forces)
+    """
     from scipy.sparse.linalg import splu  # noqa: PLC0415
 
     s = near_rest(still.model, near)

@@ -1,4 +1,4 @@
-"""The season month by month: required lift, number of floats, and the resulting geometry of the farm."""
+"""The season month by month: required lift, schedule of floats, resulting geometry of the farm, and its report."""
 
 from __future__ import annotations
 
@@ -21,8 +21,6 @@ from dropper_jax.report.sections import table
 from fitting.season.poses import Water, floating, needs, waters
 from fitting.site import Site
 from fitting.site.case import match_names
-
-# Schedule of floats with minimum handling: the fewest visits, and among these the fewest floats moved
 
 
 def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:

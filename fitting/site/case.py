@@ -1,4 +1,4 @@
-"""Load cases of a site: the combinations, and the change of the scene by each."""
+"""Parts, anchors and load cases of a site: the combinations, and the change of the scene by each."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from dropper_jax.base.read import refuse
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import AnchorSpec, LineSpec, whole_lines
 from fitting.site.sections import AnchorTable, Curve, GrowthTable, SeaState
-
-# Parts and anchors of a site: names matched by patterns, capacities, factors
 
 #: Maximum number of names in an error message.
 MOST_NAMES = 6

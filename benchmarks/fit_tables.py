@@ -117,7 +117,7 @@ def spoilers(rows: list[Found]) -> Rows:
     def judged(kind: str) -> Found:
         some = [row for row in rows if row["spoiler"] == kind]
         value, se, low, high, bound = (
-            np.array([row[key] for row in some]) for key in ("values", "std_error", "low", "high", "bound")
+            np.array([row[key] for row in some], float) for key in ("values", "std_error", "low", "high", "bound")
         )
         return {
             "spoiler": kind,
@@ -136,8 +136,8 @@ def spoilers(rows: list[Found]) -> Rows:
         ("right name first", "{named}"),
         ("cover b_l, b_q", "{cover[0]}, {cover[1]}"),
         ("RMS error/SE", "{z[0]:.2f}, {z[1]:.2f}"),
-        ("SE/bound", lambda r: f"{np.median(r['ratio']):.2f}"),
-        ("maximum", lambda r: f"{r['ratio'].max():.2f}"),
+        ("SE/bound", lambda r: f"{np.nanmedian(r['ratio']):.2f}"),
+        ("maximum", lambda r: f"{np.nanmax(r['ratio']):.2f}"),
         ("SE/clean", "{over_clean:.2f}"),
     )
 

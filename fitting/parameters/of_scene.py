@@ -19,7 +19,7 @@ from dropper_jax.effects import EFFECTS
 from dropper_jax.load.line_types import LineType
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from dropper_jax.run.build import build, build_model
+from dropper_jax.run.build import build_model
 from dropper_jax.scene import BuoySpec, PointSpec
 from dropper_jax.sea.spec import CurrentSpec, SeaSpec, WaveSpec
 from fitting.parameters.parameter import Parameter, check_once, paths, resolve
@@ -186,7 +186,7 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
     Error messages use `option` as their heading.
     """
     names = [name.strip() for name in names]
-    known = None if all(_is_full(name) for name in names) else paths(build(scene)[0])
+    known = None if all(_is_full(name) for name in names) else paths(build_model(scene))
     return [name if _is_full(name) else _full(name, known, option) for name in names]
 
 

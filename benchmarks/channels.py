@@ -31,13 +31,11 @@ from scipy.interpolate import CubicSpline
 from study import describe, say, store, stored
 
 import dropper_jax as dj
-from fitting.channels.errors import errors_of
-from fitting.channels.fit import first_point, fit_channels, settle_noise
+from fitting.channels.fit import first_point, fit_channels, pose, settle_noise
 from fitting.channels.noise import Evaluation
-from fitting.channels.pixel import projection
-from fitting.channels.pose import pose
 from fitting.channels.problem import Problem
-from fitting.channels.result import ChannelFit
+from fitting.channels.result import ChannelFit, errors_of
+from fitting.channels.sensors import projection
 
 
 class Tally:

@@ -17,9 +17,8 @@ from study import options, say, store, stored
 
 from fitting.optimise.models import Still, sea_of, still, still_model
 from fitting.optimise.quantities import part_load
-from fitting.optimise.rest import Rest, near_rest, rest
-from fitting.optimise.storm import RAMP, peaks
-from fitting.optimise.storms import full_storm
+from fitting.optimise.storm import WINDOW_RAMP, full_storm, peaks
+from fitting.optimise.values import Rest, near_rest, rest
 from fitting.optimise.variables import with_design
 
 #: Share by which a variable is moved, and how many variables are.
@@ -52,7 +51,7 @@ class Runs:
         return float(found.hard[0]), (found.slope[0] * found.hard[0] / found.soft[0]).tolist()
 
     def sea(self, x, case):
-        return sea_of(self.site, with_design(self.site.scene, self.variables, x), case, RAMP)
+        return sea_of(self.site, with_design(self.site.scene, self.variables, x), case, WINDOW_RAMP)
 
     def window(self, moved, case):
         model, pose = self.design(moved, True)
@@ -97,7 +96,7 @@ def foretold(kept, names, x):
 def main():
     args = options(__doc__, loops=60, seeds=10, seconds=1e9)
     begun = time.perf_counter()
-    values = {"duration": DURATION, "seeds": args.seeds, "skip": RAMP, "ramp": RAMP}
+    values = {"duration": DURATION, "seeds": args.seeds, "skip": WINDOW_RAMP, "ramp": WINDOW_RAMP}
     site, variables, x = problem(args.loops, values)
     names = [v.name for v in variables]
     runs = Runs(site, variables, x)

@@ -14,8 +14,8 @@ from study import options, say, store, stored
 
 from fitting.optimise.models import Still, sea_of, still, still_model
 from fitting.optimise.quantities import part_load
-from fitting.optimise.rest import Rest, near_rest, rest
-from fitting.optimise.storm import RAMP, peaks
+from fitting.optimise.storm import WINDOW_RAMP, peaks
+from fitting.optimise.values import Rest, near_rest, rest
 from fitting.optimise.variables import read_variables, with_design
 from fitting.site import read_site
 
@@ -87,7 +87,7 @@ def main():
     found["rest_first_s"] = lap()
     own = rest(here, own.state)
     found["rest_s"] = lap()
-    sea = sea_of(site, with_design(site.scene, variables, x), case, RAMP)
+    sea = sea_of(site, with_design(site.scene, variables, x), case, WINDOW_RAMP)
     quantities = (part_load(here.model, site.parts[0]),)
     dt = site.scene.run.dt
 

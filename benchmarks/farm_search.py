@@ -18,8 +18,8 @@ from study import store, stored
 
 from dropper_jax.base.errors import SceneError
 from fitting.optimise.run import read_problem
-from fitting.optimise.search import PRICE, ROUNDING, Search, run_search, violation
-from fitting.optimise.storms import full_storm
+from fitting.optimise.search import PERMITTED_EXCESS, PRICE, Search, run_search, violation
+from fitting.optimise.storm import full_storm
 from fitting.optimise.variables import with_design
 from fitting.site import read_site
 
@@ -63,7 +63,7 @@ class Judge:
 
     def seen(self, x, found):
         self.runs += 1
-        if found.worst <= 1.0 + ROUNDING and found.objective < self.best:
+        if found.worst <= 1.0 + PERMITTED_EXCESS and found.objective < self.best:
             self.best = found.objective
             self.rows.append([round(self.spent, 1), self.runs, found.objective, np.asarray(x).tolist()])
 

@@ -13,6 +13,19 @@ from typing import Any
 
 RESULTS = Path(__file__).parent / "results"
 Rows = list[tuple[str, ...]]
+#: Name of a table: results (`results/NAME.json`) that it is made of, and rows or Markdown made of them.
+TABLES: dict[str, tuple[tuple[str, ...], Callable[..., Rows | str]]] = {}
+Found = dict[str, Any]
+
+
+def table_of(*results: str, name: str = "") -> Callable[[Callable[..., Rows | str]], Callable[..., Rows | str]]:
+    """Enter a table of these results, by the name of its function unless given."""
+
+    def entered(make: Callable[..., Rows | str]) -> Callable[..., Rows | str]:
+        TABLES[name or make.__name__] = results, make
+        return make
+
+    return entered
 
 
 def stored(name: str | Path, default: Any = None) -> Any:
@@ -76,6 +89,22 @@ def columns(rows: Iterable[dict[str, Any]], *pairs: tuple[str, str | Callable[[d
 def joined(values: Sequence[float], form: str, between: str = ", ") -> str:
     """Numbers in one cell."""
     return between.join(form.format(value) for value in values)
+
+
+def percent(x: float, digits: int = 0) -> str:
+    return f"{100 * x:.{digits}f} %"
+
+
+def kilo(newton: float) -> str:
+    return f"{newton / 1e3:.1f}"
+
+
+def milli(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g}"
+
+
+def kilo_range(interval: list[float]) -> str:
+    return f"{kilo(interval[0])} to {kilo(interval[1])}"
 
 
 def options(doc: str, **known: Any) -> argparse.Namespace:

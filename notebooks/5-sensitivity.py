@@ -27,7 +27,7 @@ from IPython.display import Image
 import dropper_jax as dj
 from dropper_jax.plots import style
 from fitting import sensitivity
-from fitting.sensitivity import screening, tornado
+from fitting.sensitivity import tornado
 
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 
@@ -100,7 +100,7 @@ print(f"growth rate {found.exponent:.2g} per s: derivatives are trusted for {fou
 longer = scene.with_values({"run.duration": 10.0})
 ranged = sensitivity.study(longer, "angle.4.std", ["b_l", "b_q", "line.0.mass.2"])
 box = sensitivity.ranges(ranged, {"b_l": (0.0005, 0.008), "b_q": (0.0, 0.006), "line.0.mass.2": (0.030, 0.036)})
-indices = screening.global_indices(ranged.batch, ranged.names, box, "sobol", 128, 0)
+indices = sensitivity.global_indices(ranged.batch, ranged.names, box, "sobol", 128, 0)
 tornado.global_picture(indices, "angle.4.std", "sobol.png")
 print(f"{indices.runs} runs, mean {indices.mean:.3f} rad, standard deviation {indices.std:.3f} rad")
 Image("sobol.png", width=640)

@@ -29,7 +29,7 @@ import dropper_jax as dj
 from dropper_jax.plots import style
 from fitting import fit
 from fitting.calibration.one_run import one_run
-from fitting.parameters.fitted import fitted_scene
+from fitting.parameters.of_scene import fitted_scene
 from fitting.traces.synthetic import simulate_truth
 from fitting.tracking import track
 from fitting.tracking.render import View, film

@@ -14,7 +14,7 @@ from dropper_jax.base.fields import component
 
 #: Relative change of length below which the mean tension is that in the middle of the change: exact to second order,
 #: where a difference of energies would be lost in rounding.
-LITTLE = 1e-7
+SMALL_CHANGE = 1e-7
 
 
 @component
@@ -62,7 +62,7 @@ class Tabulated(Rope):
 
     def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
         length, longer = step.length, size - step.size
-        little = jnp.abs(longer) < LITTLE * length
+        little = jnp.abs(longer) < SMALL_CHANGE * length
         work = self._stored_energy(size, length) - self._stored_energy(step.size, length)
         middle = self.spring(0.5 * (step.size + size), length)
         return jnp.where(little, middle, work / jnp.where(little, 1.0, longer))

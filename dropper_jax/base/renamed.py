@@ -31,6 +31,9 @@ class Row(NamedTuple):
 
 RENAMED = (
     Row("module", "dropper_jax.base", "place", "scatter", "0.2"),
+    Row("module", "fitting.optimise", "picture", "run", "0.2"),
+    Row("module", "fitting.parameters", "fitted", "of_scene", "0.2"),
+    Row("module", "fitting.sensitivity", "screening", "derivatives", "0.2"),
     Row("name", "dropper_jax.base.scatter", "place", "scatter_add", "0.2"),
     Row("name", "dropper_jax.base.scatter", "summed", "scatter_add_many", "0.2"),
     Row("name", "dropper_jax", "followed_steps", "adaptive_step_lengths", "0.2"),

@@ -10,7 +10,7 @@ from scipy.linalg import toeplitz
 from dropper_jax.effects.joint_friction import JointFriction
 from dropper_jax.model import Model
 from dropper_jax.model.slots import Potential
-from fitting.parameters.naming import DAMPING
+from fitting.parameters.of_scene import DAMPING
 from fitting.traces import planar
 from fitting.traces.trace import Trace, smooth, smoothers
 

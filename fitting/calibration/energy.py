@@ -20,9 +20,9 @@ import numpy as np
 from dropper_jax.model import Model
 from fitting.calibration.balance import smooth_stretch, smoothed_noise, without_noise
 from fitting.calibration.result import EnergyCheck, FitResult
-from fitting.parameters.naming import DAMPING
+from fitting.parameters.of_scene import DAMPING
 from fitting.parameters.parameter import apply
-from fitting.parameters.seeing import camera_angles, clock_rate
+from fitting.parameters.target import camera_angles, clock_rate
 
 #: Half width of the smoother as a fraction of the shortest link's period: its cubics lose 1e-4 of a swing's energy.
 SMOOTH = 0.06

@@ -30,7 +30,7 @@ from fitting.estimate.normal_equations import Step, solve_spd
 from fitting.estimate.problem import Problem
 from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE, JoinedWindows
 from fitting.estimate.windows import PER_WINDOW, Windows
-from fitting.parameters.naming import full_names
+from fitting.parameters.of_scene import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 #: Rounds of the search for the windows' starts on a trace without noise.

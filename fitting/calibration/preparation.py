@@ -23,7 +23,7 @@ from fitting.estimate.resting import advice_on_rest
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts, check_step, cut, fewest_frames, fill, first_starts, time_step
-from fitting.parameters.naming import default_free, full_names
+from fitting.parameters.of_scene import default_free, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
 from fitting.parameters.priors import rig_priors
 from fitting.parameters.target import LostPlace

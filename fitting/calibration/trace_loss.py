@@ -17,7 +17,7 @@ from fitting.calibration.prepared import Prepared
 from fitting.estimate.marching import at_samples, march
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import apply
-from fitting.parameters.seeing import camera_angles, clock_rate, losses
+from fitting.parameters.target import camera_angles, clock_rate, losses
 from fitting.traces import planar
 
 #: Gauss-Newton steps of the windows for one value with optimal starts: from the first starts, four leave 0.01 of

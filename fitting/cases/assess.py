@@ -10,16 +10,12 @@ import numpy as np
 
 from dropper_jax.report.tension import YEAR, damage
 from dropper_jax.scene import whole_lines
-from fitting.cases.characteristic import ENOUGH, characteristic
-from fitting.cases.flags import flags_of
-from fitting.cases.one import STATUS
-from fitting.cases.store import Store
-from fitting.cases.tally import Found
+from fitting.cases.flags import FINAL_SEEDS, characteristic, flags_of
+from fitting.cases.one import STATUS, Found
+from fitting.cases.run import Store
 from fitting.site import Anchor, Case, Part, Site, Storm
 
 SCHEMA = 1
-#: Fraction of an anchor's mean load below which a load has no defined direction.
-LOADED = 0.01
 
 
 class Runs:
@@ -28,7 +24,7 @@ class Runs:
     def __init__(self, site: Site, folder: str | Path, dt: float) -> None:
         self.site, self.store = site, Store(folder, site, dt)
         self.lines = whole_lines(site.scene)
-        self.held = [point.name for point in site.scene.points if point.kind == "fixed"]
+        self.held = [point.name for point in site.scene.points if not point.is_free]
 
     def of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[dict[str, Any]]]:
         """Successful runs of a load case, and a row for every other run."""
@@ -85,7 +81,7 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
         "duration_s": site.run.duration,
         "skip_s": site.run.skip,
         "seeds": len(site.seeds),
-        "final_check": len(site.seeds) >= ENOUGH and not failed,
+        "final_check": len(site.seeds) >= FINAL_SEEDS and not failed,
         "characteristic": site.run.characteristic,
         "factors": {"source": site.factors.source, "edition": site.factors.edition},
         "cases": cases,
@@ -289,7 +285,8 @@ def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray])
 def _uplift(load: np.ndarray) -> float:
     """Maximum angle [deg] above the horizontal of loads (k, 2), among those that have a direction."""
     size = np.hypot(*load.T)
-    loaded = size >= max(LOADED * size.mean(), 1e-12)
+    # below 1 % of its mean a load has no defined direction
+    loaded = size >= max(0.01 * size.mean(), 1e-12)
     return float(np.degrees(np.arctan2(load[loaded, 1], load[loaded, 0]).max())) if loaded.any() else 0.0
 
 

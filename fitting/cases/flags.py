@@ -1,12 +1,48 @@
-"""Warnings of the report, one line each."""
+"""Characteristic loads of load cases, and the warnings of the report, one line each."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from dropper_jax.report.extremes import storm_extreme
 from dropper_jax.study.load_errors import UNRESOLVED
-from fitting.cases.characteristic import ENOUGH
 from fitting.site import Site
+from fitting.site.sections import RunValues
+
+#: Minimum number of seeds for a final check.
+FINAL_SEEDS = 10
+
+
+def characteristic(maxima: np.ndarray, run: RunValues) -> dict[str, Any]:
+    """Characteristic load of a case: mean of the seeds' maxima (seeds,), or the most probable maximum of a storm.
+
+    The standard error of the mean is `s/sqrt(n)`. The interval of either is that of a Gumbel distribution (see
+    `report.extremes.storm_extreme`). The standard error of the most probable value is half of a 68 % interval.
+
+    Returns:
+        {value, error, interval, seeds, kind}: error: None with one seed; interval: None with fewer than three seeds
+        or without a distribution; `kind` is the computed quantity.
+    """
+    maxima = np.asarray(maxima, float)
+    n, counted = len(maxima), run.duration - run.skip
+    error = float(maxima.std(ddof=1) / np.sqrt(n)) if n > 1 else None
+    found = {"value": float(maxima.mean()), "error": error, "interval": None, "seeds": n, "kind": "mean"}
+    whole = storm_extreme(maxima, counted, counted, run.confidence)
+    if "skipped" in whole:
+        return found
+    if run.characteristic == "mean":
+        return {**found, "interval": whole["mean_interval"]}
+    storm = storm_extreme(maxima, counted, run.storm, run.confidence)
+    low, high = storm_extreme(maxima, counted, run.storm, 0.6827)["most_probable_interval"]
+    return {
+        "value": storm["most_probable"],
+        "error": 0.5 * (high - low),
+        "interval": storm["most_probable_interval"],
+        "seeds": n,
+        "kind": "most_probable",
+    }
 
 
 def flags_of(found: dict[str, Any], site: Site) -> list[str]:
@@ -21,8 +57,8 @@ def flags_of(found: dict[str, Any], site: Site) -> list[str]:
             f"{len(rows)} of {len(site.cases)} runs are missing or failed, the first in case {first['case']}, seed "
             f"{first['seed']} ({first['status']}{at}{why}): their cases are not assessed with all seeds"
         )
-    if found["seeds"] < ENOUGH:
-        notes.append(f"{found['seeds']} seeds: not a final check, which needs at least {ENOUGH}")
+    if found["seeds"] < FINAL_SEEDS:
+        notes.append(f"{found['seeds']} seeds: not a final check, which needs at least {FINAL_SEEDS}")
     for part in found["parts"]:
         notes += _part(part)
     for case in found["cases"]:

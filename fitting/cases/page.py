@@ -16,7 +16,7 @@ from dropper_jax.plots import style
 from dropper_jax.report.sections import table
 
 #: Number of load cases in the page's table; the CSV has all.
-MOST = 12
+MOST_CASES = 12
 LABELS = ("case", "sea_state", "direction_deg", "current", "level_m", "month", "state")
 COLUMNS = (
     *("kind", "part", *LABELS, "line", "load_n", "load_error_n", "load_low_n", "load_high_n"),
@@ -33,7 +33,6 @@ COLUMNS = (
 )
 #: Bars of parts within and beyond their limits, and dots of cases with intact and with broken lines.
 HOLDS, WEAK = "#C9DAEA", "#F0C9B0"
-INTACT, BROKEN = style.CYCLE[0], style.CYCLE[1]
 
 
 def write_page(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
@@ -176,8 +175,8 @@ def _worst_cases(found: dict[str, Any], storms: dict[int, Any]) -> str:
         for row in part["cases"]:
             by_case[row["case"]] = max(by_case.get(row["case"], (0.0, "-")), (row["utilisation"], part["part"]))
     ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
-    rows = [[str(n), _label(storms[n]), part, f"{used:.2f}"] for n, (used, part) in ordered[:MOST]]
-    more = f"\n\n{len(ordered) - MOST} more in cases.csv." if len(ordered) > MOST else ""
+    rows = [[str(n), _label(storms[n]), part, f"{used:.2f}"] for n, (used, part) in ordered[:MOST_CASES]]
+    more = f"\n\n{len(ordered) - MOST_CASES} more in cases.csv." if len(ordered) > MOST_CASES else ""
     return table(["case", "", "part used most", "utilisation"], rows) + more
 
 
@@ -221,7 +220,7 @@ def draw_utilisation(found: dict[str, Any], path: Path) -> Path:
         share = 0.0 if step is None else step.get("relative", 0.0)
         error = np.hypot(worst["utilisation_error"] or 0.0, share * worst["utilisation"])
         axes.errorbar(worst["utilisation"], y, xerr=error, color=style.DARK, capsize=3, lw=1, zorder=4)
-        for broken, colour in ((False, INTACT), (True, BROKEN)):
+        for broken, colour in ((False, style.CYCLE[0]), (True, style.CYCLE[1])):
             used = [c["utilisation"] for c in cases if (states[c["case"]] != "intact") == broken]
             label = ("a line breaks" if broken else "intact") if i == 0 else None
             axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=colour, zorder=3, label=label)

@@ -19,12 +19,10 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
-from fitting.channels.data import Data
+from fitting.channels.channel import Data
 from fitting.channels.motion import Clock, Reading, Setup
-from fitting.parameters.naming import full_names
-from fitting.parameters.of_scene import find_parameters, scene_parameter
+from fitting.parameters.of_scene import find_parameters, full_names, scene_parameter
 from fitting.parameters.parameter import Parameter, check_once
-from fitting.parameters.target import Direction
 
 #: Numeric fields of a start, and their units.
 STARTS = {
@@ -69,7 +67,7 @@ def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "fre
         else:
             found += find_parameters(scene, model, full_names(scene, [name], option), option)
     for p in found:
-        if not isinstance(p.where, SetupPlace) and type(p.where).__name__ not in ("ModelPlace", "Direction"):
+        if not (isinstance(p.where, SetupPlace) or p.in_model or p.moves_model):
             raise SceneError(f"{option}: {p.name!r} is for traces of angles. Use channel.NAME.offset and the like")
     check_once([p.name for p in found], option)
     return tuple(found)
@@ -164,12 +162,12 @@ def setup_with_directions(scene: Scene, data: Data, parameters: Sequence[Paramet
     Numbers that do not affect the model linearly (EA with a damping ratio, lengths) are set in the scene, which is
     then built again, and their directions are taken there.
     """
-    written = {p.name: float(v) for p, v in zip(parameters, values, strict=True) if isinstance(p.where, Direction)}
+    written = {p.name: float(v) for p, v in zip(parameters, values, strict=True) if p.moves_model}
     scene = scene.with_values(written) if written else scene
     setup = first_setup(scene, data)
     directions: list[Setup] = []
     for p in parameters:
-        if isinstance(p.where, Direction):
+        if p.moves_model:
             where = scene_parameter(scene, setup.model, p.name).where
             leaves, tree = jax.tree.flatten(jax.tree.map(jnp.zeros_like, setup.model))
             for leaf, slope in where.slopes.items():
@@ -178,7 +176,7 @@ def setup_with_directions(scene: Scene, data: Data, parameters: Sequence[Paramet
         else:
             directions.append(jax.jvp(lambda v, p=p: set_parameter(setup, p, v), (1.0,), (1.0,))[1])
     for p, v in zip(parameters, values, strict=True):
-        if not isinstance(p.where, Direction):
+        if not p.moves_model:
             setup = set_parameter(setup, p, v)
     if not directions:
         tangents = jax.tree.map(lambda a: jnp.zeros((0, *jnp.shape(a))), setup)

@@ -135,11 +135,3 @@ def differentiate_channels(
 
     slopes, (shown, s, bad) = jax.jacfwd(of, has_aux=True)(jnp.zeros(directions, dt.dtype))
     return shown, slopes, s, bad
-
-
-@cached_jit(static=("plan",))
-def simulate_channels(
-    plan: Plan, setup: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
-) -> tuple[tuple[jax.Array, ...], State, jax.Array]:
-    """Channel values without derivatives."""
-    return observe_channels(plan, setup, near, dt, times)

@@ -20,14 +20,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from dropper_jax.model import State
-from fitting.channels.data import Data, Sensor
+from fitting.channels.channel import Data, Sensor
 from fitting.estimate import noise as noise_model
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.sandwich import hat_diagonal
 from fitting.traces.trace import noise_by_differences
-
-#: Minimum size of a sensor's relative noise, as a fraction of the channel's RMS: a reading of 0 is not exact.
-RELATIVE_FLOOR = 0.05
 
 
 @dataclass(frozen=True)
@@ -112,7 +109,8 @@ def scale_of(sensor: Sensor, shown: np.ndarray) -> np.ndarray:
     """Scale of a channel's noise at `shown`: 1, or the value if the noise is a fraction of it."""
     if not sensor.relative:
         return np.ones_like(shown)
-    return np.maximum(np.abs(shown), RELATIVE_FLOOR * np.sqrt(np.mean(shown**2)))
+    # a reading of 0 is not exact: at least 5 % of the channel's RMS
+    return np.maximum(np.abs(shown), 0.05 * np.sqrt(np.mean(shown**2)))
 
 
 def rows_of(data: Data, e: Evaluation, noise: Noise, scales: tuple[tuple[np.ndarray, ...], ...]) -> Rows:

@@ -16,7 +16,7 @@ from dropper_jax.model import State
 from dropper_jax.run.build import build_model, equal_steps
 from dropper_jax.run.start import initial_state
 from dropper_jax.stepping.stepper import Stepper
-from fitting.channels.data import Data
+from fitting.channels.channel import Data
 from fitting.channels.free import SetupPlace, setup_with_directions
 from fitting.channels.motion import Plan, differentiate_channels
 from fitting.channels.noise import Evaluation, Noise, lag_one, rows_of
@@ -24,10 +24,6 @@ from fitting.estimate.noise import correlates
 from fitting.estimate.problem import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
 
-#: Number of saved states after the last sample, needed by cubics through four rows.
-BEYOND = 3
-#: Maximum derivative whose square can be summed without overflow.
-LARGEST = 1e100
 #: Maximum factor by which one step may change a number of fixed sign.
 FACTOR = 3.0
 #: Maximum number of halvings of the step for its bias.
@@ -201,7 +197,8 @@ class Problem(Residuals):
         rate = max([1.0, *rates, *(c.rate for c in self.data.cameras)])
         late = late * rate - min([0.0, *given, *(d for d in delays if np.isfinite(d))]) * (2 if delays else 1)
         spacing = self.scenes[0].run.dt * self.scenes[0].run.save_every
-        return max(int(np.ceil(late / spacing - 1e-9)) + BEYOND, 5)
+        # cubics through four rows need three saved states after the last sample
+        return max(int(np.ceil(late / spacing - 1e-9)) + 3, 5)
 
     def evaluate(self, values: np.ndarray, starts: Sequence[State] | None = None) -> Evaluation:
         """Predictions of all runs at these values (p,), with derivatives."""
@@ -221,7 +218,7 @@ class Problem(Residuals):
             if int(bad) >= 0 or not all(np.isfinite(y).all() for y in motion):
                 when = f"step {int(bad) + 1} at {(int(bad) + 1) * self.dt:g} s" if int(bad) >= 0 else "the start"
                 failed = failed or f"{self.data.runs[run].name}: {when} did not solve"
-            elif not all(np.abs(s).max(initial=0.0) < LARGEST for s in slope):
+            elif not all(np.abs(s).max(initial=0.0) < 1e100 for s in slope):  # squares must not overflow in a sum
                 unstable = True
                 failed = failed or f"{self.data.runs[run].name}: derivatives grow without bound, the motion is chaotic"
             counts = [len(t) for t in self.data.runs[run].t]

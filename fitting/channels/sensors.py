@@ -2,23 +2,260 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import check_keys, read_integer, read_list, read_text
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.read import check_keys, read_integer, read_list, read_number, read_table, read_text, refuse
 from dropper_jax.scene import SceneData
-from dropper_jax.scene.fit import in_si
-from fitting.channels.angle import Angle
-from fitting.channels.channel import Channel, Context
-from fitting.channels.data import CameraSpec, Sensor
-from fitting.channels.entries import columns_of, name_of, number_of, unit_of, vector_of
-from fitting.channels.pixel import Pixel, projection
-from fitting.channels.place import Where
-from fitting.channels.position import Depth, Position
-from fitting.channels.tension import Tension
+from dropper_jax.scene.fit import PRIOR_UNITS, in_si
+from fitting.channels.channel import (
+    CameraSpec,
+    Channel,
+    Context,
+    Node,
+    SavedMotion,
+    Sensor,
+    Where,
+    ends_at,
+    line_of,
+    link_of,
+    node_of,
+)
+
+# Entries of the tables in a channels file: names, numbers, units, columns; errors give the path of the entry
+
+
+def tables_of(source: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    allowed = f"one or more [[{key}]] tables"
+    items = read_list(source.get(key, []), key, None, allowed)
+    return [read_table(item, f"{key}.{i}") for i, item in enumerate(items)]
+
+
+def check_once(names: Sequence[str], section: str) -> None:
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise SceneError(f"{section}.{i}: duplicate name {name!r}; names must be unique")
+
+
+def name_of(table: Mapping[str, Any], path: str, default: str | None = None) -> str:
+    if "name" not in table and default is None:
+        raise SceneError(f"{path}.name: missing; needed: a name without a point")
+    name = read_text(table.get("name", default), f"{path}.name")
+    if not name.strip() or ("name" in table and "." in name):
+        raise refuse(f"{path}.name", name, "cannot be used in the path of a parameter", "a name without a point")
+    return name.replace(".", "_")
+
+
+def number_of(table: Mapping[str, Any], path: str, key: str, default: float | None, **limits: Any) -> float | None:
+    return read_number(table[key], f"{path}.{key}", {"unit": "-", **limits}) if key in table else default
+
+
+def vector_of(table: Mapping[str, Any], path: str, key: str, count: int) -> np.ndarray:
+    if key not in table:
+        raise SceneError(f"{path}.{key}: missing; needed: {count} numbers")
+    items = read_list(table[key], f"{path}.{key}", count, f"{count} numbers")
+    return np.array([read_number(x, f"{path}.{key}.{i}", {"unit": "-"}) for i, x in enumerate(items)])
+
+
+def unit_of(table: Mapping[str, Any], path: str, key: str, measures: str) -> str:
+    fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == measures]
+    if key not in table:
+        raise SceneError(f"{path}.{key}: missing; needed: {', '.join(fitting)}")
+    unit = read_text(table[key], f"{path}.{key}")
+    if unit not in fitting:
+        raise SceneError(f"{path}.{key}: {unit!r} is not a unit of this quantity; allowed: {', '.join(fitting)}")
+    return unit
+
+
+def columns_of(table: Mapping[str, Any], path: str) -> tuple[str, ...]:
+    if ("column" in table) == ("columns" in table):
+        raise SceneError(
+            f"{path}: names its columns {'twice' if 'column' in table else 'nowhere'}; allowed: column or columns"
+        )
+    if "column" in table:
+        return (read_text(table["column"], f"{path}.column"),)
+    items = read_list(table["columns"], f"{path}.columns", None, "a list of names of columns")
+    if not items:
+        raise SceneError(f"{path}.columns: is empty; allowed: names of columns")
+    return tuple(read_text(name, f"{path}.columns.{i}") for i, name in enumerate(items))
+
+
+# Tensions of links, and the force of lines on a point
+
+
+@dataclass(frozen=True)
+class Tension(Channel):
+    """Tension [N] of a link, or the magnitude `|sum of T d/|d||` of the force of all lines that end at a point."""
+
+    kind: ClassVar[str] = "tension"
+    measures: ClassVar[str] = "N"
+    of_tension: ClassVar[bool] = True
+
+    ends: tuple[tuple[int, int, int], ...] = ()
+    link: int = 0
+
+    @classmethod
+    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+        if where.point is None:
+            return cls(**common, link=link_of(context.scene, where, context.path))
+        ends = ends_at(context.scene, where.point, context.path)
+        if len(ends) == 1:
+            return cls(**common, link=ends[0][2])
+        return cls(**common, ends=ends)
+
+    def see(self, motion: SavedMotion) -> jax.Array:
+        if not self.ends:
+            return motion.tension[:, self.link, None]
+        total = 0.0
+        for node, inner, link in self.ends:
+            d = motion.middle[:, inner] - motion.middle[:, node]
+            total = total + (motion.tension[:, link] / safe_norm(d))[:, None] * d
+        return safe_norm(total)[:, None]
+
+
+# Positions of nodes in the picture of a camera
+
+
+def projection(position: np.ndarray, look_at: np.ndarray, focal: float, centre: np.ndarray) -> np.ndarray:
+    """The matrix P (3, 4) of an upright pinhole camera: `(u w, v w, w) = P (x, y, z, 1)`, v downwards.
+
+    Args:
+        position, look_at: (3,) [m].
+        focal: [px].
+        centre: point of the picture (2,) [px] that shows `look_at`.
+    """
+    ahead = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right = right / np.linalg.norm(right)
+    down = np.cross(ahead, right)
+    turn = np.stack([right, down, ahead])
+    inner = np.array([[focal, 0.0, centre[0]], [0.0, focal, centre[1]], [0.0, 0.0, 1.0]])
+    return inner @ np.column_stack([turn, -turn @ position])
+
+
+@dataclass(frozen=True)
+class Pixel(Channel):
+    """Position (u, v) [px] of a node in the picture of a pinhole camera of projection P."""
+
+    kind: ClassVar[str] = "pixel"
+    measures: ClassVar[str] = "px"
+
+    node: Node = Node(0, 0, 0.0)
+    matrix: tuple[tuple[float, ...], ...] = ()
+
+    @classmethod
+    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+        if common["camera"] is None:
+            raise SceneError(f"{context.path}.camera: missing; needed: the name of a [[camera]]")
+        if len(common["columns"]) != 2:
+            raise SceneError(f"{context.path}.columns: {len(common['columns'])} columns; allowed: 2, u and v")
+        matrix = context.projections[common["camera"]]
+        return cls(**common, node=node_of(context.scene, where, context.path), matrix=matrix)
+
+    def see(self, motion: SavedMotion) -> jax.Array:
+        position = position_at(motion.nodes, self.node)
+        matrix = np.array(self.matrix)
+        seen_at = position @ matrix[:, :3].T + matrix[:, 3]
+        return seen_at[:, :2] / jnp.where(seen_at[:, 2:] == 0, 1.0, seen_at[:, 2:])
+
+
+# Angles of links
+
+#: Definitions of an angle: in the x-z plane from the horizontal, positive downwards; in that plane from straight down,
+#: positive towards +x; from +x towards +y.
+ANGLES = ("horizontal", "down", "azimuth")
+
+
+@dataclass(frozen=True)
+class Angle(Channel):
+    """Angle of a link's direction d: `atan2(-d_z, d_x)`, `atan2(d_x, -d_z)` or `atan2(d_y, d_x)` [rad]."""
+
+    kind: ClassVar[str] = "angle"
+    measures: ClassVar[str] = "rad"
+    turns: ClassVar[bool] = True
+    KEYS: ClassVar[tuple[str, ...]] = ("zero",)
+
+    first: int = 0
+    second: int = 1
+    zero: str = "horizontal"
+
+    @classmethod
+    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+        zero = read_text(table.get("zero", "horizontal"), f"{context.path}.zero", ANGLES)
+        line = line_of(context.scene, where.line, context.path)
+        link = link_of(context.scene, where, context.path) - line.links.start
+        return cls(**common, first=int(line.nodes[link]), second=int(line.nodes[link + 1]), zero=zero)
+
+    def see(self, motion: SavedMotion) -> jax.Array:
+        d = motion.nodes[:, self.second] - motion.nodes[:, self.first]
+        pairs = {"horizontal": (-d[:, 2], d[:, 0]), "down": (d[:, 0], -d[:, 2]), "azimuth": (d[:, 1], d[:, 0])}
+        up, along = pairs[self.zero]
+        flat = (up == 0) & (along == 0)  # a link seen end on has no angle: derivatives stay finite
+        angle = jnp.arctan2(jnp.where(flat, 0.0, up), jnp.where(flat, 1.0, along))
+        turns = jax.lax.stop_gradient(jnp.unwrap(angle) - angle)
+        return (angle + turns)[:, None]
+
+
+# Positions of nodes and points in space, and depths
+
+AXES = ("x", "y", "z")
+
+
+def position_at(nodes: jax.Array, node: Node) -> jax.Array:
+    """Position of the sensor (times, 3) [m]."""
+    first = nodes[:, node.first]
+    return first if node.share == 0 else first + node.share * (nodes[:, node.second] - first)
+
+
+@dataclass(frozen=True)
+class Position(Channel):
+    """Coordinates [m] of a node, one column for each of `axes`."""
+
+    kind: ClassVar[str] = "position"
+    measures: ClassVar[str] = "m"
+    KEYS: ClassVar[tuple[str, ...]] = ("axes",)
+
+    node: Node = Node(0, 0, 0.0)
+    axes: tuple[int, ...] = (0, 1, 2)
+
+    @classmethod
+    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+        path = f"{context.path}.axes"
+        names = read_list(table.get("axes", list(AXES)), path, None, "a list of x, y, z")
+        axes = tuple(AXES.index(read_text(name, f"{path}.{i}", AXES)) for i, name in enumerate(names))
+        if len(common["columns"]) != len(axes):
+            raise SceneError(
+                f"{context.path}.columns: {len(common['columns'])} columns for {len(axes)} axes; allowed: one per axis"
+            )
+        return cls(**common, node=node_of(context.scene, where, context.path), axes=axes)
+
+    def see(self, motion: SavedMotion) -> jax.Array:
+        return position_at(motion.nodes, self.node)[:, list(self.axes)]
+
+
+@dataclass(frozen=True)
+class Depth(Channel):
+    """Depth `-z` [m] below the mean surface, as measured by a pressure sensor averaged over a wave."""
+
+    kind: ClassVar[str] = "depth"
+    measures: ClassVar[str] = "m"
+
+    node: Node = Node(0, 0, 0.0)
+
+    @classmethod
+    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+        return cls(**common, node=node_of(context.scene, where, context.path))
+
+    def see(self, motion: SavedMotion) -> jax.Array:
+        return -position_at(motion.nodes, self.node)[:, 2:]
+
 
 KINDS: dict[str, type[Channel]] = {cls.kind: cls for cls in (Angle, Position, Pixel, Tension, Depth)}
 COMMON = ("name", "kind", "column", "columns", "unit", "camera", "noise", "noise_unit", "offset", "gain", "delay")

@@ -17,8 +17,7 @@ title = "calibrating synthetic traces of scenarios A, B and C"
 def run_part(folder: Path, progress: Progress | None) -> DemoPart:
     """The calibration part of `dropper demo`."""
     from dropper_jax.cli.demo import DemoPart
-    from fitting.report.example import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows
-    from fitting.report.report import markdown
+    from fitting.report.report import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows, markdown
     from fitting.report.tables import summary
 
     result = calibrate_synthetic(folder, EXAMPLE, progress=progress)

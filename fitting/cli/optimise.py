@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     print_warnings(found.warnings)
     drawn = single or (plot and picture(plot, "design"))
     if drawn:
-        from fitting.optimise.picture import design_picture
+        from fitting.optimise.run import design_picture
 
         design_picture(site, found, drawn)
     message = "" if found.feasible else "none of the designs found meets all constraints on whole runs"

@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax.effects import register_installed
     from fitting.season import season, write_season
-    from fitting.season.page import draw
+    from fitting.season.season import draw
     from fitting.site import read_site
 
     register_installed()

@@ -86,7 +86,7 @@ def _over_ranges(problem: Study, args: argparse.Namespace) -> Global:
 
 
 def _report(found: Local | Global, args: argparse.Namespace, warnings: list[str], out: Path | None) -> int:
-    from fitting.sensitivity.tables import global_text, local_text
+    from fitting.sensitivity.derivatives import global_text, local_text
 
     message = "" if found.finite else f"{args.of}: a step of the run failed; see `dropper run`"
     print_warnings(warnings)

@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
 
 def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
     """Draw the orders that are compatible with the film; no trace is written."""
-    from fitting.tracking.alternatives import SHOWN, write_alternatives
+    from fitting.tracking.overlay import SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
     shown = f"the first {SHOWN}" if len(error.orders) > SHOWN else "they"

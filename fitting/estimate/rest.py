@@ -29,7 +29,7 @@ from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Prior
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.parameter import apply
-from fitting.parameters.seeing import camera_angles
+from fitting.parameters.target import camera_angles
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 

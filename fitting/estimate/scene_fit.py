@@ -16,7 +16,7 @@ from fitting.estimate.posterior import Posterior, importance
 from fitting.estimate.problem import Solution
 from fitting.estimate.profile import Profile, profile
 from fitting.estimate.uncertainty import Uncertainty, bootstrap
-from fitting.parameters.naming import full_names
+from fitting.parameters.of_scene import full_names
 from fitting.parameters.parameter import Parameter
 
 SAMPLERS = {"importance": importance, "nuts": nuts}

@@ -25,8 +25,7 @@ from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
 from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import ON_GRID, Starts, Windows
 from fitting.parameters.parameter import Parameter, apply
-from fitting.parameters.seeing import camera_angles, clock_rate, losses
-from fitting.parameters.target import LostPlace
+from fitting.parameters.target import LostPlace, camera_angles, clock_rate, losses
 from fitting.traces import planar
 
 #: Windows in one batched program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all cores

@@ -7,9 +7,11 @@ until windows are chosen again. Cases with a broken line have loads of parts and
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,17 +19,11 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
-from fitting.optimise.broken import link_of, masked_still
 from fitting.optimise.goals import Goals, check_depths
-from fitting.optimise.models import STEP, Still, idle, in_assumed, sea_of, still
-from fitting.optimise.over_seeds import check_seeds, weights
-from fitting.optimise.parallel_runs import run_parallel
-from fitting.optimise.quantities import Quantity
-from fitting.optimise.rest import rest
-from fitting.optimise.settings import Settings
-from fitting.optimise.storm import RAMP, Peaks, peaks
-from fitting.optimise.storms import Storms, full_storm
-from fitting.optimise.values import RunStart, Values, Window
+from fitting.optimise.models import DIFFERENCE_STEP, Still, idle, in_assumed, link_of, masked_still, sea_of, still
+from fitting.optimise.quantities import Quantity, check_seeds, weights
+from fitting.optimise.storm import WINDOW_RAMP, Peaks, Settings, Storms, full_storm, peaks
+from fitting.optimise.values import RunStart, Values, Window, rest
 from fitting.optimise.variables import Variable, with_design
 from fitting.site import Case, Part, Site
 
@@ -105,7 +101,7 @@ class Design:
             slope = np.zeros((1 + len(self.site.parts), len(x)))
             for k, variable in enumerate(self.variables):
                 step = np.zeros(len(x))
-                step[k] = STEP * variable.span
+                step[k] = DIFFERENCE_STEP * variable.span
                 slope[:, k] = (self._evaluate_scene(x + step) - self._evaluate_scene(x - step)) / (2 * step[k])
             self._scene_cache = key, (self._evaluate_scene(x), slope)
         return self._scene_cache[1]
@@ -136,7 +132,7 @@ class Design:
     def window(self, x: np.ndarray, window: Window, start: RunStart, slopes: bool = True) -> Peaks:
         """Peaks of a window of a design."""
         scene = with_design(self.calm.scene, self.variables, x)
-        sea = sea_of(self.calm, scene, window.case, RAMP, window.begin)
+        sea = sea_of(self.calm, scene, window.case, WINDOW_RAMP, window.begin)
         quantities = self.quantities(window.case, start.still)
         own = start.still, start.rest, sea, quantities, self.dt, self.settings.window
         return peaks(*own, slopes, window.height, start.after)
@@ -295,3 +291,43 @@ def strength_of(part: Part, scene: Scene) -> float:
     if any(load is None for load in loads) or not part.of_scene:
         return 1.0
     return float(np.mean([np.min(load) for load in loads]))
+
+
+# Parallel runs of one design: the first alone, because it compiles the shared programs, the others on threads.
+#
+# A compiled run does not hold Python's lock, so that threads suffice, and they share programs and models.
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+
+def cores() -> int:
+    """Number of cores available to this process."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run_parallel(
+    one: Callable[[A], B], items: Sequence[A], say: Callable[[int], None], workers: int | None = None
+) -> list[B]:
+    """`one` of each item, in order.
+
+    Args:
+        say: called with the number of finished items, on the calling thread.
+        workers: number of threads; default: one per core.
+
+    Raises:
+        The first exception of `one`, in the order of the items; items that have not started are cancelled.
+    """
+    found: list[B] = []
+    with ThreadPoolExecutor(workers or cores()) as pool:
+        head = [one(item) for item in items[:1]]
+        futures = [pool.submit(one, item) for item in items[1:]]
+        try:
+            for i, value in enumerate([*head, *futures]):
+                found.append(value if i < len(head) else value.result())
+                say(i + 1)
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            raise
+    return found

@@ -27,7 +27,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.optimise.quantities import Clearance, Motion, Quantity, anchor_loads, line_nodes, part_load
 from fitting.site import Site
-from fitting.site.parts import match_names
+from fitting.site.case import match_names
 
 OBJECTIVES = ("material", "load", "motion")
 KINDS = {
@@ -54,7 +54,7 @@ class Objective:
             name = line.piece_of or line.name
             price = next((p for pattern, p in self.price if fnmatchcase(name, pattern)), 1.0)
             total += price * float(np.sum(line.mass))
-        floats = (p for p in scene.points if p.kind == "free" and p.volume)
+        floats = (p for p in scene.points if p.is_free and p.volume)
         return total + self.float_price * sum(float(p.mass or 0.0) for p in floats)
 
 
@@ -153,7 +153,7 @@ def read_goals(site: Site) -> Goals:
     Raises:
         SceneError: an unknown objective, line, point or part, or contradicting bounds.
     """
-    names, free = site.lines, [p.name for p in site.scene.points if p.kind == "free"]
+    names, free = site.lines, [p.name for p in site.scene.points if p.is_free]
     objective = _objective(read_table(site.raw.get("objective", {}), "objective"), site)
     depths, clearances, motions = [], [], []
     if site.backbone is not None:

@@ -23,11 +23,10 @@ from dropper_jax.sea import Sea
 from dropper_jax.sea.make import make_sea
 from fitting.optimise.variables import Variable, with_design
 from fitting.site import Case, Site, Storm
+from fitting.site.case import Break
 
 #: Step of the differences relative to the range of a variable.
-STEP = 1e-4
-#: Ratio of the ropes' damping to the critical one of a link in windows.
-CALM_RATIO = 1.0
+DIFFERENCE_STEP = 1e-4
 #: Relative changes of the site's assumptions: heights of all waves, speed of the current. They follow the variables in
 #: every derivative, so that the end of a design reports the cost of an error in them.
 ASSUMPTIONS = ("wave height", "current")
@@ -62,7 +61,8 @@ def calm_slack_ropes(scene: Scene) -> Scene:
         if kind.get("law", "rope") == "rope":
             kind["law"] = "damped_rope"
             if kind.get("damping") is None:
-                kind["damping_ratio"] = max(float(kind.get("damping_ratio") or 0.0), CALM_RATIO)
+                # ratio of the ropes' damping to the critical one of a link in windows
+                kind["damping_ratio"] = max(float(kind.get("damping_ratio") or 0.0), 1.0)
     return Scene.from_dict(table, scene.name)
 
 
@@ -92,7 +92,7 @@ def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: 
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(model)]
     slopes: dict[int, np.ndarray] = {}
     for k, variable in enumerate(variables):
-        step = STEP * variable.span
+        step = DIFFERENCE_STEP * variable.span
         ends = []
         for sign in (1.0, -1.0):
             moved = np.array(values, float)
@@ -157,3 +157,35 @@ def in_assumed(found: Still) -> Still:
 
 def _longer(slope: np.ndarray, more: int) -> np.ndarray:
     return np.concatenate([slope, np.zeros((more, *slope.shape[1:]))])
+
+
+# Windows of storms in which a line breaks: the first third intact while the waves rise, then without its link.
+#
+#     s_1 = run(intact, s_0),    s_2 = run(parted, s_1)
+#
+# The backward pass includes both runs, so the impact of the break is in the derivatives. The peak load of a whole run
+# may occur long after the break, when the farm has drifted to another position. The window then starts from the
+# equilibrium without that link (`settled`), which is solved again and follows the variables by its own stiffness.
+
+
+def link_of(model: Model, broken: Break) -> int:
+    """Number of the link that breaks."""
+    spans = zip(model.geometry.members, model.geometry.spans, strict=True)
+    own = next(span for member, span in spans if member.name == broken.line)
+    return int(np.arange(model.line.links)[own][broken.link - 1])
+
+
+def with_link_mask(model: Model, broken_link: int | None) -> Model:
+    """The model with a mask of intact links, without `broken_link`; with None all are intact."""
+    intact = jnp.ones(model.line.links, model.dtype)
+    intact = intact if broken_link is None else intact.at[broken_link].set(0.0)
+    return replace(model, lines=(replace(model.line, axial=model.line.axial.with_broken_links(intact)),))
+
+
+def masked_still(found: Still, broken_link: int | None) -> Still:
+    """The same for a model, including the derivatives of its leaves with respect to the variables."""
+    model = with_link_mask(found.model, broken_link)
+    path = jax.tree_util.tree_flatten_with_path
+    number = {jax.tree_util.keystr(key): i for i, (key, _) in enumerate(path(model)[0])}
+    names = [jax.tree_util.keystr(key) for key, _ in path(found.model)[0]]
+    return Still(model, {number[names[i]]: slope for i, slope in found.slopes.items()}, found.assumed)

@@ -15,22 +15,19 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.progress import silent
 from dropper_jax.base.toml_text import jsonable
+from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot_style
+from dropper_jax.plots.style import save as save_figure
 from fitting.optimise.design import Design, Say
 from fitting.optimise.goals import Goals, read_goals
-from fitting.optimise.models import ASSUMPTIONS
-from fitting.optimise.prices import prices
+from fitting.optimise.models import ASSUMPTIONS, still_model
 from fitting.optimise.search import RESIDUAL, Search, constraints_by_name, measure, programme, run_search
-from fitting.optimise.settings import Settings
-from fitting.optimise.storm import Peaks
-from fitting.optimise.values import Values, Window
+from fitting.optimise.storm import Peaks, Settings
+from fitting.optimise.values import Values, Window, near_rest, prices
 from fitting.optimise.variables import Variable, read_variables
 from fitting.site import Site
 
-#: Steps for the check of derivatives relative to a variable's range (with larger ones links go slack and nodes touch
-#: the seabed), and the permitted maximum difference relative to the largest derivative, at the better of them.
-CHECK_STEPS, CHECK = (1e-6, 1e-7), 1e-2
-#: Number of random directions of the check.
-DIRECTIONS = 2
+#: Permitted maximum difference of derivatives in their check, relative to the largest derivative, at the better step.
+CHECK = 1e-2
 #: Value above which a constraint is called active.
 ACTIVE = 0.97
 #: Meaning of `run.characteristic`, in words.
@@ -121,10 +118,11 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
     for own in windows:
         slope = window(x, own, True).slope[:, : len(x)]
         size = np.maximum(np.max(np.abs(slope * span), axis=1), 1e-6)
-        for _ in range(DIRECTIONS):
+        for _ in range(2):
             way = rng.choice([-1.0, 1.0], len(x)) * span
             off = []
-            for step in CHECK_STEPS:
+            # relative to a variable's range: with larger steps links go slack and nodes touch the seabed
+            for step in (1e-6, 1e-7):
                 ends = [window(x + sign * step * way, own, False).soft for sign in (1.0, -1.0)]
                 off.append(np.abs((ends[0] - ends[1]) / (2 * step) - slope @ way) / size)
             worst = max(worst, float(np.max(np.min(off, axis=0))))
@@ -291,3 +289,37 @@ def check_derivatives(design: Design, say: Say = silent) -> float:
         heights = design.window(design.start, begin, start, slopes=False).hard
         windows.append(dataclasses.replace(begin, height=heights))
     return check_slopes(design, windows)
+
+
+# A picture of a design: the layout from the side, and the utilisation of constraints, before and after
+
+
+@plot_style()
+def design_picture(site: Site, found: Optimum, file: Path) -> Path:
+    """Write the picture."""
+    figure = new_figure(10.0, 7.4)
+    above, below = figure.subplots(2, 1, height_ratios=(1.2, 1.0))
+    storm = site.cases[0].storm
+    for values, colour, label in ((found.before, FAINT, "before"), (found.after, FIRST, "after")):
+        model = still_model(site, found.variables, np.asarray(values), storm)
+        s = near_rest(model, None)
+        nodes = np.asarray(model.nodes(s.r, model.ends(s.t)))
+        begin = 0
+        for member in model.geometry.members:
+            own = nodes[begin : begin + member.links + 1]
+            above.plot(own[:, 0], own[:, 2], color=colour, linewidth=1.0, label=label if begin == 0 else None)
+            begin += member.links + 1
+    above.axhline(storm.level, color=SECOND, linewidth=0.8)
+    above.axhline(-site.scene.sea.depth, color=DARK, linewidth=0.8)
+    above.set(xlabel="x [m], not to the scale of z", ylabel="z [m]", title=f"{site.name} at rest, {storm.name}")
+    above.margins(y=0.08)
+    above.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:14][::-1]
+    row = np.arange(len(rows))
+    below.barh(row + 0.2, [row[1][0] for row in rows], 0.38, color=FAINT, label="before")
+    below.barh(row - 0.2, [row[1][1] for row in rows], 0.38, color=FIRST, label="after")
+    below.axvline(1.0, color=SECOND, linewidth=1.0)
+    below.set_yticks(row, [row[0] for row in rows], fontsize=7)
+    below.set(xlabel="utilisation (limit 1)")
+    below.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    return save_figure(figure, file)

@@ -19,18 +19,15 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.optimise.design import Design, Say
-from fitting.optimise.storms import Storms
+from fitting.optimise.storm import Storms
 from fitting.optimise.values import Values, Window
 
 #: Penalty of a violation, in objectives at the start.
 PRICE = 10.0
-#: Minimum fraction of the predicted gain for a step, and the fractions below and above which the reach changes.
-LEAST, POOR, GOOD = 0.05, 0.25, 0.6
-SHRINK, GROW, SMALLEST, LARGEST = 0.4, 1.6, 2e-3, 0.5
-#: Minimum fraction of the first reach at the start of every round.
-AGAIN = 0.25
+#: Minimum reach of a step.
+SMALLEST_REACH = 2e-3
 #: Permitted excess of constraints of the best design over 1: rounding.
-ROUNDING = 1e-9
+PERMITTED_EXCESS = 1e-9
 #: Difference of windows from whole runs, in limits, above which windows are updated after every step.
 RESIDUAL = 0.02
 
@@ -109,8 +106,9 @@ def run_round(
     say(0.0, f"round {search.round + 1}: derivatives")
     one = _Round(search, design, windows, save, say, design.values(search.x, windows, say))
     renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
-    search.reach = max(search.reach, AGAIN * settings.reach)
-    while one.taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST:
+    # every round starts with at least a quarter of the first reach
+    search.reach = max(search.reach, 0.25 * settings.reach)
+    while one.taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
         first = last = one.attempt(one.here)
         if first is None:
             break
@@ -119,10 +117,10 @@ def run_round(
             last = one.attempt(dataclasses.replace(one.here, value=seen)) or first
         if last.good and last.values is not None:
             search.x, one.here, one.taken = last.x, last.values, one.taken + 1
-        if last.won < POOR * last.gain:  # a step that did not use its full reach would be tried again
-            search.reach = SHRINK * min(search.reach, first.size)
-        elif last.won > GOOD * last.gain:
-            search.reach = min(search.reach * GROW, LARGEST)
+        if last.won < 0.25 * last.gain:  # a step that did not use its full reach would be tried again
+            search.reach = 0.4 * min(search.reach, first.size)
+        elif last.won > 0.6 * last.gain:
+            search.reach = min(search.reach * 1.6, 0.5)
         save()
     return one.here
 
@@ -140,7 +138,7 @@ class _Attempt:
 
     @property
     def good(self) -> bool:
-        return self.won >= LEAST * self.gain
+        return self.won >= 0.05 * self.gain
 
 
 class _Round:
@@ -215,7 +213,7 @@ def measure(
     row = {"round": search.round, "objective": found.objective, "worst": found.worst, "whole": True}
     row |= {"residual": search.residual}
     search.history.append({**row, "values": search.x.tolist()})
-    if found.worst <= 1.0 + ROUNDING and found.objective < search.best_objective:
+    if found.worst <= 1.0 + PERMITTED_EXCESS and found.objective < search.best_objective:
         search.best, search.best_objective = search.x.copy(), found.objective
         search.best_residual = search.residual
     return windows, found, full
@@ -262,7 +260,7 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Sa
         windows, found, _ = measure(search, design, say, here)
         save()
         gained = last - search.best_objective if np.isfinite(last) else np.inf
-        still_better = gained > settings.enough * search.scale or (found.worst > 1.0 and search.reach > SMALLEST)
+        still_better = gained > settings.enough * search.scale or (found.worst > 1.0 and search.reach > SMALLEST_REACH)
         last = search.best_objective
         if search.fixed is None and (not still_better or search.round >= settings.rounds):
             if search.best is not None:

@@ -1,7 +1,7 @@
 """Windows of storms: peaks and their derivatives by the variables, statics included.
 
-A window is a separate run. It starts from equilibrium, and its waves rise over `RAMP` seconds with the phase of the
-storm from `begin` on. When it meets the storm's largest waves, its motion no longer depends on the start.
+A window is a separate run. It starts from equilibrium, and its waves rise over `WINDOW_RAMP` seconds with the phase of
+the storm from `begin` on. When it meets the storm's largest waves, its motion no longer depends on the start.
 
     dJ/dp = J_p + sum over leaves m of J_m dm/dp + J_r dr_0/dp + J_T dT_0/dp
 """
@@ -15,20 +15,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import parameter
 from dropper_jax.base.programs import cached_jit
-from dropper_jax.model import Model
+from dropper_jax.base.read import Plain, read_fields, read_table
+from dropper_jax.base.read import count as whole_number
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model, State, state
+from dropper_jax.run.build import build_model, stepper_of
+from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
 from dropper_jax.sea import Sea
 from dropper_jax.stepping.adjoint import Record, backward_pass, check_recordable, record
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
-from fitting.optimise.models import Still, in_waves, leaf_numbers
+from fitting.optimise.models import Still, in_waves, leaf_numbers, sea_of, still_scene
 from fitting.optimise.quantities import Quantity
-from fitting.optimise.rest import Rest
+from fitting.optimise.values import Rest, near_rest
+from fitting.site import Case, Site
 
 #: Time [s] in which the waves of a window rise; it is not counted.
-RAMP = 10.0
-#: Number of times that an unsolved window is repeated with half the step.
-HALVINGS = 1
+WINDOW_RAMP = 10.0
 
 _record = cached_jit(static=("stepper", "steps"))(record)
 _backward_pass = cached_jit(static=("stepper", "moving"))(backward_pass)
@@ -94,7 +100,7 @@ def peaks(
     stills = [still] if after is None else [still, after, after]
     models = [in_waves(one.model, sea) for one in stills]
     stepper = storm_stepper(models[0])
-    for halving in range(HALVINGS + 1):
+    for halving in (0, 1):  # an unsolved window is repeated once, with half the step
         h = dt / 2**halving
         steps = int(round(duration / h / len(stills)))
         # windows do not record work: every phase has the same kind of state, and so one program
@@ -122,7 +128,7 @@ def _peaks(
     counted = phases if len(phases) == 1 else phases[1:]
     r, tension = (jnp.concatenate([getattr(p.run, key) for p in counted]) for key in ("r", "tension"))
     before = sum(len(p.run.tension) for p in phases) - len(tension)
-    count = max(0, min(int(round(RAMP / h)), len(tension) - 1)) if len(phases) == 1 else 0  # steps in the ramp
+    count = max(0, min(int(round(WINDOW_RAMP / h)), len(tension) - 1)) if len(phases) == 1 else 0  # steps in the ramp
     hard, when = (np.asarray(a) for a in _hard(quantities, model, r[count:], tension[count:]))
     when = (when + before + count + 1) * h
     heights = jnp.asarray(hard if heights is None else heights, model.dtype)
@@ -196,3 +202,89 @@ def _by_signals(
     soft, gradients = zip(*found, strict=True)
     by_shift, by_r, by_t = zip(*gradients, strict=True)
     return jnp.stack(soft), jnp.stack(by_shift), jnp.stack(by_r, axis=1), jnp.stack(by_t, axis=1)
+
+
+# Full storms of a design: hard peaks over the whole run with the scene's own law, and their times
+
+
+@dataclasses.dataclass(frozen=True)
+class Storms:
+    """Hard peaks of one case (q,) and their times (q,) [s]; NaN if the run failed, with `message`."""
+
+    hard: np.ndarray
+    when: np.ndarray
+    message: str = ""
+
+
+def full_storm(
+    site: Site, scene: Scene, case: Case, quantities: Sequence[Quantity], near: State | None, dt: float | None = None
+) -> Storms:
+    """The whole run of a case of a design; steps that do not converge are halved.
+
+    The time before `skip`, or before a line breaks, is not counted.
+    """
+    none = np.full(len(quantities), np.nan)
+    own = still_scene(site, scene, case.storm, calm=False)
+    model = build_model(own)
+    if near is not None:
+        near = state(model, near.r, tension=near.tension)
+    start = near_rest(model, near)
+    model = in_waves(model, sea_of(site, scene, case, site.run.ramp or max(site.run.skip, 1.0)))
+    run = dataclasses.replace(own.run, save_every=1, **({} if dt is None else {"dt": dt}))
+    stepper = stepper_of(model, run, track_work=False)
+    pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run)
+    outcome = run_chunks(pieces, run.saves, _silent)
+    found = outcome.trajectory
+    if int(found.first_bad[-1]) >= 0:
+        return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")
+    first = int(np.floor(site.run_of(case.storm).skip / run.dt))
+    hard, when = [], []
+    for part in np.array_split(np.arange(first, len(found.r)), max(1, (len(found.r) - first) // 1000)):
+        peaks = _signals(tuple(quantities), model, jnp.asarray(found.r[part]), jnp.asarray(found.tension[part]))
+        hard.append([float(jnp.max(x)) for x in peaks])
+        when.append([(part[0] + int(jnp.argmax(x)) + 1) * run.dt for x in peaks])
+    best = np.argmax(hard, axis=0)
+    return Storms(np.max(hard, axis=0), np.array(when)[best, np.arange(len(best))])
+
+
+def _signals(quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array) -> list[jax.Array]:
+    return [jnp.max(q.signal(model, r, tension), axis=1) for q in quantities]
+
+
+def _silent(done: float, what: str) -> None:
+    pass
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """Values of `[optimise]`, settings of the search for a design.
+
+    window = 60.0           [s] of each storm with derivatives; `before` = 45.0 of it before the peak load
+    renew = 3               steps after which windows and factors are updated from whole runs
+    rounds = 8              maximum number of such rounds; the search ends if a round gains less than `enough` = 0.003
+    reach = 0.15            fraction of its range that a variable may move in the first step
+    margin = 0.01           distance of constraints from their limits
+    """
+
+    window: float = parameter("length of a window", unit="s", low=0.0, open_low=True, default=60.0)
+    before: float = parameter("part of it before the peak load", unit="s", low=0.0, default=45.0)
+    renew: int = whole_number("steps until windows are updated", default=3)
+    rounds: int = whole_number("most rounds", default=8)
+    enough: float = parameter("minimum relative gain of a round", unit="-", low=0.0, default=0.003)
+    reach: float = parameter("first reach of a step", unit="-", low=0.0, open_low=True, high=1.0, default=0.15)
+    margin: float = parameter("below the limits", unit="-", low=0.0, high=0.5, default=0.01)
+
+    @classmethod
+    def read(cls, table: Plain) -> Settings:
+        """Checked values.
+
+        Raises:
+            SceneError: a value out of range, or a window that is filled by its ramp.
+        """
+        found = cls(**read_fields(cls, dict(read_table(table, "optimise")), "optimise", {}))
+        if not WINDOW_RAMP < found.before <= found.window:
+            raise SceneError(
+                f"optimise.before: {found.before:g} s; allowed: more than the {WINDOW_RAMP:g} s in which waves rise, "
+                f"up to the window of {found.window:g} s"
+            )
+        return found

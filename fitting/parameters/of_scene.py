@@ -14,20 +14,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.effects import EFFECTS
 from dropper_jax.load.line_types import LineType
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from dropper_jax.scene import BuoySpec, PointSpec
 from dropper_jax.sea.spec import CurrentSpec, SeaSpec, WaveSpec
-from fitting.parameters.parameter import Parameter, check_once, resolve
-from fitting.parameters.target import Direction
+from fitting.parameters.parameter import Parameter, check_once, paths, resolve
+from fitting.parameters.target import Direction, ModelPlace
 
-#: Relative steps of the differences; two of them, extrapolated, have an error of 1e-12 for smooth functions.
-STEPS = (1e-3, 5e-4)
-#: A model that this change moves linearly to within `STRAIGHT` counts as linear in the number.
-FAR, STRAIGHT = 0.2, 1e-9
+#: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
+LINEAR_REACH, LINEAR_TOLERANCE = 0.2, 1e-9
 
 
 def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: str) -> tuple[Parameter, ...]:
@@ -74,13 +73,21 @@ def scene_parameter(scene: Scene, model: Model, path: str) -> Parameter:
             raise SceneError(f"{path}: changes the model's shape. Use numbers that do not")
         return leaves
 
-    wide, narrow = ([(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)] for step in STEPS)
+    # two relative steps, extrapolated: an error of 1e-12 for smooth functions
+    wide, narrow = (
+        [(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)] for step in (1e-3, 5e-4)
+    )
     slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(zip(wide, narrow, strict=True)) if np.any(b != 0)}
     if not slopes:
         raise SceneError(f"{path}: has no effect on the model. Use numbers that do")
-    here, there = at(0.0), at(FAR)
+    here, there = at(0.0), at(LINEAR_REACH)
     linear = all(
-        np.allclose(here[i] + FAR * size * slope, there[i], rtol=STRAIGHT, atol=STRAIGHT * np.max(np.abs(here[i])))
+        np.allclose(
+            here[i] + LINEAR_REACH * size * slope,
+            there[i],
+            rtol=LINEAR_TOLERANCE,
+            atol=LINEAR_TOLERANCE * np.max(np.abs(here[i])),
+        )
         for i, slope in slopes.items()
     )
     # a number keeps its sign
@@ -98,3 +105,110 @@ def _unit(path: str) -> str:
         kinds["sea"] = {"waves": WaveSpec, "current": CurrentSpec}.get(path.split(".")[1], SeaSpec)
     fields = {f.name: f for f in dataclasses.fields(kinds[section])} if section in kinds else {}
     return fields[key].metadata.get("unit", "-") if key in fields else "-"
+
+
+# A scene with fitted values, ready to simulate
+
+
+def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], values: np.ndarray) -> Scene:
+    """The scene with the values (k,) of those parameters that belong to it, without sensors' and cameras'.
+
+    One entry of a number that the scene gives once for all links is written together with the other entries.
+
+    Args:
+        model: the fitted one.
+    """
+    for p, value in zip(parameters, values, strict=True):
+        if scene.branched and p.in_model and p.where.section == "lines":
+            scene = _of_all_lines(scene, p.where, float(value))
+            continue
+        try:
+            scene.value(p.name)
+        except SceneError:
+            scene = _entry_by_entry(scene, model, p)
+            continue
+        scene = scene.with_values({p.name: float(value)})
+    return scene
+
+
+def _of_all_lines(scene: Scene, where: ModelPlace, value: float) -> Scene:
+    """The scene with a value of one link, counted among those of all lines, as in the model of a system."""
+    left = where.entry or 0
+    for i, line in enumerate(scene.lines):
+        if left < line.links:
+            each = np.array(np.broadcast_to(np.asarray(getattr(line, where.field), float), line.links))
+            each[left] = value
+            return scene.with_values({f"line.{i}.{where.field}": each.tolist()})
+        left -= line.links
+    return scene
+
+
+def _entry_by_entry(scene: Scene, model: Model, p: Parameter) -> Scene:
+    if not p.in_model:
+        return scene
+    whole = np.asarray(getattr(getattr(model, p.where.section)[p.where.index], p.where.field), float)
+    path = p.name if p.where.entry is None else p.name.rsplit(".", 1)[0]
+    return scene.with_values({path: whole.tolist()})
+
+
+# Names of free parameters: full paths, unique short names, or by default the scene's damping
+
+#: Damping fields by effect.
+DAMPING = {
+    "linear_damping": ("b_l",),
+    "quadratic_damping": ("b_q",),
+    "joint_friction": ("viscous", "dry"),
+}
+
+
+def default_free(scene: Scene) -> list[str]:
+    """The parameters listed in the scene's `[fit] free`, otherwise every damping parameter that it has.
+
+    Raises:
+        SceneError: a scene without damping.
+    """
+    if scene.fit is not None and scene.fit.free:
+        return full_names(scene, scene.fit.free, "fit.free")
+    found = [
+        f"effects.{name}.{key}"
+        for name, keys in DAMPING.items()
+        for key in keys
+        if scene.effects.get(name, {}).get(key) is not None
+    ]
+    if not found:
+        raise SceneError("free: the scene has no damping to fit; allowed: --free with paths such as b_l, b_q")
+    return found
+
+
+def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list[str]:
+    """Full paths of names that may be short: `b_l`, `dry`, `dry.1` if only one field has this name.
+
+    Error messages use `option` as their heading.
+    """
+    names = [name.strip() for name in names]
+    known = None if all(_is_full(name) for name in names) else paths(build_model(scene))
+    return [name if _is_full(name) else _full(name, known, option) for name in names]
+
+
+def _is_full(name: str) -> bool:
+    known = ("camera.", "clock.", "marker.", "parameters.", "release.", "rig.")
+    return name.count(".") >= 2 or name.startswith(known)
+
+
+def _full(name: str, names: Sequence[str], option: str) -> str:
+    if not name:
+        raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
+    stem, _, entry = name.partition(".")
+    names = [p for p in names if not p.startswith("line.") or p.split(".")[1].isdecimal()]
+    found = [p for p in names if p.rsplit(".", 1)[1] == stem]
+    if not found:
+        found = [
+            f"effects.{effect}.{f.name}"
+            for effect, cls in EFFECTS.items()
+            for f in dataclasses.fields(cls)
+            if f.name == stem and effect in DAMPING and f.name in DAMPING[effect]
+        ]
+    if len(found) != 1:
+        short = sorted({p.rsplit(".", 1)[1] for p in names} | {key for keys in DAMPING.values() for key in keys})
+        raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + names)}")
+    return found[0] + (f".{entry}" if entry else "")

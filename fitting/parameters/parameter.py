@@ -49,15 +49,9 @@ StartValues = Mapping[str, float]
 Bounds = Mapping[str, tuple[float | None, float | None]]
 Priors = Mapping[str, tuple[float, float]]
 
-#: Fraction of the start value that replaces a lower bound which must not be reached (of a mass, a length).
-OPEN_BOUND = 1e-3
-#: Minimum and maximum rate of a clock [s/s].
-CLOCK_RANGE = 0.5, 2.0
-#: Minimum and maximum ratio of the size of a rig to that of the scene [m/m].
-SCALE_RANGE = 0.5, 2.0
 #: Step size of a parameter that starts at zero [its own unit], unless its prior gives one.
-SMALL = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
-SMALL |= {NODE: 1e-3, LOST: 1e-2}
+SIZES_AT_ZERO = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
+SIZES_AT_ZERO |= {NODE: 1e-3, LOST: 1e-2}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,9 +76,19 @@ class Parameter:
     prior: tuple[float, float] | None = None
 
     @property
+    def in_model(self) -> bool:
+        """Whether it is a single number of the model, or one field of it."""
+        return isinstance(self.where, ModelPlace)
+
+    @property
+    def moves_model(self) -> bool:
+        """Whether it is a number of the scene, which moves many numbers of the model at once."""
+        return isinstance(self.where, Direction)
+
+    @property
     def scale(self) -> float:
         """A typical size for steps and plots."""
-        return abs(self.value) if self.value != 0 else SMALL.get(self.where.field, 1.0)
+        return abs(self.value) if self.value != 0 else SIZES_AT_ZERO.get(self.where.field, 1.0)
 
 
 class Released(Protocol):
@@ -200,9 +204,9 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     if name == CAMERA:
         return [Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")]
     if name == CLOCK:
-        return [Parameter(CLOCK, ClockPlace(), 1.0, *CLOCK_RANGE, unit="s/s")]
+        return [Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s")]
     if name == SCALE:
-        return [Parameter(SCALE, scale_direction(model), 1.0, *SCALE_RANGE, unit="m/m")]
+        return [Parameter(SCALE, scale_direction(model), 1.0, 0.5, 2.0, unit="m/m")]
     if name == MARKER or name.startswith(MARKER + "."):
         return _markers(model, name, option)
     if name == NODE or name.startswith(NODE + "."):
@@ -258,7 +262,8 @@ def _used_entries(model: Model, section: str, field: dataclasses.Field, size: in
 def _parameter(name: str, where: Target, value: float, meta: Mapping[str, Any]) -> Parameter:
     low = -np.inf if meta["low"] is None else float(meta["low"])
     if meta["open_low"]:
-        low += OPEN_BOUND * abs(value)
+        # a bound that must not be reached (of a mass, a length)
+        low += 1e-3 * abs(value)
     high = np.inf if meta["high"] is None else float(meta["high"])
     return Parameter(name, where, value, low, high, meta["unit"])
 

@@ -18,8 +18,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.scene import PriorSpec
-from fitting.parameters.naming import full_names
-from fitting.parameters.of_scene import find_parameters
+from fitting.parameters.of_scene import find_parameters, full_names
 from fitting.parameters.parameter import Parameter, resolve
 
 

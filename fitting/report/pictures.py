@@ -18,11 +18,7 @@ from fitting.calibration.result import FitResult
 from fitting.estimate.problem import Solution
 
 #: Maximum number of links in one picture; the title reports how many are left out.
-MOST = 8
-
-
-#: Number of consecutive missing samples that interrupt a line.
-GAP = 5
+MOST_LINKS_DRAWN = 8
 
 
 def fitted(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -44,7 +40,8 @@ def _in_order(solution: Solution, run: int) -> tuple[np.ndarray, np.ndarray, np.
 
 def stretches(t: np.ndarray) -> list[slice]:
     """Parts of the times (m,) without a gap, so that no line is drawn through unfitted stretches."""
-    ends = np.flatnonzero(np.diff(t) > GAP * np.median(np.diff(t))) + 1
+    # five missing samples interrupt a line
+    ends = np.flatnonzero(np.diff(t) > 5 * np.median(np.diff(t))) + 1
     return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(t)])]
 
 
@@ -63,7 +60,7 @@ def _with_style(draw: Callable[..., Figure]) -> Callable[..., Path]:
 
 
 def _rows(result: FitResult, what: str, height: float = 1.3) -> tuple[Figure, np.ndarray, int]:
-    links = min(result.windows.theta.shape[2], MOST)
+    links = min(result.windows.theta.shape[2], MOST_LINKS_DRAWN)
     figure = style.new_figure(9.0, 1.2 + height * links)
     axes = figure.subplots(links, 1, sharex=True, squeeze=False)[:, 0]
     all_links = result.windows.theta.shape[2]
@@ -131,7 +128,7 @@ def spectra(result: FitResult, run: int) -> Figure:
 def phase_space(result: FitResult, run: int) -> Figure:
     """Rate over angle of every link, measured (differences) and fitted."""
     t, measured, simulated, _ = fitted(result, run)
-    links = min(measured.shape[1], MOST)
+    links = min(measured.shape[1], MOST_LINKS_DRAWN)
     columns = min(links, 4)
     figure = style.new_figure(max(2.6 * columns + 0.6, 5.4), 2.5 * -(-links // columns) + 0.8)
     axes = figure.subplots(-(-links // columns), columns, squeeze=False).ravel()
@@ -153,7 +150,7 @@ def phase_space(result: FitResult, run: int) -> Figure:
 @_with_style
 def descent(result: FitResult, _: int) -> Figure:
     """Loss per sample and parameters in each step of a gradient descent, of all runs together."""
-    points, parameters = result.descent, result.parameters[:MOST]
+    points, parameters = result.descent, result.parameters[:MOST_LINKS_DRAWN]
     step = np.arange(len(points))
     figure = style.new_figure(9.0, 1.8 + 1.5 * (1 + len(parameters)))
     axes = figure.subplots(1 + len(parameters), 1, sharex=True)

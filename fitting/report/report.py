@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from dropper_jax import load_scene
 from dropper_jax.base.files import atomic_write, folder_without
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.toml_text import as_toml, literal
 from dropper_jax.plots import style
+from dropper_jax.report.sections import table
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict
 from fitting.calibration.energy import check_energy
+from fitting.calibration.fit import fit
 from fitting.calibration.one_run import OneRun, one_run
 from fitting.calibration.result import FitResult
-from fitting.parameters.fitted import fitted_scene
-from fitting.report.pictures import MOST, PICTURES, descent, fitted
+from fitting.parameters.of_scene import fitted_scene
+from fitting.report.pictures import MOST_LINKS_DRAWN, PICTURES, descent, fitted
 from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
-from fitting.traces.trace import Trace
+from fitting.traces.synthetic import Camera, synthetic_traces
+from fitting.traces.trace import Trace, write_trace
 
-#: Number of modes whose damping is reported.
-MODES = 6
 #: The thesis' parts of a trace [s].
-PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
+TRACE_PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
 
 
 def write_report(result: FitResult, folder: str | Path) -> list[Path]:
@@ -85,7 +89,11 @@ def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> 
     if result.advice:
         parts += ["## What may be wrong", markdown(advice_rows(result.advice))]
     if result.comparison:
-        parts += ["## Damping laws", verdict(result.comparison) + ".", markdown(comparison_rows(result.comparison))]
+        parts += [
+            "## Damping laws",
+            verdict(result.comparison) + ".",
+            markdown(comparison_rows(result.comparison)),
+        ]
     for run, trace in fitted_runs(result):
         parts.append(f"## {literal(trace.name)}")
         parts += [f"![{name}]({name}_{run + 1}.png)" for name in PICTURES]
@@ -101,7 +109,7 @@ def _modes(result: FitResult) -> str:
     pose = equilibrium(model)
     if pose.status != "ok":
         return f"No equilibrium was found: {pose.message}."
-    modes = natural_modes(model, pose.state, MODES)
+    modes = natural_modes(model, pose.state, 6)
     amplitude = 0.1 * float(np.mean(model.line.length))
     ratios = (modes.damping_ratio, damping_at(model, pose.state, modes, amplitude))
     rows = [("mode", "period [s]", "damping ratio, small swings (b_l)", f"swings of {amplitude:.3g} m (b_l and b_q)")]
@@ -116,7 +124,7 @@ def part_rows(result: FitResult) -> list[tuple[str, ...]]:
     rows = [("run", "part", *(f"link {j + 1}" for j in range(links)), "all")]
     for run, trace in fitted_runs(result):
         t, measured, simulated, _ = fitted(result, run)
-        for name, low, high in PARTS:
+        for name, low, high in TRACE_PARTS:
             inside = (t >= low) & (t < high)
             if not inside.any():
                 continue
@@ -147,14 +155,13 @@ def not_identifiable(result: FitResult) -> str:
 
 def markdown(rows: Sequence[Sequence[str]]) -> str:
     """Rows as a Markdown table; the first one is the heading."""
-    lines = ["| " + " | ".join(literal(cell) for cell in row) + " |" for row in rows]
-    return "\n".join([lines[0], "|" + "---|" * len(rows[0]), *lines[1:]])
+    return table(rows[0], rows[1:])
 
 
 @style.plot_style()
 def one_run_picture(found: OneRun, name: str, path: Path) -> Path:
     """Measured angles and the run, per link [rad from the horizontal]; faint beyond the prediction horizon."""
-    links = min(found.measured.shape[1], MOST)
+    links = min(found.measured.shape[1], MOST_LINKS_DRAWN)
     figure = style.new_figure(9.0, 1.5 + 1.3 * links)
     axes = figure.subplots(links, 1, sharex=True, squeeze=False)[:, 0]
     more = f" (links 1 to {links} of {found.measured.shape[1]})" if found.measured.shape[1] > links else ""
@@ -178,3 +185,87 @@ def one_run_picture(found: OneRun, name: str, path: Path) -> Path:
     axes[0].legend(loc="upper right", ncols=3, markerscale=4)
     style.time_axis(axes[-1], found.t)
     return style.save(figure, path)
+
+
+# The packaged example: synthetic traces of scenarios A, B and C, fitted jointly from values wrong by a factor 10.
+#
+# The traces are synthetic: the measured ones of the thesis exist as figures only. `dropper demo` runs it.
+
+LABEL = "the traces are synthetic: simulated with known damping, seen with artificial noise"
+
+
+@dataclass(frozen=True)
+class Example:
+    """Settings of the synthetic data: scenes, true damping, observation, and error of the start values.
+
+    Attributes:
+        duration: of each trace [s].
+        noise: of the angles [rad].
+        times_off: ratio of start values to true values.
+    """
+
+    scenes: tuple[str, ...] = ("dropper-release-a", "dropper-release-b", "dropper-release-c")
+    b_l: float = 0.002
+    b_q: float = 0.001
+    duration: float = 48.0
+    noise: float = 0.005
+    times_off: float = 10.0
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """True values by path."""
+        return {"effects.linear_damping.b_l": self.b_l, "effects.quadratic_damping.b_q": self.b_q}
+
+    @property
+    def start(self) -> dict[str, float]:
+        """Start values by path."""
+        return {name: self.times_off * value for name, value in self.truth.items()}
+
+
+EXAMPLE = Example()
+#: Fraction of the progress for the simulation of the traces.
+MAKING = 0.4
+
+
+def calibrate_synthetic(
+    folder: str | Path,
+    example: Example = EXAMPLE,
+    method: str = "shooting",
+    progress: Progress | None = None,
+) -> FitResult:
+    """Make the traces, fit them together, write traces and report to `folder`; `method` as in `fitting.fit`."""
+    say = progress or silent
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    scenes = [load_scene(name).with_values(example.truth) for name in example.scenes]
+    traces = synthetic_traces(
+        scenes,
+        example.duration,
+        Camera(angle_noise=example.noise),
+        progress=lambda fraction, text: say(MAKING * fraction, text),
+    )
+    for trace in traces:
+        write_trace(folder / f"{trace.name}.csv", trace)
+    result = fit(
+        traces,
+        example.scenes[0],
+        list(example.truth),
+        method=method,
+        start=example.start,
+        progress=lambda fraction, text: say(MAKING + 0.85 * (1 - MAKING) * fraction, text),
+    )
+    result.warnings.insert(0, LABEL)
+    say(1 - 0.15 * (1 - MAKING), "report")
+    write_report(result, folder)
+    say(1.0, result.status)
+    return result
+
+
+def calibrated_rows(result: FitResult, example: Example) -> list[tuple[str, ...]]:
+    """Truth, start, estimate and 90 % interval of every parameter, with a heading."""
+    u = result.uncertainty
+    rows = [("parameter", "truth", "start", "fitted", "std error", "90 % low", "high", "unit")]
+    for i, p in enumerate(result.parameters):
+        numbers = (example.truth[p.name], p.value, result.values[i], u.std_error[i], u.low[i], u.high[i])
+        rows.append((p.name, *(f"{x:.4g}" for x in numbers), p.unit))
+    return rows

@@ -7,8 +7,6 @@ sink with `n >= reserve B/lift` floats, with B the maximum over the currents. It
 tide and in every current, then give the depth of the backbone.
 """
 
-from fitting.season.page import write_season
-from fitting.season.schedule import schedule
-from fitting.season.season import season
+from fitting.season.season import schedule, season, write_season
 
 __all__ = ["schedule", "season", "write_season"]

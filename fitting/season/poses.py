@@ -17,8 +17,6 @@ from fitting.site import Site
 
 #: Fields of a point that come from its floats, and that are removed without any.
 BODY = ("mass", "volume", "drag_area", "added_mass")
-#: Drag coefficient on the frontal area and added mass of a float, a sphere (as for floats of scenes).
-DRAG, ADDED_MASS = 0.5, 0.5
 
 
 class Water(NamedTuple):
@@ -141,9 +139,10 @@ def _body(site: Site, count: int) -> dict[str, Any]:
         return {}
     own = site.season
     frontal = 0.25 * np.pi * (6.0 * own.volume / np.pi) ** (2.0 / 3.0)
+    # coefficients of a sphere, as for floats of scenes
     return {
         "mass": count * own.density * own.volume,
         "volume": count * own.volume,
-        "drag_area": count * DRAG * float(frontal),
-        "added_mass": ADDED_MASS,
+        "drag_area": count * 0.5 * float(frontal),
+        "added_mass": 0.5,
     }

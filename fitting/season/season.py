@@ -1,22 +1,70 @@
-"""The season month by month: required lift, number of floats, and the resulting geometry of the farm."""
+"""The season month by month: required lift, schedule of floats, resulting geometry of the farm, and its report."""
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 import math
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
 from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.toml_text import jsonable
+from dropper_jax.plots import style
+from dropper_jax.report.sections import table
 from fitting.season.poses import Water, floating, needs, waters
-from fitting.season.schedule import schedule, spread
 from fitting.site import Site
-from fitting.site.parts import match_names
+from fitting.site.case import match_names
+
+
+def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:
+    """Number of installed floats in every month.
+
+    Of all plans within the bounds, those with the fewest months of change are selected, then those that move the fewest
+    floats, and finally the one with the fewest floats. The search goes month by month over numbers that are a bound of
+    some month: a change to any other number can be shifted to one of these without another visit or float.
+
+    Args:
+        low, high: minimum and maximum floats of each month; where low is above high, low is used.
+        start: floats before the first month; their first change is a visit too. None: they are newly installed.
+    """
+    spans = [(lo, max(lo, hi)) for lo, hi in zip(low, high, strict=True)]
+    numbers = sorted({n for span in spans for n in span} | ({start} if start is not None else set()))
+    best: dict[int, tuple[tuple[int, int], list[int]]] = {}
+    for month, (lo, hi) in enumerate(spans):
+        after = {}
+        for n in (n for n in numbers if lo <= n <= hi):
+            if month == 0:
+                moved = 0 if start is None else abs(n - start)
+                after[n] = ((int(moved > 0), moved), [n])
+                continue
+            cost, plan = min(
+                ((visits + (n != before), moved + abs(n - before)), plan)
+                for before, ((visits, moved), plan) in best.items()
+            )
+            after[n] = (cost, [*plan, n])
+        best = after
+    return min(best.values(), key=lambda found: (found[0], found[1][-1]))[1] if spans else []
+
+
+def spread(count: int, need: Sequence[float]) -> list[int]:
+    """Floats distributed over points in proportion to their needs, as whole numbers by largest remainders."""
+    total = sum(max(x, 0.0) for x in need)
+    share = [count * max(x, 0.0) / total if total > 0.0 else count / len(need) for x in need]
+    found = [int(x) for x in share]
+    order = sorted(range(len(need)), key=lambda i: found[i] - share[i])
+    for i in order[: count - sum(found)]:
+        found[i] += 1
+    return found
+
 
 SCHEMA = 1
-#: Maximum number of times that bounds are tightened when the farm leaves its depths.
-ROUNDS = 4
 
 
 def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
@@ -36,9 +84,7 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
         raise SceneError("season: missing; needed: [season] with `points` and `volume`")
     if not site.growth:
         raise SceneError("growth: missing; needed: [[growth]] tables, one or more for each month")
-    names = list(
-        match_names(site.season.points, [p.name for p in site.scene.points if p.kind == "free"], "season.points")
-    )
+    names = list(match_names(site.season.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
     lift = _lift(site)
     say, all_waters = progress or silent, waters(site)
     months, rows = list(site.growth), []
@@ -53,7 +99,8 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
         rows.append(_month(site, month, weights, np.array(pulls), lift))
     low, high = [row["least"] for row in rows], [row["most"] for row in rows]
     known: dict[tuple[str, int], list[dict[str, Any]]] = {}
-    for _ in range(ROUNDS):
+    # bounds are tightened at most four times
+    for _ in range(4):
         plan = schedule(low, high, site.season.start)
         again = False
         for i, (row, count) in enumerate(zip(rows, plan, strict=True)):
@@ -161,3 +208,91 @@ def _flags(row: dict[str, Any]) -> list[str]:
         if row[key] is not None and row[key] < 0.0:
             flags.append(f"{month}: the backbone lies {-row[key]:.2g} m {what} on {row['floats']} floats")
     return flags
+
+
+# The report of a season: a Markdown page with a picture, a CSV file of the months, and plain values
+
+COLUMNS = (
+    *("month", "wet_weight_n", "mussels_wet_n", "need_n", "least_need_n", "least", "most", "floats", "change"),
+    *("reserve", "deepest_m", "shallowest_m", "sinking_m", "lifting_m", "holds"),
+)
+
+
+def write_season(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
+    """Write season.md, season.csv, season.json and season.png into a folder; returns their paths by name."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n"
+    return {
+        "picture": draw(found, folder / "season.png"),
+        "csv": atomic_write(folder / "season.csv", _csv(found)),
+        "json": atomic_write(folder / "season.json", text),
+        "page": atomic_write(folder / "season.md", page(found)),
+    }
+
+
+def page(found: dict[str, Any]) -> str:
+    """The page's text."""
+    verdict = "The schedule holds in every month." if found["holds"] else "The schedule does not hold: see below."
+    rows = [
+        [
+            row["month"],
+            f"{row['wet_weight_n']:.0f}",
+            f"{row['need_n']:.0f}",
+            f"{row['least']} to {row['most']}",
+            f"**{row['floats']}**",
+            f"{row['change']:+d}" if row["change"] else "-",
+            "-" if row["reserve"] is None else f"{row['reserve']:.2f}",
+            f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
+            _margin(row["sinking_m"]),
+            _margin(row["lifting_m"]),
+        ]
+        for row in found["months"]
+    ]
+    head = ["month", "wet weight [N]", "to carry [N]", "allowed", "floats", "change", "reserve", "backbone [m]"]
+    parts = [
+        f"# Season: {found['site']}",
+        f"{verdict} {found['visits']} visits, {found['handled']} floats handled. A float lifts {found['lift_n']:.0f} N;"
+        f" wanted are a reserve of {found['wanted_reserve']:g} and floats that carry at least "
+        f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
+        "and currents.",
+        "\n".join(f"- {flag}" for flag in found["flags"]),
+        table([*head, "to sinking [m]", "to lifting [m]"], rows),
+        "![Floats and their bounds](season.png)",
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _margin(value: float | None) -> str:
+    return "no limit" if value is None else f"{value:+.2f}"
+
+
+def _csv(found: dict[str, Any]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="", extrasaction="ignore")
+    writer.writeheader()
+    writer.writerows(found["months"])
+    return text.getvalue()
+
+
+@style.plot_style()
+def draw(found: dict[str, Any], path: Path) -> Path:
+    """Floats of each month between their bounds, and the depths of the backbone."""
+    months = found["months"]
+    at = range(len(months))
+    figure = style.new_figure(7.5, 4.6)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    most = max(max(row["floats"], row["least"]) for row in months)
+    top = [min(row["most"], int(1.5 * most) + 1) for row in months]
+    upper.fill_between(at, [row["least"] for row in months], top, step="mid", color="#E3E5E8", label="allowed")
+    upper.step(at, [row["floats"] for row in months], where="mid", color=style.FIRST, lw=2, label="floats")
+    upper.set_ylabel("floats")
+    upper.set_ylim(0.0, None)
+    upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    for key, colour in (("shallowest_m", style.CYCLE[5]), ("deepest_m", style.DARK)):
+        lower.plot(at, [row[key] for row in months], "o-", ms=3.5, color=colour, label=key.removesuffix("_m"))
+    lower.invert_yaxis()
+    lower.set_ylabel("backbone, depth [m]")
+    lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    lower.set_xticks(list(at), [row["month"] for row in months], rotation=30 if len(months) > 6 else 0)
+    return style.save(figure, path)

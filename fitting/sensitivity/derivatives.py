@@ -8,25 +8,27 @@ Averages over windows shorter than the horizon remain meaningful beyond it.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.programs import cached_jit
 from dropper_jax.base.progress import Progress, silent
+from dropper_jax.cli.output import listing, table
 from dropper_jax.model import Model, Parted, State, state
+from dropper_jax.run.storage import extra
 from dropper_jax.study.reference import horizon, lyapunov
 from fitting.parameters.parameter import apply
 from fitting.sensitivity.problem import Plan, Study
 
 #: Growth of a small error up to which derivatives are valid: a change of 1 % has then become one of 100 %.
-GROWTH = 100.0
-#: Fraction of that growth below which the forward derivatives themselves show that a run is not chaotic.
-SCREENED = 0.1
+CHAOTIC_GROWTH = 100.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,13 +141,13 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
         reverse = np.asarray(_reverse(problem.plan, problem.model, problem.start, at))
         found = dataclasses.replace(found, reverse=reverse)
     moved = reach * [p.scale for p in problem.parameters]
-    small = bool(np.all(moved <= SCREENED * GROWTH * extent))
+    small = bool(np.all(moved <= 0.1 * CHAOTIC_GROWTH * extent))  # far from chaos
     if problem.of.at_rest or (small and not check):
         say(1.0, "ok")
         return found
     say(0.7, "trust horizon")
     growth = lyapunov(problem.model, problem.start, problem.stepper, run.dt, max(run.steps, 2))
-    limit, exponent = horizon(growth, run.dt, GROWTH), float(growth.exponent)
+    limit, exponent = horizon(growth, run.dt, CHAOTIC_GROWTH), float(growth.exponent)
     found = dataclasses.replace(found, horizon=limit, exponent=exponent)
     if limit >= (1 - 1e-9) * duration:
         say(1.0, "ok")
@@ -194,3 +196,135 @@ def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, n
     found = np.asarray(derivatives(at))
     error = found.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(found.shape[1], np.nan)
     return found.mean(axis=0), error, saves * every
+
+
+# Global sensitivity: Sobol indices and Morris screening of a function over a box of parameters (SALib)
+
+METHODS = ("sobol", "morris")
+
+
+@dataclasses.dataclass(frozen=True)
+class Global:
+    """Indices over a box of parameters.
+
+    Attributes:
+        method: `sobol` (first: fraction of the variance by the parameter alone; total: with its interactions) or
+            `morris` (first: mean |elementary effect| [unit of the quantity per range]; total: their standard
+            deviation).
+        names, ranges: of the parameters.
+        first, first_error, total, total_error: (p,), errors at 95 % (NaN if not available).
+        runs, mean, std: number of runs, mean and standard deviation of the quantity over them.
+    """
+
+    method: str
+    names: list[str]
+    ranges: list[tuple[float, float]]
+    first: np.ndarray
+    first_error: np.ndarray
+    total: np.ndarray
+    total_error: np.ndarray
+    runs: int
+    mean: float
+    std: float
+
+    #: Cases that fail are rejected before indices are computed.
+    finite: ClassVar[bool] = True
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields."""
+        return dataclasses.asdict(self)
+
+
+def global_indices(
+    function: Callable[[np.ndarray], np.ndarray],
+    names: Sequence[str],
+    box: Sequence[tuple[float, float]],
+    method: str = "sobol",
+    samples: int = 256,
+    seed: int = 0,
+) -> Global:
+    """Sobol indices or Morris screening of a function of (cases, p) -> (cases,) over a box.
+
+    Sobol takes `samples (p + 2)` runs (samples a power of 2), Morris `samples (p + 1)`.
+
+    Raises:
+        SceneError: an unknown method, or cases that failed.
+
+    Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270; Morris, Technometrics 33 (1991) 161-174.
+    """
+    if method not in METHODS:
+        raise SceneError(f"method: {method!r}; allowed: {', '.join(METHODS)}")
+    problem = {"num_vars": len(names), "names": list(names), "bounds": [list(pair) for pair in box]}
+    sobol = method == "sobol"
+    if sobol and samples & (samples - 1):
+        raise SceneError(f"samples: {samples}; allowed: a power of 2, such as {2 ** round(np.log2(samples))}")
+    sampler, analyser = (extra(f"SALib.{part}.{method}", "sensitivity") for part in ("sample", "analyze"))
+    more = {"calc_second_order": False} if sobol else {}
+    points = sampler.sample(problem, samples, seed=seed, **more)
+    values = np.asarray(function(points), float)
+    bad = int(np.sum(~np.isfinite(values)))
+    if bad:
+        raise SceneError(f"samples: {bad} of {len(values)} cases failed. Use ranges in which every case runs")
+    if np.ptp(values) <= 1e-12 * np.max(np.abs(values)):
+        zero = np.zeros(len(names))
+        return Global(method, list(names), list(box), zero, zero, zero, zero, len(values), float(values.mean()), 0.0)
+    if sobol:
+        found = analyser.analyze(problem, values, seed=seed, **more)
+        columns = [found[key] for key in ("S1", "S1_conf", "ST", "ST_conf")]
+    else:
+        found = analyser.analyze(problem, points, values, seed=seed)
+        columns = [found["mu_star"], found["mu_star_conf"], found["sigma"], np.full(len(names), np.nan)]
+    columns = [np.asarray(column, float) for column in columns]
+    return Global(method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std()))
+
+
+# Sensitivities as text for the terminal
+
+
+def local_text(found: Local) -> str:
+    """Derivatives as text, the largest first, and their range of validity."""
+    order = np.argsort(-np.abs(found.scaled if np.isfinite(found.scaled).all() else found.forward))
+    head = ["parameter", "value", "dQ/dp", "p/Q dQ/dp"]
+    windowed = not found.trusted
+    rows = [head + (["window mean", "std error"] if windowed else [])]
+    for i in order:
+        row = [
+            found.names[i],
+            f"{found.values[i]:.5g} {found.units[i]}",
+            f"{found.forward[i]:.6g}",
+            f"{found.scaled[i]:.4g}",
+        ]
+        rows.append(row + ([f"{found.window_mean[i]:.5g}", f"{found.window_error[i]:.2g}"] if windowed else []))
+    trust = (
+        "the whole run"
+        if found.trusted
+        else f"up to {found.horizon:.3g} s only: beyond, small changes grow more than 100 times"
+    )
+    rate = "" if found.exponent is None else f" (growth rate {found.exponent:.2g} per s)"
+    pairs = [
+        ("quantity", f"{found.of} = {found.value:.6g} {found.unit} over {found.duration:g} s"),
+        ("trust", f"{trust}{rate}"),
+    ]
+    if found.mismatch is not None:
+        pairs.append(("modes", f"forward and reverse differ by {found.mismatch:.1e}"))
+    if windowed:
+        pairs.append(("windows", f"of {found.window:.3g} s: the quantity of each, averaged over the motion"))
+    return f"{listing(pairs)}\n\n{table(rows)}"
+
+
+def global_text(found: Global, of: str) -> str:
+    """Indices as text, the largest first."""
+    sobol = found.method == "sobol"
+    rows = [
+        [
+            "parameter",
+            "from",
+            "to",
+            *(("first", "+-", "total", "+-") if sobol else ("mean |effect|", "+-", "spread", "")),
+        ]
+    ]
+    for i in np.argsort(-found.total if sobol else -found.first):
+        numbers = (found.first[i], found.first_error[i], found.total[i], found.total_error[i])
+        cells = ["" if np.isnan(x) else f"{x:.3g}" for x in numbers]
+        rows.append([found.names[i], *(f"{x:.4g}" for x in found.ranges[i]), *cells])
+    return f"{of}: {found.runs} runs, mean {found.mean:.5g}, standard deviation {found.std:.3g}\n\n{table(rows)}"

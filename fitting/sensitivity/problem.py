@@ -22,16 +22,12 @@ from dropper_jax.statics.static_pose import nodal_loads
 from dropper_jax.statics.tangent import free_motion
 from dropper_jax.stepping.integrate import Trajectory, integrate
 from dropper_jax.stepping.stepper import Stepper
-from fitting.parameters.naming import full_names
-from fitting.parameters.of_scene import find_parameters
+from fitting.parameters.of_scene import find_parameters, full_names
 from fitting.parameters.parameter import Parameter, apply, with_effects
-from fitting.parameters.target import Direction
 from fitting.sensitivity.quantities import PERIOD, Quantity, quantity
 
 #: Number of runs advanced together in global studies.
-CHUNK = 64
-#: Default range of a parameter in global studies, in both directions.
-SPREAD = 0.2
+RUNS_TOGETHER = 64
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,10 +138,10 @@ class Study:
             raise SceneError(f"start: the static pose does not follow the parameters: {free}. {why}")
 
     def batch(self, values: np.ndarray) -> np.ndarray:
-        """The quantity of many values (cases, p) -> (cases,), `CHUNK` at a time in one compiled program."""
-        padded = np.resize(values, (-(-len(values) // CHUNK) * CHUNK, values.shape[1]))
+        """The quantity of many values (cases, p) -> (cases,), `RUNS_TOGETHER` at a time in one compiled program."""
+        padded = np.resize(values, (-(-len(values) // RUNS_TOGETHER) * RUNS_TOGETHER, values.shape[1]))
         run = jax.jit(lanes(self, fallbacks=self.fallbacks))
-        return np.concatenate([run(jnp.asarray(part)) for part in np.split(padded, len(padded) // CHUNK)])[
+        return np.concatenate([run(jnp.asarray(part)) for part in np.split(padded, len(padded) // RUNS_TOGETHER)])[
             : len(values)
         ]
 
@@ -185,10 +181,10 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
             raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high of a parameter of --to")
     found = []
     for p in problem.parameters:
-        if isinstance(p.where, Direction) and not p.where.linear:
+        if p.moves_model and not p.where.linear:
             raise SceneError(
                 f"to: the model is not linear in {p.name!r}. Use it in local studies, or in `dropper sweep`"
             )
-        spread = SPREAD * p.scale
+        spread = 0.2 * p.scale
         found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
     return found

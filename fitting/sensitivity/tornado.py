@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.plots import style
-from fitting.sensitivity.derivatives import Local
-from fitting.sensitivity.screening import Global
+from fitting.sensitivity.derivatives import Global, Local
 
 
 def local_picture(found: Local, path: str | Path) -> Path:

@@ -61,8 +61,7 @@
 Patterns are those of a shell: `loop-*`, `?-leg`, `[ab]*`.
 """
 
-from fitting.site.case import Case, Storm
-from fitting.site.parts import Anchor, Part
+from fitting.site.case import Anchor, Case, Part, Storm
 from fitting.site.reader import packaged_sites, read_site, site_text
 from fitting.site.site import Site
 

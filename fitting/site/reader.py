@@ -19,8 +19,7 @@ from dropper_jax.load.source import plain_values
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
-from fitting.site.case import breaks, growth_of
-from fitting.site.parts import Anchor, Part, match_names, refuse_overlap, short
+from fitting.site.case import Anchor, Part, breaks, growth_of, match_names, refuse_overlap, short
 from fitting.site.sections import (
     AnchorTable,
     Backbone,
@@ -76,8 +75,8 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     _unique("cases.months", list(lists.months))
     unchecked = table.get("unchecked", [])
     unchecked = [unchecked] if isinstance(unchecked, str) else read_list(unchecked, "unchecked", None, "patterns")
-    held = [point.name for point in scene.points if point.kind == "fixed"]
-    free = [point.name for point in scene.points if point.kind == "free"]
+    held = [point.name for point in scene.points if not point.is_free]
+    free = [point.name for point in scene.points if point.is_free]
     sections = {
         "exclusion": Exclusion.read(table["exclusion"], "exclusion") if "exclusion" in table else None,
         "backbone": Backbone.read(table["backbone"], "backbone") if "backbone" in table else None,

@@ -14,9 +14,6 @@ from dropper_jax.scene import GrowthSpec
 from dropper_jax.scene.point import KINDS
 from dropper_jax.sea.spectrum import SHAPES
 
-#: Density of a float's foam and shell over its volume [kg/m^3], as for `float` in scenes.
-FLOAT_DENSITY = 80.0
-
 
 class Section:
     """A section with declared fields; `PATTERNS` lists the keys that take a pattern or a list of them."""
@@ -253,7 +250,7 @@ class SeasonValues(Section):
 
     points: tuple[str, ...] = patterns("free points with a volume that carry floats")
     volume: float = parameter("of one float", unit="m^3", low=0.0, open_low=True)
-    density: float = parameter("of a float over its volume", unit="kg/m^3", low=0.0, default=FLOAT_DENSITY)
+    density: float = parameter("of a float over its volume", unit="kg/m^3", low=0.0, default=80.0)
     reserve: float = parameter("minimum ratio of the lift of all floats to the need", unit="-", low=1.0, default=1.3)
     least_share: float = parameter(
         "minimum ratio of the need to the lift: floats that carry less rise", unit="-", low=0.0, high=1.0, default=0.1

@@ -10,8 +10,7 @@ from typing import Any
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import whole_lines
-from fitting.site.case import BROKEN, INTACT, NEVER, Break, Case, Storm, storms
-from fitting.site.parts import Anchor, Part, match_names
+from fitting.site.case import BROKEN, INTACT, NEVER, Anchor, Break, Case, Part, Storm, match_names, storms
 from fitting.site.sections import Backbone, CaseLists, Exclusion, Factors, RunValues, SeasonValues, SeaState
 
 #: Growth of a line in a month without any.

@@ -26,9 +26,7 @@ PARTS = ("head", "middle", "tail")
 #: End of head and middle, as fractions of the trace: 12 and 25 s of the thesis' 50 s (its Figure 8.1).
 ENDS = (0.24, 0.5)
 #: Minimum number of samples of a part, for a meaningful amplitude spectrum.
-FEWEST = 10
-#: Distance of a time from the nearest known sample, in intervals, above which the sample counts as missing.
-NEAR = 0.75
+FEWEST_SAMPLES = 10
 
 
 @dataclass(frozen=True)
@@ -251,7 +249,8 @@ def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
         times = trace.t[known]
         after = np.clip(np.searchsorted(times, t), 1, len(times) - 1)
         near = np.minimum(np.abs(t - times[after - 1]), np.abs(t - times[after]))
-        column[near > NEAR * trace.interval] = np.nan
+        # farther from a known sample than 0.75 intervals: missing
+        column[near > 0.75 * trace.interval] = np.nan
     return found
 
 
@@ -264,11 +263,11 @@ def part_ends(t: np.ndarray, parts: Sequence[float] | None) -> tuple[float, floa
     last = float(t[-1])
     ends = tuple(last * part for part in ENDS) if parts is None else tuple(map(float, parts))
     counts = np.histogram(t, [0.0, *ends, np.inf])[0] if list(ends) == sorted(ends) and len(ends) == 2 else [0]
-    if min(counts) < FEWEST:
+    if min(counts) < FEWEST_SAMPLES:
         given = ",".join(f"{end:g}" for end in ends)
         raise SceneError(
             f"parts: {given}: allowed: two increasing times within the trace's {last:g} s, "
-            f"with at least {FEWEST} samples in each of the three parts"
+            f"with at least {FEWEST_SAMPLES} samples in each of the three parts"
         )
     return *ends, last
 

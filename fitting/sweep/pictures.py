@@ -57,8 +57,6 @@ def draw_sweep(path: str | Path, folder: str | Path) -> list[Path]:
 
 #: Draws one panel: axes, scores, the fit, the part.
 Row = Callable[[Axes, TraceScores, FittedScore | None, int], None]
-#: Maximum number of links with separate curves, and maximum frequency of a spectrum [Hz].
-MOST_LINKS, MOST_HZ = 9, 6.0
 #: Number of rows in the picture with maps above which panels are lower.
 MAPPED = 3
 
@@ -71,7 +69,7 @@ def draw_against_trace(scores: TraceScores, folder: str | Path, fit: FittedScore
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    links = range(min(scores.simulated.shape[1], MOST_LINKS))
+    links = range(min(scores.simulated.shape[1], 9))
     files = {
         "scores": [_map_row, *(partial(row, link=_busiest(scores)) for row in (_curves, _spectra))],
         "curves": [partial(_curves, link=link) for link in links],
@@ -143,7 +141,7 @@ def _spectra(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int
     for name, x, colour, width in (measured, *_of_all(scores, fit)):
         frequency, amplitude = against.spectrum(x, part)
         axes.plot(frequency, amplitude[:, link], color=colour, lw=width, label=name)
-    axes.set(xlabel="frequency [Hz]", xlim=(0.0, min(MOST_HZ, frequency[-1])), ylim=(0.0, None))
+    axes.set(xlabel="frequency [Hz]", xlim=(0.0, min(6.0, frequency[-1])), ylim=(0.0, None))
     if part == 0:
         axes.set_ylabel(f"link {link + 1}, spectrum [rad]")
 

@@ -22,7 +22,7 @@ from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build, build_model, equal_steps
 from dropper_jax.stepping.stepper import Stepper
-from fitting.parameters.naming import DAMPING, full_names
+from fitting.parameters.of_scene import DAMPING, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
 
 #: Quantities that can be recorded for each case, with unit and meaning; `links` and `trace` add dimensions.
@@ -34,8 +34,6 @@ QUANTITIES = {
     "excursion": ("m", "maximum distance of a node from its start position"),
     "energy_final": ("J", "kinetic and potential energy at the end"),
 }
-#: Fraction of the free memory that the table of all cases may use.
-SHARE = 0.5
 SEED = "sea.waves.seed"
 STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 FORMAT = 1
@@ -176,7 +174,7 @@ def _check_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> No
     """Reject a grid or list whose table does not fit into memory."""
     cases = max(counts.values()) if listed else math.prod(counts.values())
     need, left = 8 * cases * (3 * len(counts) + quantities + 2), available_memory()
-    if need > SHARE * left:
+    if need > 0.5 * left:  # the table of all cases may use half of the free memory
         what = f"{' x '.join(str(count) for count in counts.values())} values are {cases:.3g} cases"
         raise SceneError(
             f"vary: {what}, whose table needs {in_words(need)} of memory; only {in_words(left)} are free. Use fewer"

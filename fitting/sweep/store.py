@@ -25,7 +25,7 @@ PENDING = -1
 #: Packages whose versions must match those of the existing part.
 PACKAGES = ("jax", "jaxlib", "dropper-jax")
 #: Number of differences listed in an error message.
-NAMED = 3
+MOST_DIFFERENCES = 3
 #: Dimensions of the arrays besides the inputs.
 DIMENSIONS = ("case", "time", "node", "link", "axis")
 
@@ -117,8 +117,8 @@ class Store:
             raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
         found = differences(self.plan.identity(), there)
         if found:
-            more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-            raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:NAMED])}{more}")
+            more = f" and {len(found) - MOST_DIFFERENCES} more" if len(found) > MOST_DIFFERENCES else ""
+            raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
 
     def _create(self, group: zarr.Group, versions: dict[str, str]) -> None:
         plan = self.plan

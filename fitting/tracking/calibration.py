@@ -19,9 +19,7 @@ from fitting.tracking.video import opencv, read_image
 #: Largest reprojection error [pixel] of a calibration that may be used; the thesis reached 0.15.
 LARGEST_ERROR = 1.0
 #: Minimum number of pictures with the board: fewer do not determine both focal length and distortion.
-FEWEST = 4
-#: Focal length in image widths above which the calibration has diverged.
-LONGEST_FOCUS = 20.0
+FEWEST_PICTURES = 4
 NOT_CONVERGED = "calibration: did not converge. Use pictures at several slants and positions"
 
 
@@ -98,15 +96,15 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     """
     images = [(Path(path).name, read_image(path)) for path in pictures]
     if not images:
-        raise SceneError(f"calibration: no picture given; allowed: at least {FEWEST}")
+        raise SceneError(f"calibration: no picture given; allowed: at least {FEWEST_PICTURES}")
     sizes = {image.shape for _, image in images}
     if len(sizes) > 1:
         raise SceneError(f"calibration: pictures of different sizes, {sorted(sizes)}; allowed: one size, the video's")
     found = [c for c in (corners(image, board) for _, image in images) if c is not None]
-    if len(found) < FEWEST:
+    if len(found) < FEWEST_PICTURES:
         raise SceneError(
             f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "
-            f"pictures; allowed: at least {FEWEST} (--board names the corners)"
+            f"pictures; allowed: at least {FEWEST_PICTURES} (--board names the corners)"
         )
     size = images[0][1].shape[::-1]
     lens = _lens(found, board, size)
@@ -131,7 +129,8 @@ def _lens(found: list[np.ndarray], board: tuple[int, int], size: tuple[int, int]
     except cv2.error:
         return None
     focus = matrix[[0, 1], [0, 1]]
-    sensible = (focus > 0).all() and (focus < LONGEST_FOCUS * size[0]).all()
+    # a focal length above 20 image widths: the calibration has diverged
+    sensible = (focus > 0).all() and (focus < 20.0 * size[0]).all()
     if not (sensible and np.isfinite(error) and np.isfinite(bending).all()):
         return None
     return Lens(matrix, np.ravel(bending)[:5], float(error), len(found), size)
@@ -174,8 +173,3 @@ def _level_homography(homography: np.ndarray, middle: np.ndarray) -> np.ndarray:
     if (turn[:2, :2] @ right)[0] < 0:
         turn = np.diag([-1.0, 1.0, 1.0]) @ turn
     return turn @ homography
-
-
-def plane_from_scale(metres_per_pixel: float) -> Plane:
-    """A plane perpendicular to the camera's axis."""
-    return Plane(np.diag([metres_per_pixel, -metres_per_pixel, 1.0]))

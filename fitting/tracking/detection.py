@@ -12,28 +12,17 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from fitting.tracking.video import opencv
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress
+from fitting.tracking.video import Video, opencv
 
 RAYS = 48
-#: Distance of samples along a ray [pixel], and its length [radius].
-RAY_STEP, RAY_REACH = 0.5, 1.8
-#: Radius [pixel] to which pictures are reduced for the search of seeds.
-SEED_RADIUS = 4.0
-#: Widths of the two Gaussians [radius]; the difference responds best to discs 1.15 times as large.
-NARROW, WIDE, BEST = 0.6, 1.2, 1.15
-#: Minimum answer [grey] above the noise.
-FAINTEST = 2.0
-#: Answer of a marker [that of the other spots]: noise reaches 1.3, discs of 10 grey levels in noise of 5 give 13.
-OUTSTANDING = 2.0
-#: Fraction of a marker's usual answer above which a spot is a seed, and fraction of rays that must show an edge.
-SEED_SHARE, RAY_SHARE = 0.35, 0.55
-#: Allowed radius and contrast, as fractions of the usual ones.
-SMALLEST, LARGEST, CONTRAST_SHARE = 0.85, 1.35, 0.6
-#: Fraction of rays below which a part of the rim is hidden, and error of the centre then [missing radius]: measured
-#: behind posts, 0.9 to 2.
-FULL_CIRCLE, HIDDEN = 0.95, 1.2
-#: Standard deviation of the radius [radius] and of an edge point [pixel]; reweighting passes.
-RADIUS_SPREAD, EDGE_NOISE, REWEIGHTED = 0.04, 0.1, 8
+#: Distance of samples along a ray [pixel].
+RAY_STEP = 0.5
+#: Radius of the disc to which the difference of two Gaussians responds best [radius].
+BEST = 1.15
+#: Standard deviation of an edge point [pixel].
+EDGE_NOISE = 0.1
 #: Radii [pixel] that are tried by default.
 RADII = tuple(float(r) for r in np.geomspace(2.5, 40.0, 14))
 
@@ -78,7 +67,7 @@ def learn_appearance(
             answers = _spots(image, size, shade)[1]
             if len(answers) >= nodes and answers[nodes - 1] > best.answer:
                 best = MarkerAppearance(BEST * size, shade, float(answers[nodes - 1]))
-    if best.answer < FAINTEST:
+    if best.answer < 2.0:  # grey levels above the noise
         return replace(best, answer=0.0)
     for _ in range(3):  # the search radius for the rim depends on the radius
         fitted = detect(image, best)
@@ -98,15 +87,14 @@ def learn_appearance(
 def stands_out(image: np.ndarray, appearance: MarkerAppearance, nodes: int) -> bool:
     """Whether the `nodes` strongest spots are clearly stronger than the many similar ones of noise."""
     answers = _spots(image, appearance.radius, appearance.bright)[1][2 * nodes :]
-    return appearance.answer > 0 and (
-        len(answers) < 2 * nodes or appearance.answer > OUTSTANDING * float(np.median(answers))
-    )
+    # noise reaches 1.3 times the other spots' answer, discs of 10 grey levels in noise of 5 give 13
+    return appearance.answer > 0 and (len(answers) < 2 * nodes or appearance.answer > 2.0 * float(np.median(answers)))
 
 
 def detect(image: np.ndarray, appearance: MarkerAppearance) -> Circles:
     """Circles that look like markers."""
     where, answers = _spots(image, appearance.radius, appearance.bright)
-    return _at(image, appearance, where[answers > SEED_SHARE * appearance.answer])
+    return _at(image, appearance, where[answers > 0.35 * appearance.answer])
 
 
 def detect_at(image: np.ndarray, appearance: MarkerAppearance, guesses: np.ndarray) -> Circles:
@@ -128,12 +116,14 @@ def _at(image: np.ndarray, appearance: MarkerAppearance, seeds: np.ndarray) -> C
 def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, np.ndarray]:
     """Local extrema (m, 2) [pixel] and their answers (m,) [grey], strongest first."""
     cv2 = opencv()
-    shrink = max(1.0, radius / SEED_RADIUS)
+    # pictures are reduced to a radius of 4 pixels for the search of seeds
+    shrink = max(1.0, radius / 4.0)
     small = image.astype(np.float32)
     if shrink > 1:
         small = cv2.resize(small, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
     r = radius / shrink
-    answer = cv2.GaussianBlur(small, (0, 0), NARROW * r) - cv2.GaussianBlur(small, (0, 0), WIDE * r)
+    # widths of the Gaussians [radius]; their difference responds best to discs 1.15 times as large
+    answer = cv2.GaussianBlur(small, (0, 0), 0.6 * r) - cv2.GaussianBlur(small, (0, 0), 1.2 * r)
     answer = answer if bright else -answer
     reach = 2 * int(np.ceil(0.7 * r)) + 1
     top = (answer == cv2.dilate(answer, np.ones((reach, reach), np.uint8))) & (answer > 0)
@@ -148,11 +138,12 @@ def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> 
     """A circle around each seed (m, 2); those without enough of an edge are omitted."""
     angle = 2 * np.pi * np.arange(RAYS) / RAYS
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    along = np.arange(0.0, RAY_REACH * appearance.radius + RAY_STEP, RAY_STEP)
+    along = np.arange(0.0, 1.8 * appearance.radius + RAY_STEP, RAY_STEP)
     edge, contrast = _edges(_brightness(image, seeds, ray, along), along, appearance)
     centre, radius, error, used = _circle(edge, ray, appearance.radius)
-    good = (used >= RAY_SHARE) & (radius > SMALLEST * appearance.radius) & (radius < LARGEST * appearance.radius)
-    good &= (np.hypot(*centre.T) < appearance.radius) & (contrast > CONTRAST_SHARE * appearance.contrast)
+    # fraction of rays that show an edge; radius and contrast as fractions of the usual ones
+    good = (used >= 0.55) & (radius > 0.85 * appearance.radius) & (radius < 1.35 * appearance.radius)
+    good &= (np.hypot(*centre.T) < appearance.radius) & (contrast > 0.6 * appearance.contrast)
     return Circles(seeds + centre, error, radius, used, contrast).pick(good)
 
 
@@ -195,10 +186,10 @@ def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray
     design = np.concatenate([ray, np.ones((RAYS, 1))], axis=1)
     known = np.isfinite(edge)
     value = np.where(known, edge, usual) - usual
-    free, fixed = (np.diag([1e-9, 1e-9, 1 / (spread * usual) ** 2]) for spread in (RADIUS_SPREAD, 1e-4))
+    free, fixed = (np.diag([1e-9, 1e-9, 1 / (spread * usual) ** 2]) for spread in (0.04, 1e-4))  # spread of radii
     near = known & (np.abs(value) < 0.6 * usual)
     weight, found = near / EDGE_NOISE**2, np.zeros((len(edge), 3))
-    for _ in range(REWEIGHTED):
+    for _ in range(8):
         off, found = _solve(design, weight, value, fixed)
         weight = near / (EDGE_NOISE * np.maximum(np.abs(off), EDGE_NOISE))
     spread = 1.4826 * np.nanmedian(np.where(near, np.abs(off), np.nan)[near.any(axis=1)], axis=1)
@@ -212,8 +203,9 @@ def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray
     # neighbouring rays share pixels: at most one independent edge point per pixel of the rim
     shared = max(1.0, RAYS / (2 * np.pi * usual))
     error = np.sqrt(shared * variance * 0.5 * (inverse[:, 0, 0] + inverse[:, 1, 1]))
-    # an obstacle that hides part of the rim shifts the centre by as much as it reduces the radius
-    error = np.where(count < FULL_CIRCLE * RAYS, np.hypot(error, HIDDEN * found[:, 2]), error)
+    # an obstacle that hides part of the rim shifts the centre by as much as it reduces the radius (behind posts by 0.9
+    # to 2 times as much)
+    error = np.where(count < 0.95 * RAYS, np.hypot(error, 1.2 * found[:, 2]), error)
     return found[:, :2], usual + found[:, 2], np.maximum(error, 1e-3), count / RAYS
 
 
@@ -235,3 +227,65 @@ def _distinct(circles: Circles, appearance: MarkerAppearance) -> Circles:
         if (apart > 0.5 * appearance.radius).all():
             kept.append(i)
     return circles.pick(np.array(kept, int))
+
+
+# Appearance of the markers, and the circles in all frames of a video
+
+
+def scan(
+    film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None, say: Progress
+) -> tuple[MarkerAppearance, list[Circles]]:
+    """The markers' appearance, and the circles of all frames of the span [pixel of the video].
+
+    Raises:
+        SceneError: no frame with as many circles as nodes.
+    """
+    appearance = _learn_appearance(film, span, nodes, radius, bright)
+    total = max(1, (span[1] or film.announced or 0) - span[0])
+    found = []
+    for i, image in enumerate(film.frames(*span)):
+        found.append(detect(image, appearance))
+        say(0.7 * min(1.0, (i + 1) / total), f"circles of frame {span[0] + i + 1}")
+    return appearance, found
+
+
+def _learn_appearance(
+    film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None
+) -> MarkerAppearance:
+    """The appearance in the frame that shows the markers best, of a few spread over the film."""
+    images, stride = [], 1
+    for i, image in enumerate(film.frames(*span)):
+        if i % stride == 0:
+            images.append(image)
+        if len(images) > 16:  # spread over the film
+            images, stride = images[::2], 2 * stride
+    best, most = None, 0
+    for image in images:
+        appearance = learn_appearance(image, nodes, radius, bright)
+        count = len(detect(image, appearance)) if stands_out(image, appearance, nodes) else 0
+        if count >= nodes and (best is None or appearance.answer > best.answer):
+            best = appearance
+        most = max(most, count)
+    if best is not None:
+        return best
+    for fewer in range(nodes - 1, most, -1):
+        for image in images[::5]:
+            appearance = learn_appearance(image, fewer, radius, bright)
+            most = max(most, len(detect(image, appearance)) if stands_out(image, appearance, fewer) else 0)
+    if most == 0:
+        raise SceneError(
+            f"{film.path.name}: no circles found in {len(images)} frames; needed: a circle on every node "
+            "(use --radius and --marker to describe them)"
+        )
+    raise SceneError(
+        f"{film.path.name}: at most {most} circles in a frame, but {nodes} nodes; "
+        "needed: as many circles as nodes (use --radius and --marker to describe them)"
+    )
+
+
+def map_circles(circles: list[Circles], to: object) -> list[Circles]:
+    """The circles with their centres mapped by `to`: points (m, 2) to points (m, 2)."""
+    size = np.cumsum([0, *(len(each) for each in circles)])
+    centre = to(np.concatenate([each.centre for each in circles])) if size[-1] else np.zeros((0, 2))
+    parts = zip(circles, size[:-1], size[1:], strict=True)
+    return [replace(each, centre=centre[a:b]) if len(each) else NONE for each, a, b in parts]

@@ -22,14 +22,8 @@ from scipy.optimize import least_squares
 
 from fitting.tracking.calibration import Lens, Plane
 
-#: Spread of pan and pitch [rad], of k1 and of log(focal length): without boards, and with a calibration by boards.
-SLANT, BENDING, FOCUS = (0.15, 0.01), (0.15, 0.01), (0.3, 0.01)
 #: Maximum values of pan, pitch, k1 and log(focus / usual).
-LARGEST = np.array([0.6, 0.6, 0.6, 0.9])
-#: Usual focal length [image width].
-USUAL_FOCUS = 1.25
-#: Maximum number of frames, duration of a block [s], reweighting passes, minimum noise of a centre [pixel].
-FRAMES, BLOCK, PASSES, LEAST = 300, 0.25, 3, 0.03
+PARAMETER_LIMITS = np.array([0.6, 0.6, 0.6, 0.9])
 
 
 @dataclass(frozen=True)
@@ -89,11 +83,13 @@ class Flat:
     def spread(self) -> np.ndarray:
         """Prior spread of the parameters (4,)."""
         plane, lens = self.plane is not None, self.lens is not None
-        return np.array([SLANT[plane], SLANT[plane], BENDING[lens], FOCUS[lens]])
+        # pan and pitch [rad], k1, log(focal length): known from the boards, or not
+        return np.where([plane, plane, lens, lens], 0.01, [0.15, 0.15, 0.15, 0.3])
 
     def _tilt_points(self, points: np.ndarray) -> np.ndarray:
         pan, pitch, bending, focus = self.parameters
-        usual = USUAL_FOCUS * self.size[0] * np.ones(2) if self.lens is None else self.lens.matrix[[0, 1], [0, 1]]
+        # usual focal length: 1.25 image widths
+        usual = 1.25 * self.size[0] * np.ones(2) if self.lens is None else self.lens.matrix[[0, 1], [0, 1]]
         size = usual * np.exp(focus)
         ray = bent = (points - self.middle) / size
         for _ in range(6):  # bent = ray (1 + k1 |ray|^2)
@@ -118,7 +114,7 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
     """
     both = detected[:, 1:] & detected[:, :-1]
     keep = np.flatnonzero(both.any(axis=1))
-    keep = keep[np.unique(np.linspace(0, len(keep) - 1, FRAMES).astype(int))] if len(keep) else keep
+    keep = keep[np.unique(np.linspace(0, len(keep) - 1, 300).astype(int))] if len(keep) else keep
     spread = flat.spread
     positions, both = pixels[keep], both[keep]
     if both.sum() < 10 * len(spread):
@@ -131,16 +127,17 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
     size = np.nanmedian(np.where(both, link_lengths(positions), np.nan), axis=0)
     found = np.zeros(len(spread)) if flat.parameters is None else flat.parameters
     noise = np.full(both.shape[1], 0.3) / size
-    for _ in range(PASSES):
+    for _ in range(3):
         result = least_squares(
             lambda p, noise=noise: np.concatenate([(off(p) / noise).ravel(), p / spread]),
-            np.clip(found, -0.9 * LARGEST, 0.9 * LARGEST),
-            bounds=(-LARGEST, LARGEST),
+            np.clip(found, -0.9 * PARAMETER_LIMITS, 0.9 * PARAMETER_LIMITS),
+            bounds=(-PARAMETER_LIMITS, PARAMETER_LIMITS),
             loss="soft_l1",
         )
         found = result.x
         left = np.where(both, off(found), np.nan)
-        noise = np.maximum(1.4826 * np.nanmedian(np.abs(left), axis=0), LEAST / size)
+        # noise of a centre: at least 0.03 pixels
+        noise = np.maximum(1.4826 * np.nanmedian(np.abs(left), axis=0), 0.03 / size)
         noise = np.where(np.isfinite(noise), noise, np.nanmedian(noise))
     return replace(flat, parameters=found, covariance=_covariance(off, found, noise, spread, keep, fps))
 
@@ -187,7 +184,8 @@ def _covariance(
     slopes, left = slopes / noise[:, None], np.clip(off(found) / noise, -5.0, 5.0)
     prior = np.diag(1 / spread**2)
     bread = np.linalg.inv(np.einsum("kja,kjb->ab", slopes, slopes) + prior)
-    block = (keep / (BLOCK * fps)).astype(int)
+    # blocks of 0.25 s
+    block = (keep / (0.25 * fps)).astype(int)
     score = np.zeros((block.max() + 1, len(found)))
     np.add.at(score, block, np.einsum("kja,kj->ka", slopes, left))
     return bread @ (score.T @ score + prior) @ bread

@@ -10,11 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.tracking.detection import Circles
+from fitting.tracking.detection import Circles, map_circles
 from fitting.tracking.flattening import Flat, flatten, link_lengths
 from fitting.tracking.hindsight import TrackedChain, fill_missed, reverse_chain
 from fitting.tracking.identity import Follower, length_errors
-from fitting.tracking.learning import map_circles
 from fitting.tracking.marks import find_marks
 from fitting.tracking.ordering import (
     AmbiguousOrderError,
@@ -29,16 +28,10 @@ from fitting.tracking.ordering import (
     turn_round,
 )
 
-#: Tolerance for the change of a link [pixel, fraction, deviations of the chain's own links] once the plane is known.
-LENGTH_FLOOR, LENGTH_SHARE, SELF_WEIGHT = 0.05, 0.0005, 2.0
 #: Changes [tolerances] up to which another order is equally good.
 AS_GOOD = 3.0
-#: Rounds in which map, lengths and order are estimated from each other.
-ROUNDS = 3
-#: Distance of a given position from its circle [radius], and time within which a missing circle may appear [s].
-NEAR, SOON = 3.0, 0.5
-#: Change of a length up to which a row of markers is one line of links [pixel].
-STIFF = 1.0
+#: Distance of a given position from its circle [radius].
+NEAR_CIRCLE = 3.0
 
 
 def follow(circles: list[Circles], chain: Chain) -> np.ndarray:
@@ -85,7 +78,7 @@ def follow_film(
             f"track: no chain of {nodes} moving markers found among {most} circles; "
             "use --start with the nodes' positions in the first frame"
         )
-    for _ in range(ROUNDS):
+    for _ in range(3):
         found = follow(mapped, chain)
         pixels, detected = _positions(circles, found)
         flat = flatten(pixels, detected, flat, fps)
@@ -175,7 +168,8 @@ def _ratio(tracks: np.ndarray) -> np.ndarray:
     """Changes (n, n) of the distances of all pairs over the film, in changes of the chain's own links [tolerances]."""
     change, mean = changes(tracks)
     own = float(np.median(np.diagonal(change, 1)))
-    return change / np.maximum(SELF_WEIGHT * min(own, 1.0), np.hypot(LENGTH_FLOOR, LENGTH_SHARE * mean))
+    # tolerance [pixel, fraction, deviations of the chain's own links] once the plane is known
+    return change / np.maximum(2.0 * min(own, 1.0), np.hypot(0.05, 0.0005 * mean))
 
 
 def _check_order(
@@ -214,7 +208,8 @@ def chain_in_line(circles: list[Circles], nodes: int) -> Chain | None:
     if line is None:
         return None
     change, mean = changes(tracks)
-    if (change[line[:-1], line[1:]] > STIFF).any():
+    # change of a length [pixel] up to which a row of markers is one line of links
+    if (change[line[:-1], line[1:]] > 1.0).any():
         return None
     return Chain(tracks[0, line], mean[line[:-1], line[1:]], change[line[:-1], line[1:]], at)
 
@@ -236,20 +231,21 @@ def named_chain(
     own = np.full(nodes, -1)
     for _ in range(min(apart.shape)):  # the nearest pairs first, no circle twice
         k, j = np.unravel_index(np.argmin(apart), apart.shape)
-        if apart[k, j] > NEAR * radius:
+        if apart[k, j] > NEAR_CIRCLE * radius:
             break
         own[k], positions[k] = j, mapped[0].centre[j]
         apart[k], apart[:, j] = np.inf, np.inf
     spare = len(first) - int((own >= 0).sum())
-    soon = circles[1 : max(2, round(SOON * fps))]
+    # a missing circle may appear within half a second
+    soon = circles[1 : max(2, round(0.5 * fps))]
     for k in np.flatnonzero(own < 0):
         comes = any(
-            np.linalg.norm(each.centre - named[k], axis=1).min(initial=np.inf) <= NEAR * radius for each in soon
+            np.linalg.norm(each.centre - named[k], axis=1).min(initial=np.inf) <= NEAR_CIRCLE * radius for each in soon
         )
         if spare and not comes:
             raise SceneError(
                 f"--start: no separate circle found near node {k}; allowed: positions within 3 radii of the circles"
             )
-        error[k] = NEAR * radius
+        error[k] = NEAR_CIRCLE * radius
     length = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     return Chain(positions, length, np.hypot(error[1:], error[:-1]), 0)

@@ -17,16 +17,6 @@ from fitting.tracking.flattening import Flat, link_lengths
 from fitting.tracking.identity import bridge, length_errors
 from fitting.tracking.ordering import Chain
 
-#: Expected positions between samples: error [pixel] there, and per frame from the nearest one, up to this many frames;
-#: the same as fractions of a fast step, up to this many frames.
-HINDSIGHT, PER_FRAME, FRAMES, OF_STEP, SOON = 2.0, 1.0, 12, 0.2, 2
-#: Deviations [standard deviations] of position and length up to which a circle is the missed node.
-GATE = 3.0
-#: c of an exposure as long as a frame; significance [standard errors] below which nothing is corrected.
-LONGEST, SIGNIFICANT = 1 / 24, 4.0
-#: Reweighting passes; deviations beyond this many standard deviations count as much as one there.
-PASSES, CLIP = 5, 3.0
-
 
 @dataclass
 class TrackedChain:
@@ -93,20 +83,22 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, np.ndarr
     error = length_errors(found.chain)
     expected, away = found.flat.copy(), _frames_away(found.detected)
     steps = np.linalg.norm(np.diff(found.flat, axis=0), axis=-1)[found.detected[1:] & found.detected[:-1]]
-    fast = OF_STEP * float(np.percentile(steps, 98)) if len(steps) else 0.0
+    fast = 0.2 * float(np.percentile(steps, 98)) if len(steps) else 0.0
     for i in np.flatnonzero((~found.detected).any(axis=1)):
         flat, pixels, scatter = there(i)
         for k in np.flatnonzero(~found.detected[i]):
             if not len(flat):
                 break
-            size = HINDSIGHT + PER_FRAME * min(away[i, k], FRAMES) + fast * min(away[i, k], SOON)
+            # error [pixel] between samples: there, and per frame from the nearest one
+            size = 2.0 + 1.0 * min(away[i, k], 12) + fast * min(away[i, k], 2)
             price = np.linalg.norm(flat - expected[i, k], axis=1) / size
             for j, other in ((k - 1, k - 1), (k, k + 1)):
                 if 0 <= other < found.detected.shape[1] and found.detected[i, other]:
                     miss = np.linalg.norm(flat - found.flat[i, other], axis=1) - found.chain.length[j]
                     price = np.maximum(price, np.abs(miss) / error[j])
             best = int(np.argmin(price))
-            if price[best] < GATE:
+            # standard deviations of position and length up to which a circle is the missed node
+            if price[best] < 3.0:
                 found.flat[i, k], found.pixels[i, k] = flat[best], pixels[best]
                 found.error[i, k], found.detected[i, k] = scatter[best], True
                 flat, pixels, scatter = (np.delete(a, best, axis=0) for a in (flat, pixels, scatter))
@@ -180,10 +172,12 @@ def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
     if not np.sum(x**2) > 0:
         return 0.0
     weight, share = np.ones_like(x), 0.0
-    for _ in range(PASSES):
+    for _ in range(5):
         share = float(np.sum(weight * x * y) / np.sum(weight * x**2))
         off = np.abs(y - share * x)
         scale = 1.4826 * float(np.median(off)) + 1e-9
-        weight = np.minimum(1.0, CLIP * scale / np.maximum(off, 1e-12))
+        # deviations beyond 3 standard deviations count as much as one there
+        weight = np.minimum(1.0, 3.0 * scale / np.maximum(off, 1e-12))
     error = scale / np.sqrt(np.sum(weight * x**2))
-    return min(share, LONGEST) if share > SIGNIFICANT * error else 0.0
+    # at most c of an exposure as long as a frame; below 4 standard errors nothing is corrected
+    return min(share, 1 / 24) if share > 4.0 * error else 0.0

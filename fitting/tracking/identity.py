@@ -20,23 +20,12 @@ from fitting.tracking.ordering import Chain
 
 #: Penalty for an undetected node, in squared standard deviations: 4 sigma.
 LOST_PRICE = 16.0
-#: Penalty for a node that reappears away from its expected position, maximum deviation of a length there [standard
-#: deviations], and its reach: distance per frame that it was lost [fastest step], and a floor [pixel].
-RETURN_PRICE, RETURN_LENGTH, REACH, REACH_FLOOR = 12.0, 3.0, 1.5, 12.0
-#: Fastest step before any was observed [mean link].
-FASTEST = 0.3
-#: Change of a step before any rate is known [mean link].
-UNKNOWN = 0.12
-#: Maximum penalty for the deviation of a length: a wrong neighbour must not reject a right node.
-MOST_LENGTH_PRICE = 30.0
-#: Error of an expected position [pixel]: a floor, a fraction of the last step, a fraction of its last change.
-FLOOR, OF_STEP, OF_CHANGE = 1.5, 0.05, 0.7
-#: Error of a bridged position that continues at its rate [pixel], and Gauss-Newton passes that fit it to its links.
-BRIDGE_ERROR, BRIDGE_PASSES = 5.0, 6
-#: Error of a link's length: at least this [pixel] and this fraction of it.
-LENGTH_FLOOR, LENGTH_SHARE = 0.6, 0.008
-#: Maximum variation of a length [length].
-MOST_SPREAD = 0.25
+#: Penalty for a node that reappears away from its expected position, in squared standard deviations.
+RETURN_PRICE = 12.0
+#: Minimum error of an expected position [pixel].
+FLOOR = 1.5
+#: Error of a bridged position that continues at its rate [pixel].
+BRIDGE_ERROR = 5.0
 
 
 @dataclass
@@ -58,7 +47,8 @@ class Follower:
     def __post_init__(self) -> None:
         self.past = self.past or [self.chain.positions.copy()]
         self.lost = np.zeros(len(self.chain.positions), int)
-        self.last_positions, self.fastest = self.chain.positions.copy(), FASTEST * float(np.mean(self.chain.length))
+        # before any step was observed: 0.3 mean links
+        self.last_positions, self.fastest = self.chain.positions.copy(), 0.3 * float(np.mean(self.chain.length))
         self.length_error = length_errors(self.chain)
 
     @classmethod
@@ -84,12 +74,14 @@ class Follower:
 
     def _errors(self) -> np.ndarray:
         step = np.zeros(len(self.lost))
-        change = np.full(len(self.lost), max(4.0, UNKNOWN * float(np.mean(self.chain.length))))
+        # before any rate is known: a change of 0.12 mean links per step
+        change = np.full(len(self.lost), max(4.0, 0.12 * float(np.mean(self.chain.length))))
         if len(self.past) > 1:
             step = np.linalg.norm(self.past[0] - self.past[1], axis=1)
         if len(self.past) > 2:
             change = np.linalg.norm(self.past[0] - 2 * self.past[1] + self.past[2], axis=1)
-        found = (FLOOR + OF_STEP * step + OF_CHANGE * change) * (1.0 + self.lost)
+        # fractions of the last step, and of its last change
+        found = (FLOOR + 0.05 * step + 0.7 * change) * (1.0 + self.lost)
         return found if self.chain.held is None else np.where(self.chain.held, FLOOR, found)
 
     def advance(self, circles: Circles) -> np.ndarray:
@@ -112,7 +104,8 @@ class Follower:
         if not len(centre):
             return np.full(len(guess), -1)
         unary = np.sum((centre[None] - guess[:, None]) ** 2, axis=-1) / error[:, None] ** 2
-        reach = REACH_FLOOR + REACH * self.lost * self.fastest
+        # a distance [pixel], and more for every frame that the node was lost [fastest step]
+        reach = 12.0 + 1.5 * self.lost * self.fastest
         if self.chain.held is not None:
             reach = np.where(self.chain.held, 0.0, reach)
         away = np.linalg.norm(centre[None] - self.last_positions[:, None], axis=-1) < reach[:, None]
@@ -124,7 +117,8 @@ class Follower:
         apart = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
         pair = np.zeros((len(guess) - 1, len(centre) + 1, len(centre) + 1))
         miss = (apart[None] - self.chain.length[:, None, None]) / self.length_error[:, None, None]
-        pair[:, :-1, :-1] = np.minimum(miss**2, MOST_LENGTH_PRICE)
+        # a wrong neighbour must not reject a right node
+        pair[:, :-1, :-1] = np.minimum(miss**2, 30.0)
         pair[:, np.arange(len(centre)), np.arange(len(centre))] = np.inf
         best = _without_doubles(unary, pair)[1]
         return self._confirm_returns(np.where(best == len(centre), -1, best), far, pair)
@@ -137,7 +131,7 @@ class Follower:
                 continue
             links = [(j, a, b) for j, a, b in ((k - 1, k - 1, k), (k, k, k + 1)) if 0 <= j < len(pair)]
             prices = [pair[j, found[a], found[b]] for j, a, b in links if found[a] >= 0 and found[b] >= 0]
-            if not prices or max(prices) > RETURN_LENGTH**2:
+            if not prices or max(prices) > 3.0**2:  # standard deviations of a length
                 found[k] = -1
         return found
 
@@ -157,16 +151,15 @@ class Follower:
 
 def length_errors(chain: Chain) -> np.ndarray:
     """Permitted errors of the links' lengths (n - 1,) [pixel]."""
-    return np.maximum(
-        np.maximum(LENGTH_FLOOR, LENGTH_SHARE * chain.length), np.minimum(chain.spread, MOST_SPREAD * chain.length)
-    )
+    # error of a length: at least this [pixel] and this fraction; its maximum variation
+    return np.maximum(np.maximum(0.6, 0.008 * chain.length), np.minimum(chain.spread, 0.25 * chain.length))
 
 
 def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Positions (n, 2) of which the `unknown` (n,) are fitted to the links' lengths (n - 1,) (Gauss-Newton)."""
     positions, move = positions.copy(), np.repeat(unknown, 2)
     expected = positions.reshape(-1)[move].copy()
-    for _ in range(BRIDGE_PASSES):
+    for _ in range(6):
         rows, size = _length_rows(positions)
         rows = rows[:, move] / error[:, None]
         short = (length - size) / error

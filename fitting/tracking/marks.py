@@ -21,18 +21,8 @@ from fitting.tracking.flattening import link_lengths
 from fitting.tracking.identity import Follower
 from fitting.tracking.ordering import Chain, rates
 
-#: Limit of a length's deviation: robust deviations, and at least this [pixel] and this fraction of it.
-LENGTH, LENGTH_FLOOR, LENGTH_SHARE = 7.0, 0.8, 0.015
-#: Limit of a position's deviation from its neighbours in time: a multiple of the usual one of this number of samples
-#: before and after, and at least this fraction of a link; maximum distance of the neighbours [frames] for the check.
-JUMP, NEAR, JUMP_SHARE, FARTHEST = 8.0, 8, 0.15, 8
-#: Distance that a node cannot have moved: a multiple of nearly the fastest step, plus this fraction of a link; longest
-#: run of samples that counts as wrong [frames].
-FASTER, REACH, SHORT = 1.5, 0.2, 6
-#: Passes in which the largest jumps are removed and the others checked again.
-PASSES = 6
-#: Frames of a stretch without errors; distance [link] below which two nodes may have either name.
-STRETCH, SAME = 12, 0.05
+#: Number of samples before and after, which give the usual deviation of a position from its neighbours in time.
+NEIGHBOURS = 8
 SWAPPED, JUMPED, OFF_LENGTH = "swapped", "jumped", "length"
 
 
@@ -82,7 +72,8 @@ def find_marks(positions: np.ndarray, detected: np.ndarray) -> Marks:
     usual = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in lengths.T])
     off = np.abs(lengths - usual)
     deviation = np.array([1.4826 * np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in off.T])
-    limit = np.maximum(LENGTH * deviation, np.hypot(LENGTH_FLOOR, LENGTH_SHARE * usual))
+    # robust deviations, and at least this [pixel] and this fraction of it
+    limit = np.maximum(7.0 * deviation, np.hypot(0.8, 0.015 * usual))
     length = np.where(np.isfinite(off), off, 0.0) > limit
     swapped = _swapped_names(positions, detected, length, usual, deviation)
     # samples that are already marked must not make their neighbours in time look wrong
@@ -101,7 +92,7 @@ def _swapped_names(
     starts, ends = edges[::2], edges[1::2]
     if not len(starts):
         return np.zeros(detected.shape, bool)
-    long = np.flatnonzero(ends - starts >= min(STRETCH, (ends - starts).max()))
+    long = np.flatnonzero(ends - starts >= min(12, (ends - starts).max()))
     first, last = (int(starts[i] + ends[i]) // 2 for i in (long[0], long[-1]))
     runs = [(first, len(positions), 1), (first, -1, -1), (last, len(positions), 1), (last, -1, -1)]
     asked, other = np.zeros(len(positions), int), np.zeros(detected.shape, int)
@@ -115,9 +106,9 @@ def _swapped_names(
             for k in np.flatnonzero(found >= 0):
                 if here[found[k]] != k:
                     other[i, here[found[k]]] += 1
-    # two coincident nodes may have either name
+    # two nodes closer than 0.05 links may have either name
     near = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=-1) + 1e9 * np.eye(detected.shape[1])
-    alone = near.min(axis=2) > SAME * np.median(usual)
+    alone = near.min(axis=2) > 0.05 * np.median(usual)
     return (other > 0) & (other >= asked[:, None]) & detected & alone
 
 
@@ -130,16 +121,18 @@ def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.nda
     """Samples (k, n) off the cubics through the two detected before and the two after them."""
     result = np.zeros(detected.shape, bool)
     for k in range(detected.shape[1]):
-        for _ in range(PASSES):
+        # the largest jumps are removed and the others checked again
+        for _ in range(6):
             frames = np.flatnonzero(detected[:, k] & ~result[:, k])
-            if len(frames) < 2 * NEAR:
+            if len(frames) < 2 * NEIGHBOURS:
                 break
             off, apart = _off_cubic(frames, positions[frames, k])
-            usual = median_filter(off, 2 * NEAR + 1, mode="nearest")
-            limit = np.maximum(JUMP * usual, JUMP_SHARE * length * (apart / 2) ** 2)
+            usual = median_filter(off, 2 * NEIGHBOURS + 1, mode="nearest")
+            # a multiple of the usual deviation, and at least this fraction of a link
+            limit = np.maximum(8.0 * usual, 0.15 * length * (apart / 2) ** 2)
             # if neighbouring samples all look wrong, the worst one is: the others are checked without it
             worst = maximum_filter(off / limit, 5, mode="nearest")
-            now = (off > limit) & (off / limit >= worst) & (apart <= FARTHEST)
+            now = (off > limit) & (off / limit >= worst) & (apart <= 8)
             if not now.any():
                 break
             result[frames[now], k] = True
@@ -152,16 +145,17 @@ def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) ->
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=-1)[detected[1:] & detected[:-1]]
     if not len(steps):
         return result
-    fastest = FASTER * float(np.percentile(steps, 98))
+    fastest = 1.5 * float(np.percentile(steps, 98))
     for k in range(detected.shape[1]):
         frames = np.flatnonzero(detected[:, k])
         way = np.linalg.norm(np.diff(positions[frames, k], axis=0), axis=-1)
-        broken = np.flatnonzero(way > fastest * np.diff(frames) + REACH * length) + 1
+        # a node cannot move by more than nearly the fastest steps and 0.2 links
+        broken = np.flatnonzero(way > fastest * np.diff(frames) + 0.2 * length) + 1
         if not len(broken):
             continue
         runs = np.split(frames, broken)
         for run in runs:
-            if len(run) <= SHORT and len(run) < len(frames) / 2:
+            if len(run) <= 6 and len(run) < len(frames) / 2:
                 result[run, k] = True
     return result
 

@@ -17,26 +17,9 @@ from dropper_jax.base.errors import SceneError
 
 #: Motion in fractions of their radius below which markers hang on a fixed end or on the wall. The second is used if the
 #: first leaves too few moving ones: the noise of a centre is 1 % of a radius.
-STILL = (0.5, 0.12)
-#: Fraction of frames below which spots are reflections, not markers, if enough others exist.
-OFTEN, NOW_AND_THEN = 0.5, 0.1
-#: Maximum deviation of an unnamed spot from its expected position: [pixel] in addition to its step, or this fraction of
-#: the distance to the next spot, up to a maximum [pixel].
-NEAR, ALONE, FAR = 8.0, 0.4, 60.0
-#: Fraction of its rate that a hidden spot keeps per frame.
-FADE = 0.8
-#: Maximum number of spots that are followed, and of steps in the search for paths.
-MOST, STEPS = 13, 40_000
-#: Tolerance for the change of a link's length [pixel, fraction]: a slanting camera changes it by some per cent.
-LENGTH_FLOOR, LENGTH_SHARE = 0.5, 0.01
-#: Changes [tolerances] up to which a step may be a link, tried in this order.
-WORST = (2.0, 4.0, 8.0)
-#: Sum of squared changes [tolerances] by which the second best path must be worse.
-CLEAR = 9.0
-#: Distance of positions from a line [fraction of its extent] up to which the markers lie on it.
-STRAIGHT = 0.03
-#: Durations of the stretches [s], maximum number of each, minimum number of frames of one.
-STRETCHES, COUNT, SHORTEST = (1.0, 2.0, 4.0), 16, 20
+STILL_MOTION = (0.5, 0.12)
+#: Maximum number of steps in the search for paths.
+MOST_PATH_STEPS = 40_000
 
 
 @dataclass(frozen=True)
@@ -82,7 +65,8 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
         guess = last + rate
         apart = np.linalg.norm(guess[:, None] - centres[None], axis=-1)
         # a spot may have any rate at first, as long as no other is nearer
-        limit = np.maximum(NEAR + np.linalg.norm(rate, axis=1), np.minimum(ALONE * _alone(last), FAR))
+        # [pixel] in addition to its step, or this fraction of the distance to the next spot, up to a maximum [pixel]
+        limit = np.maximum(8.0 + np.linalg.norm(rate, axis=1), np.minimum(0.4 * _alone(last), 60.0))
         now = np.full_like(last, np.nan)
         if len(centres):
             for i, j in zip(*linear_sum_assignment(np.minimum(apart, 1e3)), strict=True):
@@ -90,7 +74,7 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
                     now[i] = centres[j]
         detected = np.isfinite(now[:, 0])
         # a spot that was hidden for long is no longer where its rate would have carried it
-        rate = np.where(detected[:, None], now - last, FADE * rate)
+        rate = np.where(detected[:, None], now - last, 0.8 * rate)
         last = np.where(detected[:, None], now, guess)
         tracks.append(now)
     return np.stack(tracks)
@@ -128,16 +112,18 @@ def order(tracks: np.ndarray, nodes: int, radius: float, first: str = "auto") ->
 def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tuple[Chain | None, np.ndarray, float]:
     """The chain with the smallest change of its lengths, its resting nodes, and the margin to the next best chain."""
     share = np.isfinite(tracks[..., 0]).mean(axis=0)
-    often = np.argsort(-share, kind="stable")[:MOST]
-    # an occasionally visible marker counts if there are too few others
-    enough = (share[often] >= OFTEN) | ((np.arange(len(often)) < nodes) & (share[often] >= NOW_AND_THEN))
+    often = np.argsort(-share, kind="stable")[:13]
+    # spots that are often missing are reflections; a marker seen now and then counts if there are too few others
+    enough = (share[often] >= 0.5) | ((np.arange(len(often)) < nodes) & (share[often] >= 0.1))
     tracks = tracks[:, often[enough]]
     if tracks.shape[1] < nodes:
         return None, np.zeros(0, bool), 0.0
     change, mean = changes(tracks)
     still = resting(tracks, radius, nodes)
-    ratio = change / np.hypot(LENGTH_FLOOR, LENGTH_SHARE * mean)
-    for worst in WORST:
+    # [pixel, fraction]: a slanting camera changes a length by some per cent
+    ratio = change / np.hypot(0.5, 0.01 * mean)
+    # changes [tolerances] up to which a step may be a link, tried in this order
+    for worst in (2.0, 4.0, 8.0):
         found = paths(ratio, still, nodes, worst)
         if found:
             break
@@ -162,9 +148,10 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
     """The chain of the stretch of the film that determines it most clearly, with its frame in `at`, and the margin."""
     best, clear = None, -np.inf
     counts = np.array([len(centres) for centres in frames])
-    for duration in STRETCHES:
-        size = min(len(frames), max(SHORTEST, round(duration * fps)))
-        starts = np.unique(np.linspace(0, len(frames) - size, COUNT).astype(int))
+    # durations of the stretches [s]
+    for duration in (1.0, 2.0, 4.0):
+        size = min(len(frames), max(20, round(duration * fps)))
+        starts = np.unique(np.linspace(0, len(frames) - size, 16).astype(int))
         for start in starts:
             # a frame with at least as many circles as nodes, the one in which most others agree
             here = counts[start : start + size]
@@ -178,7 +165,8 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
             chain, _, margin = best_chain(tracks, nodes, radius, middle)
             if chain is not None and margin > clear and np.isfinite(chain.positions).all():
                 best, clear = replace(chain, at=int(start) + middle), margin
-        if clear >= CLEAR or size == len(frames):
+        # sum of squared changes [tolerances] by which the second best path must be worse
+        if clear >= 9.0 or size == len(frames):
             break
     return best, clear
 
@@ -198,8 +186,8 @@ def resting(tracks: np.ndarray, radius: float, nodes: int) -> np.ndarray:
     known = np.where(np.isfinite(tracks).any(axis=0), tracks, 0.0)
     low, high = np.nanpercentile(known, (2, 98), axis=0)
     size = np.linalg.norm(high - low, axis=1)
-    still = size < STILL[0] * radius
-    return still if (~still).sum() >= nodes - 2 else size < STILL[1] * radius
+    still = size < STILL_MOTION[0] * radius
+    return still if (~still).sum() >= nodes - 2 else size < STILL_MOTION[1] * radius
 
 
 def paths(ratio: np.ndarray, still: np.ndarray, nodes: int, worst: float) -> list[tuple[float, np.ndarray]]:
@@ -217,7 +205,7 @@ def paths(ratio: np.ndarray, still: np.ndarray, nodes: int, worst: float) -> lis
     def extend(path: tuple[int, ...], spent: float) -> None:
         nonlocal steps, found
         steps += 1
-        if steps > STEPS or (len(found) > 1 and spent >= found[1][0]):
+        if steps > MOST_PATH_STEPS or (len(found) > 1 and spent >= found[1][0]):
             return
         if len(path) == nodes:
             if path[0] < path[-1]:  # each path in one direction only
@@ -240,7 +228,7 @@ def all_paths(ratio: np.ndarray, still: np.ndarray, worst: float, most: int = 50
     near = [[int(j) for j in np.argsort(row) if row[j] <= worst and j != i] for i, row in enumerate(ratio)]
     found: list[tuple[float, tuple[int, ...]]] = []
     stack = [((i,), 0.0) for i in range(nodes)]
-    for _ in range(STEPS):
+    for _ in range(MOST_PATH_STEPS):
         if not stack or len(found) >= most:
             break
         path, spent = stack.pop()
@@ -264,7 +252,8 @@ def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
         return None
     middle = whole - whole.mean(axis=1, keepdims=True)
     _, size, axes = np.linalg.svd(middle, full_matrices=False)
-    if (size[:, 1] > STRAIGHT * size[:, 0]).any():
+    # markers lie on a line to within 0.03 of its extent
+    if (size[:, 1] > 0.03 * size[:, 0]).any():
         return None
     orders = np.argsort(np.einsum("kmi,ki->km", middle, axes[:, 0]), axis=1)
     same = (orders == orders[0]).all(axis=1) | (orders == orders[0][::-1]).all(axis=1)

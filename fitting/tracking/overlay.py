@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
+from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.track import Tracked
 from fitting.tracking.video import Video, opencv, write_video
 
-#: Blue, green, red: links, detected nodes, bridged nodes.
-LINK, DETECTED, BRIDGED, TEXT = (178, 114, 0), (115, 158, 0), (0, 94, 213), (40, 40, 40)
-#: Frames of a sheet, its columns, and the width of one picture [pixel].
-SHEET_FRAMES, COLUMNS, WIDTH = 12, 4, 420
+#: Blue, green, red: links, bridged nodes, text.
+LINK, BRIDGED, TEXT = (178, 114, 0), (0, 94, 213), (40, 40, 40)
+#: Columns of a sheet, and the width of one picture [pixel].
+PER_ROW, PICTURE_WIDTH = 4, 420
 SUFFIXES = (".png", ".avi", ".mp4")
 
 
@@ -28,13 +29,13 @@ def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path
     if path.suffix.lower() != ".png":
         return write_video(path, _draw_frames(tracked, film, 1.0, None), tracked.fps)
     box = _box(tracked, film.size)
-    chosen = np.unique(np.linspace(0, len(tracked.detected) - 1, SHEET_FRAMES).astype(int))
-    scale = WIDTH / (box[2] - box[0])
+    chosen = np.unique(np.linspace(0, len(tracked.detected) - 1, 12).astype(int))
+    scale = PICTURE_WIDTH / (box[2] - box[0])
     pictures = [picture[box[1] : box[3], box[0] : box[2]] for picture in _draw_frames(tracked, film, scale, chosen)]
     height = round((box[3] - box[1]) * scale)
-    tiles = [opencv().resize(p, (WIDTH, height), interpolation=opencv().INTER_CUBIC) for p in pictures]
-    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % COLUMNS)
-    rows = [np.concatenate(_frame_tiles(tiles[i : i + COLUMNS]), axis=1) for i in range(0, len(tiles), COLUMNS)]
+    tiles = [opencv().resize(p, (PICTURE_WIDTH, height), interpolation=opencv().INTER_CUBIC) for p in pictures]
+    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % PER_ROW)
+    rows = [np.concatenate(_frame_tiles(tiles[i : i + PER_ROW]), axis=1) for i in range(0, len(tiles), PER_ROW)]
     good, data = opencv().imencode(".png", np.concatenate(rows))
     if not good:
         raise OSError(f"{path.name}: the picture cannot be encoded")
@@ -72,7 +73,7 @@ def _draw(image: np.ndarray, tracked: Tracked, i: int, thick: int, letters: floa
         cv2.line(picture, a, b, LINK, thick, cv2.LINE_AA, 4)
     for k, (x, y) in enumerate(tracked.pixels[i].tolist()):
         detected = tracked.detected[i, k]
-        colour = DETECTED if detected else BRIDGED
+        colour = (115, 158, 0) if detected else BRIDGED
         if detected:
             cv2.circle(picture, positions[k], round(16 * 1.3 * radius), colour, thick, cv2.LINE_AA, 4)
         else:
@@ -95,3 +96,37 @@ def write_text(
     for dx, dy, shade in [*rim, (0, 0, colour)]:
         there = (position[0] + dx, position[1] + dy)
         cv2.putText(picture, text, there, cv2.FONT_HERSHEY_SIMPLEX, size, shade, 1, cv2.LINE_AA)
+
+
+# A picture of the node orders that a film allows, from which the user selects the right one
+
+
+#: Maximum number of orders that are drawn.
+SHOWN = 6
+
+
+def write_alternatives(error: AmbiguousOrderError, video: str | Path, path: str | Path) -> Path:
+    """The frame once for each order, side by side in rows of three, as a `.png`."""
+    cv2 = opencv()
+    image = next(Video(video).frames(error.frame, error.frame + 1))
+    tiles = [_tile(image, positions, i) for i, positions in enumerate(error.orders[:SHOWN])]
+    columns = min(3, len(tiles))
+    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % columns)
+    rows = [np.concatenate(tiles[i : i + columns], axis=1) for i in range(0, len(tiles), columns)]
+    good, data = cv2.imencode(".png", np.concatenate(rows))
+    if not good:
+        raise OSError(f"{Path(path).name}: the picture cannot be encoded")
+    return atomic_write(Path(path), data.tobytes())
+
+
+def _tile(image: np.ndarray, positions: np.ndarray, number: int) -> np.ndarray:
+    cv2 = opencv()
+    scale = 560 / image.shape[1]  # pixels of one picture over those of the frame
+    picture = cv2.cvtColor(cv2.resize(image, None, fx=scale, fy=scale), cv2.COLOR_GRAY2BGR)
+    points = [(round(scale * x), round(scale * y)) for x, y in positions.tolist()]
+    for a, b in zip(points[:-1], points[1:], strict=True):
+        cv2.line(picture, a, b, LINK, 2, cv2.LINE_AA)
+    labels = [(str(k), (x + 8, y - 8), 0.6, BRIDGED) for k, (x, y) in enumerate(points)]
+    for text, position, size, colour in [*labels, (f"order {number + 1}", (12, 28), 0.8, TEXT)]:
+        write_text(picture, text, position, size, colour)
+    return np.pad(picture, ((4, 4), (4, 4), (0, 0)), constant_values=255)

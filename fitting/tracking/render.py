@@ -18,11 +18,8 @@ from fitting.traces.synthetic import Motion
 from fitting.tracking.calibration import Lens
 from fitting.tracking.video import opencv
 
-#: Grey levels of the plate, the bars, the stickers, the discs and a post before the plate.
-PLATE, BAR, STICKER, DISC, POST = 105.0, 150.0, 22.0, 235.0, 60.0
-#: Radius of a sticker [radius of the disc]; minimum number of pictures averaged over an exposure, and their maximum
-#: distance [pixel], so that a moving disc becomes a streak, not a row of discs.
-STICKER_SIZE, EXPOSURES, MIN_SPACING = 1.7, 5, 1.0
+#: Grey levels of the plate and of a post before it.
+PLATE, POST = 105.0, 60.0
 
 
 @dataclass(frozen=True)
@@ -120,7 +117,8 @@ def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.n
         hidden = [node for node, first, last in view.hidden if first <= i <= last]
         now = motion.t[0] + i / fps
         way = view.exposure * np.linalg.norm(at(now, 1), axis=1).max() * view.pixels_per_metre
-        count = max(EXPOSURES, int(np.ceil(way / MIN_SPACING)))
+        # pictures averaged over an exposure, at most 1 pixel apart: a moving disc becomes a streak, not a row of discs
+        count = max(5, int(np.ceil(way / 1.0)))
         parts = np.linspace(-0.5, 0.5, 2 * count + 1)[1::2] * view.exposure
         shots = [_shot(view, at(now + part), hidden, i / fps + part) for part in parts]
         yield _develop(np.mean(shots, axis=0), view, rng)
@@ -148,11 +146,11 @@ def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.
     cv2 = opencv()
     thick = max(1, round(1.6 * view.radius * view.pixels_per_metre))
     for a, b in zip(nodes[:-1], nodes[1:], strict=True):
-        cv2.line(image, *_sixteenths([a, b]), BAR, thick, cv2.LINE_AA, 4)
+        cv2.line(image, *_sixteenths([a, b]), 150.0, thick, cv2.LINE_AA, 4)
     for k, position in enumerate(nodes):
-        _disc(image, position, STICKER_SIZE * view.radius, stretch[k], STICKER)
+        _disc(image, position, 1.7 * view.radius, stretch[k], 22.0)
         if k not in hidden:
-            _disc(image, position, view.radius, stretch[k], DISC)
+            _disc(image, position, view.radius, stretch[k], 235.0)
     if view.post is not None:
         x, wide = view.post
         edges = view.to_pixels(np.array([[x - wide / 2, view.centre[1]], [x + wide / 2, view.centre[1]]]))[:, 0]

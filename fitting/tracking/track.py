@@ -13,17 +13,15 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.renamed import old_attribute
 from fitting.traces.trace import FEWEST, Trace
-from fitting.tracking.angles import four_quadrant, scatter, to_trace
+from fitting.tracking.angles import changing_lengths, four_quadrant, scatter, to_trace
 from fitting.tracking.calibration import Lens, calibrate, plane_from_board
-from fitting.tracking.depth import changing_lengths
-from fitting.tracking.detection import Circles, MarkerAppearance, detect_at
+from fitting.tracking.detection import Circles, MarkerAppearance, detect_at, scan
 from fitting.tracking.flattening import Flat, level_error
 from fitting.tracking.following import follow_film
 from fitting.tracking.hindsight import TrackedChain, detect_again, remove_blur
-from fitting.tracking.learning import scan
 from fitting.tracking.marks import Marks, find_marks
 from fitting.tracking.ordering import AmbiguousOrderError
-from fitting.tracking.video import COMPLETE, Video
+from fitting.tracking.video import Video
 
 #: A marker not detected for longer [s] at the end is lost; one that reappears may have turned round unseen.
 LONGEST_GAP = 0.5
@@ -181,7 +179,7 @@ def track(
         level_unknown = level_error(chain.map, others, chain.pixels, chain.detected)
     trace = to_trace(film.path.stem, t, metres, _errors(chain, ~marks.links, level_unknown), known)
     trace = replace(trace, warnings=changing_lengths(chain.flat, known))
-    if not message and end is None and span[0] + len(circles) < COMPLETE * film.announced:
+    if not message and end is None and span[0] + len(circles) < 0.95 * film.announced:  # cut short
         message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
     parameters = chain.map.parameters
     tracked = Tracked(

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 #: Writers by suffix: lossless for measurements, MPEG-4 for viewing.
 CODECS = {".avi": "FFV1", ".mp4": "mp4v"}
-#: Fraction of the announced frames below which a file counts as cut short.
-COMPLETE = 0.95
 
 
 def opencv() -> ModuleType:

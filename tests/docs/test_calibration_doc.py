@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import dropper_jax as dj
-from fitting.parameters.naming import full_names
+from fitting.parameters.of_scene import full_names
 from fitting.traces.trace import read_trace
 
 ROOT = Path(__file__).parents[2]

@@ -35,7 +35,7 @@ def test_a_speed_that_is_not_reached_says_so(tables):
     ours += [{"dt_s": 0.05, "cpu_per_s": 4e-4, "errors": errors}]
     row = {"name": "chain", "wanted": 3.0, "moordyn": {"cpu_per_s": 2e-3, "errors": errors}, "our_runs": ours}
     row = {**row, "law": "rope", "integrator": "rk4"}
-    rows = tables.moordyn_speed(
+    rows = tables.TABLES["moordyn_speed"][1](
         {
             "speed": [
                 {**row, "all_steps": None, "below_5_hz": {"ratio": 1.357, "ours_dt_s": 0.02}},

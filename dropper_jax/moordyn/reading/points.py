@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from dropper_jax.moordyn.reading.bodies import free_body, free_rod
-from dropper_jax.moordyn.reading.sections import Deck, Row
-from dropper_jax.moordyn.reading.spar import spar
-from dropper_jax.moordyn.reading.values import columns, integer, number
+from dropper_jax.moordyn.reading.bodies import free_body, free_rod, spar
+from dropper_jax.moordyn.reading.sections import Deck, Row, columns, integer, number
 
 FIXED = ("fixed", "fix", "anchor")
 COUPLED = ("coupled", "vessel", "cpld", "ves")

@@ -13,17 +13,14 @@ from dropper_jax.base.files import find_referenced
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.moordyn.reading.options import Options, read_options
 from dropper_jax.moordyn.reading.points import Ends, first_version, read_ends
-from dropper_jax.moordyn.reading.sections import Deck, split_file
+from dropper_jax.moordyn.reading.sections import Deck, columns, integer, number, split_file
 from dropper_jax.moordyn.reading.types import read_seafloor, read_types
-from dropper_jax.moordyn.reading.values import columns, integer, number
 from dropper_jax.moordyn.reading.water import read_current, read_waves
 
 #: Values used if the file does not give them; MoorDyn's driver would.
-STEP, DURATION = 0.01, 60.0
+DEFAULT_STEP, DEFAULT_DURATION = 0.01, 60.0
 #: Outputs that belong to a line: tensions at its ends, and values of its nodes.
 OUTPUT = re.compile(r"(?:fair|anch)ten(\d+)|l(?:ine)?(\d+)(?:n\d+|[ab])?(?:p|v|t|f|st|sr)\w*", re.IGNORECASE)
-#: Time steps below this one are needed for the stability of an explicit scheme, not for accuracy [s].
-EXPLICIT = 1e-3
 #: Options by the scene paths that they set.
 OPTION_OF = {
     **{"effects.weight.gravity": "g", "sea.gravity": "g", "sea.density": "rho", "sea.depth": "wtrdpth"},
@@ -97,7 +94,7 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
         notes.append(f"options without a counterpart: {', '.join(options.left)}")
     _apply_free_text(deck, scene)
     if "duration" not in scene["run"]:
-        scene["run"]["duration"] = max(DURATION, scene["run"]["dt"])
+        scene["run"]["duration"] = max(DEFAULT_DURATION, scene["run"]["dt"])
         notes.append(f"the file has no duration: {scene['run']['duration']:g} s are used")
     earlier = scene.get("notes")  # of the source file of the scene
     all_notes = [*(earlier if isinstance(earlier, list) else []), *(f"{path.name}: {note}" for note in notes)]
@@ -204,13 +201,14 @@ def _failures(deck: Deck, lines: list[dict[str, Any]], names: dict[str, str], no
 def _run(options: Options, notes: list[str]) -> dict[str, Any]:
     dt = options.values["dtm"]
     if dt is None or dt <= 0.0:
-        notes.append(f"the file has no time step dtM: {STEP:g} s is used")
-        dt = STEP
-    elif dt < EXPLICIT:
+        notes.append(f"the file has no time step dtM: {DEFAULT_STEP:g} s is used")
+        dt = DEFAULT_STEP
+    elif dt < 1e-3:  # needed for the stability of an explicit scheme, not for accuracy
         notes.append(
-            f"dtM of {dt:g} s keeps MoorDyn's explicit scheme stable: {STEP:g} s is used. Use run.dt for another step"
+            f"dtM of {dt:g} s keeps MoorDyn's explicit scheme stable: {DEFAULT_STEP:g} s is used. Use run.dt for "
+            "another step"
         )
-        dt = STEP
+        dt = DEFAULT_STEP
     every = max(1, round(options.values["dtout"] / dt))
     return {"dt": dt, **({"save_every": every} if every > 1 else {})}
 

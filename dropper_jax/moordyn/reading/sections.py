@@ -7,12 +7,14 @@ ignores. Lines of the form `! KEY = VALUE` there are values of the scene without
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import MOST
 
 #: Headers of both versions, and the section that they start.
 HEADERS = {
@@ -171,3 +173,40 @@ def _row(number: int, line: str) -> Row:
     if found is None:
         return Row(number, tuple(line.split()))
     return Row(number, tuple(line[: found.start()].split()), line[found.end() :].strip())
+
+
+# Numbers of table rows; every error contains the line number in the file
+
+
+def number(deck: Deck, row: Row, text: str, what: str, low: float | None = None, open_low: bool = False) -> float:
+    """A finite number, at least (or above) `low`."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        deck.refuse(row.number, f"{what}: {text!r} is not a number")
+    if low is not None and (value < low or (open_low and value == low)):
+        deck.refuse(row.number, f"{what}: {text} is out of range; allowed: {'>' if open_low else '>='} {low:g}")
+    return value
+
+
+def integer(deck: Deck, row: Row, text: str, what: str, low: int = 1) -> int:
+    """A whole number, at least `low`."""
+    value = number(deck, row, text, what, low)
+    if value > MOST:
+        deck.refuse(row.number, f"{what}: {text!r} is out of range; allowed: at most {MOST}")
+    if value != int(value):
+        deck.refuse(row.number, f"{what}: {text!r} is not a whole number")
+    return int(value)
+
+
+def sizes(deck: Deck, row: Row, text: str, what: str) -> list[float]:
+    """Numbers separated by bars."""
+    return [number(deck, row, part, what) for part in text.split("|")]
+
+
+def columns(deck: Deck, row: Row, least: int, what: str) -> None:
+    """Reject a row with too few values."""
+    if len(row.words) < least:
+        deck.refuse(row.number, f"{what}: has {len(row.words)} values; allowed: {least}")

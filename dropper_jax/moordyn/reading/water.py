@@ -21,9 +21,7 @@ FREQUENCIES, ELEVATION, CURRENT = "wave_frequencies.txt", "wave_elevation.txt", 
 #: Fraction of the variance of an elevation series that its omitted smallest components may have together. A series of
 #: whole periods has one component, a series half a sample longer has hundreds. Each costs time at every node in every
 #: step.
-NEGLIGIBLE = 1e-4
-#: Digits that survive the conversion to real and imaginary part and back.
-DIGITS = 12
+OMITTED_VARIANCE = 1e-4
 
 
 def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> dict[str, Any]:
@@ -67,20 +65,21 @@ def read_current(folder: Path) -> dict[str, Any]:
 
 
 def _largest(found: dict[str, np.ndarray], notes: list[str]) -> dict[str, np.ndarray]:
-    """The components without the smallest ones, which together have at most `NEGLIGIBLE` of the variance."""
+    """The components without the smallest ones, which together have at most `OMITTED_VARIANCE` of the variance."""
     order = np.argsort(found["amplitude"])
-    below = np.cumsum(found["amplitude"][order] ** 2) <= NEGLIGIBLE * np.sum(found["amplitude"] ** 2)
+    below = np.cumsum(found["amplitude"][order] ** 2) <= OMITTED_VARIANCE * np.sum(found["amplitude"] ** 2)
     if below.any():
         left, several = int(below.sum()), len(order)
         notes.append(
-            f"{ELEVATION}: {left} of {several} components are omitted, {NEGLIGIBLE:.2%} of the variance or less"
+            f"{ELEVATION}: {left} of {several} components are omitted, {OMITTED_VARIANCE:.2%} of the variance or less"
         )
     return {key: values[np.sort(order[~below])] for key, values in found.items()}
 
 
 def _short(values: np.ndarray) -> list[float]:
     """Numbers without the rounding of the last digits, so that written values are read back exactly."""
-    return [float(f"{x:.{DIGITS}g}") for x in values]
+    # 12 digits survive the conversion to real and imaginary part and back
+    return [float(f"{x:.12g}") for x in values]
 
 
 def _plain(found: dict[str, np.ndarray]) -> dict[str, list[float]]:

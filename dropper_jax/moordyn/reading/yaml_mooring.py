@@ -11,13 +11,11 @@ from typing import Any
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
-from dropper_jax.moordyn.reading.reader import DURATION, STEP, read_moordyn
+from dropper_jax.moordyn.reading.reader import DEFAULT_DURATION, DEFAULT_STEP, read_moordyn
 
 SUFFIXES = (".yaml", ".yml")
 #: Number of links of each line, which these files do not give.
-LINKS = 20
-#: Stiffness [Pa/m] and damping [Pa s/m] of the seabed, MoorDyn's.
-BED = {"stiffness": 3.0e6, "damping": 3.0e5}
+LINKS_PER_LINE = 20
 #: Keys of a line type: here, in the file, and whether they are required.
 TYPE = (
     ("diameter", "diameter", True),
@@ -67,18 +65,19 @@ def read_yaml_mooring(path: str | Path, depth: float | None = None) -> dict[str,
     ends = {line[key] for line in lines.values() for key in ("from", "to")}
     notes += [f"point {name!r} is not represented: no line ends there" for name in points if name not in ends]
     notes.append(
-        f"the file has no links, time step or duration: {LINKS} links per line, {STEP:g} s and {DURATION:g} s are used"
+        f"the file has no links, time step or duration: {LINKS_PER_LINE} links per line, {DEFAULT_STEP:g} s and "
+        f"{DEFAULT_DURATION:g} s are used"
     )
     return {
         "name": path.stem,
         "description": "",
-        "run": {"dt": STEP, "duration": DURATION},
+        "run": {"dt": DEFAULT_STEP, "duration": DEFAULT_DURATION},
         "line_type": [kind for name, kind in types.items() if any(n["type"] == name for n in lines.values())],
         "point": [point for name, point in points.items() if name in ends],
         "line": list(lines.values()),
         "effects": {
             **{"weight": {"gravity": gravity}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}},
-            "seabed": dict(BED),
+            "seabed": {"stiffness": 3.0e6, "damping": 3.0e5},  # [Pa/m], [Pa s/m]: MoorDyn's
         },
         "sea": {"depth": deep, "density": density, "gravity": gravity},
         "notes": [f"{path.name}: {note}" for note in notes],
@@ -179,7 +178,7 @@ def _line(
         found[ours] = name
     if "length" not in row:
         raise SceneError(f"{path}: {at}.length: missing; needed: a number > 0 m")
-    return {**found, "length": _number(path, row["length"], f"{at}.length", 0.0, True), "links": LINKS}
+    return {**found, "length": _number(path, row["length"], f"{at}.length", 0.0, True), "links": LINKS_PER_LINE}
 
 
 def _number(path: Path, value: Plain, at: str, low: float = -math.inf, open_low: bool = False) -> float:

@@ -68,7 +68,7 @@ def numbers_of(path: str | Path) -> Numbers | None:
 def default_channels(solution: Solution) -> list[str]:
     """Tension at both ends of every line, and the position of every free point."""
     found = [f"{end}Ten{i + 1}" for i in range(len(solution.lines)) for end in ("Fair", "Anch")]
-    points = [i + 1 for i, point in enumerate(solution.scene.points) if point.kind == "free"]
+    points = [i + 1 for i, point in enumerate(solution.scene.points) if point.is_free]
     return found + [f"Point{i}p{axis}" for i in points for axis in "xyz"]
 
 

@@ -18,16 +18,21 @@ from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.moordyn.reading.water import CURRENT, FREQUENCIES
-from dropper_jax.moordyn.writing.bodies import body_numbers, body_tables, check_bodies
 from dropper_jax.moordyn.writing.differences import differences, moved_points
-from dropper_jax.moordyn.writing.pieces import DIGITS, Piece, detachment, line_types, pieces
+from dropper_jax.moordyn.writing.pieces import (
+    DIGITS,
+    Piece,
+    body_numbers,
+    body_tables,
+    check_bodies,
+    detachment,
+    line_types,
+    pieces,
+)
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSpec
 from dropper_jax.sea.make import make_current, wave_components
 from dropper_jax.sea.spec import CurrentSpec
-
-#: Heights of the table that represents a profile given by a formula.
-HEIGHTS = 61
 
 
 def write_moordyn(
@@ -139,7 +144,7 @@ def _tables(scene: Scene, path: Path) -> Iterator[str]:
         if point.name in words:
             continue
         words[point.name] = str(len(rows) + 1)
-        kind = "Free" if point.kind == "free" else "Coupled" if point.name in moved else "Fixed"
+        kind = "Free" if point.is_free else "Coupled" if point.name in moved else "Fixed"
         position = point.position
         if point.on in bodies:
             kind = f"Body{bodies[point.on]}"
@@ -299,7 +304,7 @@ def current_text(spec: CurrentSpec, profile: Callable[[np.ndarray], np.ndarray],
     """Text of the current file: a table unchanged, or a formula at heights that become dense towards the seabed."""
     heights = spec.heights
     if heights is None:
-        heights = depth * (np.linspace(0.0, 1.0, HEIGHTS) ** 2 - 1.0)
+        heights = depth * (np.linspace(0.0, 1.0, 61) ** 2 - 1.0)
     lines = ["----- MoorDyn steady currents file -----", "z ux uy uz", "(m) (m/s) (m/s) (m/s)"]
     for z, u in zip(heights, profile(np.asarray(heights, float)), strict=True):
         lines.append(" ".join(repr(float(x)) for x in (z, *u)))

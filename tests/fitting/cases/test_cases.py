@@ -19,11 +19,11 @@ from dropper_jax.cli.codes import INVALID_INPUT, OK
 from dropper_jax.report.record import record
 from dropper_jax.report.tension import anchors
 from fitting.cases import assess, run_cases, write_page
-from fitting.cases.characteristic import characteristic
+from fitting.cases.flags import characteristic
 from fitting.cases.one import Runner
 from fitting.cases.page import page
+from fitting.cases.run import Store
 from fitting.cases.steps import step_errors
-from fitting.cases.store import Store
 from fitting.site import Case, read_site
 from fitting.site.sections import RunValues
 

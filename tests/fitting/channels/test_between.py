@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import t as student
 
-from fitting.channels.between import between
+from fitting.channels.result import between
 
 
 def test_runs_of_equal_and_small_errors_give_students_interval():

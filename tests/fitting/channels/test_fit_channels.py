@@ -13,11 +13,10 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
-from fitting.channels.fit import fit_channels, growth
+from fitting.channels.fit import fit_channels, growth, pose
 from fitting.channels.free import setup_with_directions
 from fitting.channels.motion import differentiate_channels, observe_channels, shift_setup
-from fitting.channels.pixel import projection
-from fitting.channels.pose import pose
+from fitting.channels.sensors import projection
 from fitting.estimate.scene_fit import Intervals
 
 MASS, LENGTH, DAMPING, DELAY, START = 0.2, 0.5, 0.04, 0.021, 0.8

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fitting.channels.angle import Angle
-from fitting.channels.data import Data, Run, Sensor
+from fitting.channels.channel import Data, Run, Sensor
 from fitting.channels.noise import Evaluation, Noise, estimate_noise, first_noise, lag_one, rows_of
+from fitting.channels.sensors import Angle
 from fitting.estimate.loss import LEAST_SQUARES, Huber, StudentT
 
 N = 4000

@@ -3,13 +3,9 @@
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.channels.angle import Angle
-from fitting.channels.channel import SavedMotion
+from fitting.channels.channel import Node, SavedMotion
 from fitting.channels.motion import at_times
-from fitting.channels.pixel import Pixel, projection
-from fitting.channels.place import Node
-from fitting.channels.position import Depth, Position
-from fitting.channels.tension import Tension
+from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, projection
 
 NODES = jnp.array([[[0.0, 0.0, 0.0], [1.0, 1.0, -2.0], [4.0, 5.0, -2.0]]] * 2)
 SEEN = SavedMotion(NODES, NODES[1:], jnp.array([[3.0, 5.0]]))

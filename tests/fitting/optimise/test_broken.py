@@ -6,7 +6,7 @@ import pytest
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build
 from dropper_jax.statics.rest_problem import unbalanced
-from fitting.optimise.broken import link_of, with_link_mask
+from fitting.optimise.models import link_of, with_link_mask
 from fitting.optimise.run import check_derivatives, read_problem
 from fitting.site import read_site
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dropper_jax.base.errors import SceneError
-from fitting.cases.characteristic import characteristic
-from fitting.optimise.over_seeds import check_seeds, weights
+from fitting.cases.flags import characteristic
+from fitting.optimise.quantities import check_seeds, weights
 from fitting.site.sections import RunValues
 
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from fitting.optimise.prices import prices
-from fitting.optimise.values import Values
+from fitting.optimise.values import Values, prices
 
 FREE = np.zeros(2, bool)
 LOW, HIGH = np.full(2, -2.0), np.full(2, 2.0)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fitting.optimise.models import ASSUMPTIONS
-from fitting.optimise.prices import prices
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import Search, run_round
+from fitting.optimise.values import prices
 from fitting.site import read_site
 
 SITE = {

@@ -8,10 +8,9 @@ import pytest
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.packaged import packaged_scene
 from fitting.optimise.models import still, still_model
-from fitting.optimise.rest import near_rest, rest
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import programme
-from fitting.optimise.values import Values
+from fitting.optimise.values import Values, near_rest, rest
 from fitting.optimise.variables import read_variables
 from fitting.site import read_site
 

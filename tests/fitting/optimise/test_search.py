@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fitting.optimise.parallel_runs import run_parallel
+from fitting.optimise.design import run_parallel
 from fitting.optimise.run import design_warnings
 from fitting.optimise.search import RESIDUAL, Search, measure, run_round, run_search
 from fitting.optimise.values import Values

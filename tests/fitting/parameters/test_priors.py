@@ -7,11 +7,10 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from fitting.estimate.normal_equations import prior_of
-from fitting.parameters.naming import default_free
-from fitting.parameters.of_scene import find_parameters
+from fitting.parameters.of_scene import default_free, find_parameters
 from fitting.parameters.parameter import resolve
 from fitting.parameters.priors import power_of_mass, rig_priors
-from fitting.parameters.seeing import camera_offset
+from fitting.parameters.target import camera_offset
 
 NAME = "measured-double-pendulum"
 

@@ -8,7 +8,7 @@ import pytest
 
 from dropper_jax.base.errors import SceneError
 from fitting.season import schedule, season, write_season
-from fitting.season.schedule import spread
+from fitting.season.season import spread
 from fitting.site import read_site
 
 RHO, G = 1025.0, 9.81

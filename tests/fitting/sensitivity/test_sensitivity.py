@@ -15,8 +15,8 @@ from dropper_jax.load.source import load_scene
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import local, ranges, study, windows
+from fitting.sensitivity.derivatives import global_indices
 from fitting.sensitivity.quantities import STATISTICS, quantity
-from fitting.sensitivity.screening import global_indices
 
 SCENE = {
     "name": "pendulum",

@@ -5,7 +5,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
-from fitting.parameters.naming import full_names
+from fitting.parameters.of_scene import full_names
 from fitting.parameters.parameter import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import settle_convention

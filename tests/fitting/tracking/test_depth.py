@@ -8,7 +8,7 @@ from fitting.traces.conventions import settle_convention
 from fitting.traces.synthetic import Motion
 from fitting.traces.trace import Convention, read_trace, write_trace
 from fitting.tracking import track
-from fitting.tracking.depth import NAMED, out_of_plane
+from fitting.tracking.angles import OUT_OF_PLANE, out_of_plane
 from fitting.tracking.render import View, film
 from fitting.tracking.video import write_video
 
@@ -48,8 +48,8 @@ def test_a_kick_out_of_the_plane_is_told_from_slant_and_lens(runs, slant, bendin
     for kick, run in runs.items():
         pixels = np.stack([view.to_pixels(places) for places in run.positions[..., [0, 2]]]) + noise
         found[kick] = out_of_plane(pixels, np.ones(pixels.shape[:2], bool)[:, 1:]).max()
-    assert found[0.0] < 0.5 * NAMED
-    assert found[0.15] > 2 * NAMED
+    assert found[0.0] < 0.5 * OUT_OF_PLANE
+    assert found[0.15] > 2 * OUT_OF_PLANE
 
 
 @pytest.mark.parametrize("kick", [0.0, 0.15])

@@ -1,0 +1,203 @@
+"""Tables of fits."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+from study import Found, Rows, columns, joined, table_of
+
+
+@table_of("random_droppers")
+def random_droppers(found: Found) -> Rows:
+    """Fits of random droppers: how many are right, and how good their errors are."""
+    head = ("draws", "`ok`", "and explain their trace", "wrong", "noise within 10 %", "90 % intervals of b_l, b_q hold")
+    lines = [(*head, "error over standard error, RMS")]
+    for kind, rows in found.items():
+        ok = [row for row in rows if row["status"] == "ok"]
+        good = [r for r in ok if 0.95 <= r["residual"] / r["noise"] <= 1.05 and r["fitted"] >= 0.97]
+        wrong = [r for r in ok if r["residual"] / r["noise"] > 1.4]
+        printed = [r for r in rows if abs(r["printed_noise"] / r["noise"] - 1) < 0.1]
+        inside, spread = [], []
+        for i in range(2):
+            inside.append(np.mean([r["low"][i] <= r["truth"][i] <= r["high"][i] for r in ok]))
+            sharp = [r for r in ok if not r["at_bound"][i] and r["std_error"][i] < 0.5 * r["values"][i]]
+            off = [(r["values"][i] - r["truth"][i]) / r["std_error"][i] for r in sharp]
+            spread.append(np.sqrt(np.mean(np.square(off))))
+        counts = (str(len(part)) for part in (ok, good, wrong, printed))
+        lines.append((f"{len(rows)}, {kind}", *counts, joined(inside, "{:.0%}"), joined(spread, "{:.2f}")))
+    return lines
+
+
+@table_of("descent")
+def descent(found: Found) -> Rows:
+    """Gradient descent beside Gauss-Newton."""
+
+    def value(i: int) -> Callable[[Found], str]:
+        return lambda row: f"{row['values'][i]:.6f} +- {row['std_errors'][i]:.6f}"
+
+    def off(row: Found) -> str:
+        departures = zip(row["values"], found["truth"], row["std_errors"], strict=True)
+        return joined([(v - t) / e for v, t, e in departures], "{:+.2f}")
+
+    rows = columns(
+        found["rows"],
+        ("method", "{method}"),
+        ("evaluations", "{evaluations}"),
+        ("processor [s]", "{processor_s:.1f}"),
+        ("b_l [kg/s]", value(0)),
+        ("b_q [kg/m]", value(1)),
+        ("off by [standard errors]", off),
+    )
+    return [*rows, ("truth", "", "", *(f"{value:g}" for value in found["truth"]), "")]
+
+
+@table_of("measured_single_pendulum", "measured_double_pendulum")
+def calibration_held_out(single: Found, double: Found) -> Rows:
+    """Errors on the held-out windows of both rigs [mrad]."""
+    return columns(
+        ({"rig": rig, **found} for rig, found in (("single", single), ("double", double))),
+        ("rig", "{rig}"),
+        ("held out [s]", lambda r: f"{r['held_out_s'][0][0]:g} to {r['held_out_s'][-1][1]:g}"),
+        ("published [mrad]", lambda r: joined([1e3 * x for x in r["published_rad"]], "{:.2g}")),
+        ("fitted [mrad]", lambda r: joined([1e3 * x for x in r["held_out_rad"]], "{:.2g}")),
+        ("ratio of means", "{ratio_of_means:.2f}"),
+    )
+
+
+@table_of("calibration_twin", "calibration_coverage", "calibration_dry")
+def calibration_twins(twin: Found, coverage: Found, dry: Found) -> Rows:
+    """Twin experiments: how many converge, errors over standard errors, cover, and how large the errors are."""
+    twins = {"linear + quadratic": twin, "60 draws": coverage}
+    twins |= {f"dry friction, {links}": found for links, found in dry.items()}
+    return columns(
+        (
+            {"twin": title, "method": method, **methods[method]}
+            for title, methods in twins.items()
+            for method in ("windows", "shooting")
+            if method in methods
+        ),
+        ("synthetic data", "{twin}"),
+        ("method", "{method}"),
+        ("converged", "{converged} of {fits}"),
+        ("RMS of error/std error", lambda r: joined(r["z_rms"], "{:.2f}")),
+        ("90 % intervals cover", lambda r: joined([100 * x for x in r["covered_90"]], "{:.0f} %")),
+        ("median std error", lambda r: joined([100 * x for x in r["median_relative_std_error"]], "{:.2g} %")),
+    )
+
+
+@table_of("measured_single_pendulum", name="calibration_laws_single")
+@table_of("measured_double_pendulum", name="calibration_laws_double")
+def calibration_laws(found: Found) -> Rows:
+    """Damping laws of one rig on windows before the held-out part."""
+    laws = found["laws_on_windows_before_the_held_out_part"]
+    least = min(law["bic"] for law in laws)
+    return columns(
+        laws,
+        ("law", "{name}"),
+        ("coefficients", "{coefficients}"),
+        ("fitted [mrad]", lambda r: f"{1e3 * r['rms']:.3g}"),
+        ("not fitted [mrad]", lambda r: f"{1e3 * r['held_out']:.3g}"),
+        ("BIC - minimum", lambda r: f"{r['bic'] - least:.0f}"),
+        ("", lambda r: "simplest within one standard error" if r["chosen"] else r["status"].replace("ok", "")),
+    )
+
+
+#: Damping of the traces of `spoilers.py`, both coefficients.
+SPOILED_TRUTH = 4e-3
+
+
+@table_of("spoilers")
+def spoilers(rows: list[Found]) -> Rows:
+    """What was named first, how often intervals cover, errors against their bound."""
+    clean = np.median([row["std_error"] for row in rows if row["spoiler"] == "clean"], axis=0)
+
+    def judged(kind: str) -> Found:
+        some = [row for row in rows if row["spoiler"] == kind]
+        value, se, low, high, bound = (
+            np.array([row[key] for row in some], float) for key in ("values", "std_error", "low", "high", "bound")
+        )
+        return {
+            "spoiler": kind,
+            "draws": len(some),
+            "named": sum(_rightly_named(row) for row in some),
+            "cover": ((low <= SPOILED_TRUTH) & (high >= SPOILED_TRUTH)).sum(axis=0),
+            "z": np.sqrt(np.mean(((value - SPOILED_TRUTH) / se) ** 2, axis=0)),
+            "ratio": se / bound,
+            "over_clean": np.median(se / clean),
+        }
+
+    return columns(
+        map(judged, dict.fromkeys(row["spoiler"] for row in rows)),
+        ("systematic error", "{spoiler}"),
+        ("draws", "{draws}"),
+        ("right name first", "{named}"),
+        ("cover b_l, b_q", "{cover[0]}, {cover[1]}"),
+        ("RMS error/SE", "{z[0]:.2f}, {z[1]:.2f}"),
+        ("SE/bound", lambda r: f"{np.nanmedian(r['ratio']):.2f}"),
+        ("maximum", lambda r: f"{np.nanmax(r['ratio']):.2f}"),
+        ("SE/clean", "{over_clean:.2f}"),
+    )
+
+
+@table_of("spoilers")
+def spoilers_named(rows: list[Found]) -> Rows:
+    """What was named first, by the truth."""
+    names = list(dict.fromkeys(_kind_of(row["first"]) for row in rows))
+    counts: dict[str, Counter[str]] = {}
+    for row in rows:
+        counts.setdefault(row["spoiler"], Counter())[_kind_of(row["first"])] += 1
+    return [("truth", *names), *((kind, *(str(c[name] or "") for name in names)) for kind, c in counts.items())]
+
+
+def _kind_of(name: str) -> str:
+    """A first name without its numbers."""
+    if "lost frames" in name:
+        return "lost frames"
+    return re.sub(r" (\d|\(.*\))", "", name).replace("place of", "position of") or "nothing"
+
+
+def _rightly_named(row: Found) -> bool:
+    """Whether the first name is the spoiler, its link or node as well."""
+    if row["spoiler"] == "lengths and roll":
+        return all(any(part in name for name in row["names"]) for part in ("lengths", "roll"))
+    if row["truth"] in ("outliers", "lost frames"):
+        return _kind_of(row["first"]) == row["truth"]
+    return row["first"].split(" or ")[0] == row["truth"]
+
+
+#: Cases of `channels.py` in words, by their place in the results.
+CHANNELS = {
+    ("sea", "taut"): "longline, taut ropes",
+    ("sea", "slack"): "longline, slack ropes",
+    ("sea", "stiff"): "longline, slack and stiff",
+    ("cable", "stiff"): "cable, markers on every node",
+    ("cable", "limp"): "limp cable, one marker",
+    ("runs",): "five releases, damping differs by 5 %",
+    ("cameras",): "kicked chain, two cameras",
+}
+
+
+@table_of("channels")
+def channels(found: Found) -> Rows:
+    rows = []
+    for place, words in CHANNELS.items():
+        case = found
+        for key in place:
+            case = case.get(key, {})
+        more = {"case": words, "draws": case.get("draws")}
+        rows += [{**more, "name": name.removeprefix("effects."), **r} for name, r in case.get("parameters", {}).items()]
+    verdicts = {"not_determined": "not determined", "upper_bound": "upper bound"}
+    error = lambda x: "-" if x is None else f"{100 * x:.2g} %"  # noqa: E731
+    return columns(
+        rows,
+        ("case", "{case}"),
+        ("parameter", "`{name}`"),
+        ("draws", "{draws}"),
+        ("90 % intervals cover", "{cover}"),
+        ("RMS of error/std error", "{rms_of_error_over_std_error:.2f}"),
+        ("median std error", lambda r: error(r["median_relative_error"])),
+        ("verdict", lambda r: ", ".join(f"{words} in {r[key]}" for key, words in verdicts.items() if r[key])),
+    )

@@ -1,0 +1,211 @@
+"""Tables of MoorDyn's runs compared with those of this package."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from study import Found, Rows, columns, joined, kilo, milli, table_of
+
+#: The step of ours that the speed table shows where none is as exact as MoorDyn [s].
+USUAL = 0.02
+CODES = (("ours", "here"), ("moordyn", "MoorDyn v2"))
+
+
+@table_of("moordyn")
+def moordyn_cases(found: Found) -> Rows:
+    """Motion of the buoy and mean tensions of the paper's cases in both codes, at the ratio of 0.1."""
+
+    def ends(name: str) -> Callable[[Found], str]:
+        return lambda r: f"{r['whole'][name]['mean']:.0f} / {r['settled'][name]['mean']:.0f}"
+
+    def between(axis: int, digits: int) -> Callable[[Found], str]:
+        return lambda r: " to ".join(f"{r['whole']['place'][key][axis]:.{digits}f}" for key in ("min", "max"))
+
+    return columns(
+        (
+            {"case": case["case"], "code": name, **case[code]}
+            for case in found["cases"]
+            if case["damping_ratio"] == 0.1
+            for code, name in CODES
+        ),
+        ("case", "{case}"),
+        ("code", "{code}"),
+        ("buoy, range along the waves [m]", between(0, 1)),
+        ("range of z [m]", between(2, 2)),
+        ("mean anchor [N], whole / after 50 s", ends("anchor")),
+        ("mean fairlead [N]", ends("fairlead")),
+        ("largest, anchor [kN]", lambda r: kilo(r["whole"]["anchor"]["max"])),
+    )
+
+
+@table_of("moordyn")
+def moordyn_ratios(found: Found) -> Rows:
+    """Case 1 at several internal damping ratios: mean, least and largest anchor tension in both codes."""
+    return columns(
+        (
+            {"ratio": case["damping_ratio"], "code": name, **case[code]["settled"]["anchor"]}
+            for case in found["cases"]
+            if case["case"] == 1
+            for code, name in CODES
+        ),
+        ("damping ratio", "{ratio:g}"),
+        ("code", "{code}"),
+        ("mean anchor after 50 s [N]", "{mean:.0f}"),
+        ("least [kN]", lambda r: kilo(r["min"])),
+        ("largest [kN]", lambda r: kilo(r["max"])),
+    )
+
+
+@table_of("moordyn")
+def moordyn_conventions(found: Found) -> Rows:
+    """Static anchor tension of case 4 by conventions."""
+    return columns(found["case_4"], ("case 4", "{convention}"), ("anchor tension [N]", "{anchor_n:.1f}"))
+
+
+@table_of("moordyn")
+def moordyn_steps(found: Found) -> Rows:
+    """Mean anchor tension of case 1 by damping ratio and step, and its difference from that at the smallest step."""
+    sizes = sorted({row["dt_s"] for row in found["step_sizes"]}, reverse=True)
+    by_place = {(row["damping_ratio"], row["dt_s"]): row for row in found["step_sizes"]}
+    rows = [("damping ratio", *(f"dt {dt:g}" for dt in sizes), "steps retried, at most")]
+    for ratio in dict.fromkeys(row["damping_ratio"] for row in found["step_sizes"]):
+        own = [by_place[ratio, dt] for dt in sizes]
+        cells = [f"{row['anchor']['mean']:.0f} N ({row['mean_against_smallest_step']:+.1%})" for row in own[:-1]]
+        cells += [f"{own[-1]['anchor']['mean']:.0f} N", f"{max(row['retried'] for row in own):.1%}"]
+        rows.append((f"{ratio:g}", *(cell.replace("%", " %") for cell in cells)))
+    return rows
+
+
+@table_of("moordyn")
+def moordyn_schemes(found: Found) -> Rows:
+    """Largest stable steps of explicit schemes, and errors of mean and deviation at half that of the weaker one."""
+    return columns(
+        (row for row in found["schemes"] if "rk2" in row),  # the free swing has no damping ratio
+        ("damping ratio", "{damping_ratio:g}"),
+        ("largest stable step [s]: rk2", "{rk2[largest_stable_dt_s]:.1e}"),
+        ("semi-implicit Euler", "{semi_implicit_euler[largest_stable_dt_s]:.1e}"),
+        ("step [s]", "{rk2[common][dt_s]:.1e}"),
+        ("errors of mean, deviation: rk2", lambda r: _pair(r["rk2"]["common"])),
+        ("semi-implicit Euler", lambda r: _pair(r["semi_implicit_euler"]["common"])),
+        (f"energy_momentum at {USUAL:g} s", lambda r: _pair(r["energy_momentum"])),
+    )
+
+
+@table_of("moordyn")
+def moordyn_swing(found: Found) -> Rows:
+    """How much energy a chain that swings freely, without water and damper, gains or loses with each scheme."""
+    return columns(
+        next(row["released"] for row in found["schemes"] if "released" in row),
+        ("scheme", "{scheme}"),
+        ("dt [s]", "{dt_s:g}"),
+        (
+            "largest change of energy over the kinetic energy at the start",
+            lambda r: "not finite" if r["largest"] is None else f"{r['largest']:.1e}",
+        ),
+    )
+
+
+@table_of("moordyn")
+def moordyn_speed(found: Found) -> Rows:
+    """Processor time per simulated second, errors, and how much faster at equal or smaller error."""
+
+    def ours(row: Found) -> Found:
+        shown = USUAL if row["all_steps"] is None else row["all_steps"]["ours_dt_s"]
+        return {"shown": shown, **next(run for run in row["our_runs"] if abs(run["dt_s"] / shown - 1.0) < 1e-9)}
+
+    return columns(
+        ({**row, "ours": ours(row)} for row in found["speed"]),
+        ("", "{name}"),
+        ("rope law and scheme here", "{law}, {integrator}"),
+        ("MoorDyn [ms]", lambda r: milli(r["moordyn"]["cpu_per_s"])),
+        ("errors of mean, deviation", lambda r: _pair(r["moordyn"]["errors"])),
+        ("here, dt [s]", "{ours[shown]:.3g}"),
+        ("[ms]", lambda r: milli(r["ours"]["cpu_per_s"])),
+        ("errors of mean, deviation", lambda r: _pair(r["ours"]["errors"])),
+        ("goal", "{wanted:g} times"),
+        ("as exact", _as_exact),
+    )
+
+
+def _as_exact(row: Found) -> str:
+    """How fast at equal or smaller error, bold where that misses what was wanted."""
+    whole, slow = row["all_steps"], row["below_5_hz"]
+    text = "at no step tried" if whole is None else f"{_compared(whole)} (at {whole['ours_dt_s']:.2g} s)"
+    if whole is None or whole["ratio"] < row["wanted"]:
+        text = f"**{text}**"
+    if slow is None or slow == whole:
+        return text
+    return f"{text}; {_compared(slow)} for means over 0.1 s (at {slow['ours_dt_s']:.2g} s)"
+
+
+def _compared(found: Found) -> str:
+    words = "times faster" if found["ratio"] >= 1.0 else "times as fast"
+    return f"{found['ratio']:.2g} {words}"
+
+
+def _pair(errors: Found | None) -> str:
+    return "-" if errors is None else f"{errors['mean']:.1e}, {errors['std']:.1e}"
+
+
+@table_of("moordyn")
+def moordyn_peaks(found: Found) -> Rows:
+    """Both codes at their cheapest step whose mean, deviation and window maxima are within the limits."""
+    return columns(
+        (
+            {"code": name, "key": key, "best": row[key]["best"], **row, "own": row[key]}
+            for row in found.get("peaks", [])
+            for key, name in CODES
+        ),
+        ("", "{name}"),
+        ("runs", "{runs}"),
+        ("code", "{code}"),
+        ("step [s]", lambda r: "none" if r["best"] is None else _step(r["best"])),
+        ("[ms]", lambda r: "" if r["best"] is None else milli(r["best"]["cpu_per_s"])),
+        (
+            "errors of mean, deviation, window maxima",
+            lambda r: "none" if r["best"] is None else _errors(r["best"]["errors"]),
+        ),
+        ("of the reference", lambda r: _errors(r["own"]["reference_errors"])),
+        ("mean of window maxima [N]", "{own[reference][peaks]:.0f}"),
+        ("MoorDyn's time over ours", lambda r: "" if r["key"] == "ours" or not r["ratio"] else f"{r['ratio']:.1f}"),
+    )
+
+
+@table_of("moordyn")
+def moordyn_peak_steps(found: Found) -> Rows:
+    """Errors of our steps in mean, deviation and window maxima."""
+    return columns(
+        ({"name": row["name"], **one} for row in found.get("peaks", []) for one in row["ours"]["steps"]),
+        ("", "{name}"),
+        ("step [s]", _step),
+        ("[ms]", lambda r: milli(r["cpu_per_s"])),
+        ("errors of mean, deviation, window maxima", lambda r: _errors(r["errors"])),
+    )
+
+
+def _step(row: Found) -> str:
+    held = row["tolerance"] is not None
+    return f"up to {row['dt_s']:g}, tolerance {row['tolerance']:g} m/s" if held else f"{row['dt_s']:g}"
+
+
+def _errors(errors: dict[str, float]) -> str:
+    return joined([100 * errors[key] for key in ("mean", "std", "peaks")], "{:.2g} %")
+
+
+@table_of("moordyn_rest")
+def moordyn_rest(found: Found) -> Rows:
+    """End tensions of packaged scenes at rest against MoorDyn's on their decks, or why they are not compared."""
+    other: dict[str, list[str]] = {}
+    for row in found["rows"]:
+        if row["status"] != "ok":
+            other.setdefault(row["status"], []).append(row["scene"])
+    rows = columns(
+        (row for row in found["rows"] if row["status"] == "ok"),
+        ("scenes", "{scene}"),
+        ("lines", lambda r: f"{r['lines']}" + ("" if r["links"] == 1 else f", {r['links']} times the links")),
+        ("largest tension [N]", "{largest_n:.0f}"),
+        ("scene against MoorDyn", lambda r: f"{100 * r['scene_difference']:.2g} %"),
+        ("its deck, as read here", lambda r: f"{100 * r['deck_difference']:.2g} %"),
+        ("MoorDyn's nodes, at most [mm/s]", lambda r: f"{1e3 * r['speed']:.1g}"),
+    )
+    return rows + [(", ".join(scenes), reason, "", "", "", "") for reason, scenes in other.items()]

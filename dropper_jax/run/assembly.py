@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.programs import cached_jit
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.bodies import body_warnings

@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.base.programs import cached_jit
 
 #: Newton steps from Fenton's approximation, whose relative error is below 5.2e-4: two reach rounding, the third is a
 #: margin.

@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Effect, Ends, Graph, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.catenary import catenary_guess, hang

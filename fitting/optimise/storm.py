@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.programs import cached_jit
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model
 from dropper_jax.sea import Sea
 from dropper_jax.stepping.adjoint import Record, backward_pass, check_recordable, record

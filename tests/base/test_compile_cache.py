@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from dropper_jax.base.compile_cache import ABANDONED, UNFINISHED, Entries
-from dropper_jax.base.programs import BRIEFLY
+from dropper_jax.backend.compile_cache import ABANDONED, UNFINISHED, Entries
+from dropper_jax.backend.programs import BRIEFLY
 
 RUN = "import sys; from dropper_jax.cli import main; sys.exit(main(['run', 'conical-pendulum', '--duration', '0.1']))"
 

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax.base import programs
-from dropper_jax.base.programs import Store, cached_jit
+from dropper_jax.backend import programs
+from dropper_jax.backend.programs import Store, cached_jit
 
 
 @pytest.fixture

@@ -440,7 +440,6 @@ def test_messages_of_the_compiler_for_its_developers_are_not_shown_by_commands(m
     for name in (before_jax.XLA_LOG, before_jax.COMPILE_CACHE, before_jax.KEEP_TRACES):
         monkeypatch.setenv(name, "")
         monkeypatch.delenv(name)
-    monkeypatch.setenv(before_jax.ONE_KERNEL, before_jax.OFF)
     threshold = gc.get_threshold()
     try:
         before_jax.prepare()

@@ -24,8 +24,10 @@ from typing import Generic, ParamSpec, TypeVar
 import jax
 import jaxlib
 
-from dropper_jax.base.compile_cache import Entries, open_cache
-from dropper_jax.base.export_cache import open_traces
+from dropper_jax.backend import is_plain
+from dropper_jax.backend.compile_cache import Entries, open_cache
+from dropper_jax.backend.export_cache import open_traces
+from dropper_jax.backend.one_kernel import one_kernel, tags_enabled
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -69,7 +71,7 @@ def supported_options() -> dict[str, str | bool]:
 
 def brief_options() -> dict[str, str | bool] | None:
     """Compiler options of programs that should compile fast."""
-    return supported_options() if jax.default_backend() == "cpu" else None
+    return None if is_plain() or jax.default_backend() != "cpu" else supported_options()
 
 
 def memory_maps() -> int:
@@ -198,8 +200,13 @@ class CachedJit(Generic[P, R]):
             return self._function(**settings, **dict(zip(names, values, strict=True)))
 
         del one.__wrapped__  # its signature includes the static arguments
-        program = lower_cached(self._function, settings, values, one)
-        return program.compile(brief_options() if self._brief else None)
+        if self._brief or not tags_enabled():
+            return lower_cached(self._function, settings, values, one).compile(brief_options() if self._brief else None)
+        try:
+            tagged = lower_cached(self._function, {**settings, "one kernel": True}, values, one_kernel(one))
+            return tagged.compile()
+        except jax.errors.JaxRuntimeError:  # an operation that this version's compiler does not compile inline
+            return lower_cached(self._function, settings, values, one).compile()
 
 
 def cached_jit(

@@ -76,16 +76,16 @@ def supported_options() -> dict[str, str | bool | int]:
     return found
 
 
-def brief_options(options: Mapping[str, str | bool | int] = BRIEFLY) -> dict[str, str | bool | int] | None:
-    """Those of the compiler options of programs that should compile fast which this compiler supports."""
-    if is_plain() or jax.default_backend() != "cpu":
+def compiler_options(names: Iterable[str]) -> dict[str, str | bool | int] | None:
+    """Those of the `OPTIONS` with these names that this version's compiler supports."""
+    if not names or is_plain() or jax.default_backend() != "cpu":
         return None
-    return {name: value for name, value in supported_options().items() if name in options}
+    return {name: value for name, value in supported_options().items() if name in names}
 
 
-def quick_options() -> dict[str, str | bool | int] | None:
-    """Compiler options of short runs of single lines."""
-    return brief_options(QUICKLY) if os.environ.get(QUICK) == ON else None
+def brief_options() -> dict[str, str | bool | int] | None:
+    """Compiler options of programs that should compile fast."""
+    return compiler_options(BRIEFLY)
 
 
 def memory_maps() -> int:
@@ -214,7 +214,8 @@ class CachedJit(Generic[P, R]):
             return self._function(**settings, **dict(zip(names, values, strict=True)))
 
         del one.__wrapped__  # its signature includes the static arguments
-        options = brief_options() if self._brief else quick_options() if self._quick else None
+        quick = self._quick and os.environ.get(QUICK) == ON
+        options = compiler_options((BRIEFLY if self._brief else {}) | (QUICKLY if quick else {}))
         if self._brief or not tags_enabled():
             return lower_cached(self._function, settings, values, one).compile(options)
         try:
@@ -232,6 +233,6 @@ def cached_jit(
     Args:
         static: names of the arguments that determine the kind of scene.
         brief: never compile it to one kernel (see `one_kernel`); for functions that run too briefly to be worth it.
-        quick: compile it to one kernel without optimisation, if the process has asked for that.
+        quick: compile it without optimisation, if the process has asked for that; for what runs for a second at most.
     """
     return lambda function: CachedJit(function, static, store, brief, quick)

@@ -53,11 +53,14 @@ class TimeOrigin(NamedTuple):
     saves: int = 0
 
 
-@cached_jit(brief=True)
-def _observe(
+def _observe_all(
     model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, internal: dict[str, Frozen]
 ) -> Observed:
     return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, internal)
+
+
+_observe = cached_jit(brief=True)(_observe_all)
+_observe_once = cached_jit(brief=True, quick=True)(_observe_all)
 
 
 def build_solution(
@@ -162,7 +165,7 @@ def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _O
     count = len(states[2])
     if count <= BLOCK:
         states = jax.tree.map(jnp.asarray, states)
-        return _Observed(jax.tree.map(np.asarray, _observe(model, *states)), body_motion(model, *states[:2]))
+        return _Observed(jax.tree.map(np.asarray, _observe_once(model, *states)), body_motion(model, *states[:2]))
     found = None
     for first in range(0, count, BLOCK):
         at = np.arange(first, first + BLOCK).clip(max=count - 1)

@@ -38,6 +38,7 @@ from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.start import initial_state
 from dropper_jax.run.step_check import with_step_check
 from dropper_jax.run.summary import summary
+from dropper_jax.statics.search import node_positions
 from dropper_jax.stepping.adaptive import Adaptive
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.stepper import Stepper
@@ -289,7 +290,7 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
     if before is None:
         s = initial_state(model, scene.start)
         if scene.start.kind == "static":
-            check_stretch(scene, np.asarray(model.nodes(s.r, model.ends(s.t))))
+            check_stretch(scene, np.asarray(node_positions(model, s)))
         return Last(first_row(s, len(names)), first_carry(stepper, model, s, run)), TimeOrigin()
 
     def kind(model: Model) -> Last:

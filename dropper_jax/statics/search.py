@@ -206,14 +206,14 @@ def _on_same_branch(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
 
 
 @cached_jit(brief=True)
-def _nodes(model: Model, s: State) -> jax.Array:
+def node_positions(model: Model, s: State) -> jax.Array:
     """Positions of all nodes (n + 1, 3) [m]."""
     return model.nodes(s.r, model.ends(s.t))
 
 
 def _result(model: Model, s: State, residual: float, message: str) -> Equilibrium:
     return Equilibrium(
-        positions=np.asarray(_nodes(model, s)),
+        positions=np.asarray(node_positions(model, s)),
         tension=np.asarray(s.tension),
         residual=residual,
         status="not_converged" if message else "ok",

@@ -49,25 +49,25 @@ BRIEFLY = {"xla_disable_hlo_passes": "small-while-loop-hoisting", "xla_cpu_use_f
 #: Options of programs as one kernel that run for a second at most: the lab dropper compiles in 0.8 instead of 2.0 s and
 #: takes 13 instead of 6 us per step.
 QUICKLY = {"xla_backend_optimization_level": 0}
-OPTIONS = BRIEFLY | QUICKLY
 #: Environment variable that enables them (`on`), for processes that run each scene once.
 QUICK, ON = "DROPPER_QUICK_COMPILATION", "on"
 
 
 @functools.cache
 def supported_options() -> dict[str, str | bool | int]:
-    """The `OPTIONS` that this version's compiler supports, each tested once on a program of one operation.
+    """The options in `BRIEFLY` and `QUICKLY` that this version's compiler supports, each tested once on a program of one operation.
 
     The answer is stored in the folder of compiled programs, which belongs to one version of JAX.
     """
     entries = None if FOLDER is None else Entries(FOLDER)
-    asked = json.dumps([OPTIONS, jaxlib.__version__], sort_keys=True).encode()
+    options = BRIEFLY | QUICKLY
+    asked = json.dumps([options, jaxlib.__version__], sort_keys=True).encode()
     key = f"compiler-options-{hashlib.sha256(asked).hexdigest()[:16]}"
     names = None if entries is None else entries.get(key)
     if names is not None:
-        return {name: OPTIONS[name] for name in json.loads(names)}
+        return {name: options[name] for name in json.loads(names)}
     found = {}
-    for name, value in OPTIONS.items():
+    for name, value in options.items():
         with suppress(jax.errors.JaxRuntimeError):  # this JAX's compiler no longer has the option
             jax.jit(lambda x: x + 1.0).lower(0.0).compile({name: value})
             found[name] = value
@@ -77,7 +77,7 @@ def supported_options() -> dict[str, str | bool | int]:
 
 
 def compiler_options(names: Iterable[str]) -> dict[str, str | bool | int] | None:
-    """Those of the `OPTIONS` with these names that this version's compiler supports."""
+    """The options with these names that this version's compiler supports; None if there are none."""
     if not names or is_plain() or jax.default_backend() != "cpu":
         return None
     return {name: value for name, value in supported_options().items() if name in names}

@@ -124,7 +124,8 @@ class Solution(Samples):
         """Continue from the last state: the further run, with times that continue.
 
         Two runs of 5 s are bit-identical to one of 10 s on the same machine. For systems of lines this holds if both
-        are below or both above 20 000 steps; otherwise they agree to rounding. The first row is the last one of this
+        are below or both above 20 000 steps, by the command line also single lines at 100 000 steps; otherwise they agree to
+        rounding. The first row is the last one of this
         run.
 
         Args:

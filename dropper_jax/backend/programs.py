@@ -55,7 +55,7 @@ QUICK, ON = "DROPPER_QUICK_COMPILATION", "on"
 
 @functools.cache
 def supported_options() -> dict[str, str | bool | int]:
-    """The options in `BRIEFLY` and `QUICKLY` that this version's compiler supports, each tested once on a program of one operation.
+    """The options in `BRIEFLY` and `QUICKLY` that this compiler supports, each tested once on a small program.
 
     The answer is stored in the folder of compiled programs, which belongs to one version of JAX.
     """

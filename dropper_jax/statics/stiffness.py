@@ -188,7 +188,7 @@ def _solver(
     from scipy.sparse import eye_array  # noqa: PLC0415
     from scipy.sparse.linalg import splu  # noqa: PLC0415
 
-    kappa = SMALLEST * float(soft_scale(model, np))
+    kappa = SMALLEST * float(soft_scale(model))
     factor = splu((matrix + kappa * eye_array(matrix.shape[0])).tocsc())
 
     def solve(right: np.ndarray) -> np.ndarray:

@@ -133,7 +133,7 @@ def descend(
 
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
     """The stable equilibrium reached by descent from `s`, and its maximum scaled unbalanced force."""
-    found, residual = descend(model, s, loads, tolerance, soft_scale(model, np), ROUNDS)
+    found, residual = descend(model, s, loads, tolerance, soft_scale(model), ROUNDS)
     return found, float(residual)
 
 

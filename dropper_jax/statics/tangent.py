@@ -228,7 +228,7 @@ def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.
     from scipy.sparse import eye_array  # noqa: PLC0415
     from scipy.sparse.linalg import splu  # noqa: PLC0415
 
-    kappa = SMALLEST * float(soft_scale(model, np))
+    kappa = SMALLEST * float(soft_scale(model))
     matrix = stiffness(model, s, loads)
     factor = splu((matrix + kappa * eye_array(matrix.shape[0])).tocsc())
     x = np.random.default_rng(0).normal(size=matrix.shape[0])
@@ -245,7 +245,7 @@ def free_motion(model: Model, s: State, loads: jax.Array) -> str:
     if model.constraints or not model.line.axial.elastic:
         return ""
     least, way = softest_motion(model, s, loads)
-    if least > FREE * float(soft_scale(model, np)):
+    if least > FREE * float(soft_scale(model)):
         return ""
     node = int(np.argmax(np.max(np.abs(way), axis=1)))
     along = ", ".join(f"{x:.2f}" for x in way[node])

@@ -22,7 +22,7 @@ import jax
 from study import options
 
 import dropper_jax as dj
-from dropper_jax.base.programs import memory_maps
+from dropper_jax.backend.programs import memory_maps
 
 #: What is allowed: memory maps, and peak resident memory [MB].
 MOST_MAPS, MOST_MEMORY = 20_000, 3_000

@@ -88,8 +88,11 @@ class Side:
 
     def __init__(self, tree: Path, case: str, plain: bool) -> None:
         flags = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-        if (tree / "dropper_jax" / "base" / "one_kernel.py").exists() and not plain:
-            from dropper_jax.base.one_kernel import with_option  # the other checkout may have none
+        if (
+            any((tree / "dropper_jax" / folder / "one_kernel.py").exists() for folder in ("backend", "base"))
+            and not plain
+        ):
+            from dropper_jax.backend.one_kernel import with_option  # the other checkout may have none
 
             flags = with_option(flags)
         environment = {**os.environ, "PYTHONPATH": str(tree), "XLA_FLAGS": flags}

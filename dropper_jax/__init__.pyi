@@ -1,9 +1,9 @@
 """The names that `dropper_jax` offers itself and where they live: for editors and for the package."""
 
-from dropper_jax.base.compile_cache import compile_cache as compile_cache
+from dropper_jax.backend.compile_cache import compile_cache as compile_cache
+from dropper_jax.backend.one_kernel import one_kernel as one_kernel
 from dropper_jax.base.errors import SceneError as SceneError
 from dropper_jax.base.errors import SimulationError as SimulationError
-from dropper_jax.base.one_kernel import one_kernel as one_kernel
 from dropper_jax.integrators import INTEGRATORS as INTEGRATORS
 from dropper_jax.load.packaged import scene_names as scene_names
 from dropper_jax.load.scene import Scene as Scene

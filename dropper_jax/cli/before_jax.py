@@ -5,11 +5,13 @@ from __future__ import annotations
 import gc
 import os
 
-from dropper_jax.base.one_kernel import one_kernel
-
-#: `off` in one of these disables it; other values of the second are the folder, `on` is that of the user.
-ONE_KERNEL, COMPILE_CACHE, KEEP_TRACES = "DROPPER_ONE_KERNEL", "DROPPER_COMPILE_CACHE", "DROPPER_KEEP_TRACES"
-OFF, ON = "off", "on"
+#: `off` in one of these disables it; other values of the first are the folder, `on` is that of the user.
+COMPILE_CACHE, KEEP_TRACES, QUICK, ON = (
+    "DROPPER_COMPILE_CACHE",
+    "DROPPER_KEEP_TRACES",
+    "DROPPER_QUICK_COMPILATION",
+    "on",
+)
 #: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
 XLA_LOG, FATAL = "TF_CPP_MIN_LOG_LEVEL", "3"
 #: Allocations between two garbage collections: tracing makes millions of lasting objects, and with Python's default
@@ -19,10 +21,9 @@ SELDOM = 100_000, 50, 100
 
 
 def prepare() -> None:
-    """Compile each run to one kernel and cache programs for the next start, unless the user disables it."""
+    """Cache programs for the next start, and compile short runs quickly, unless the user disables it."""
     gc.set_threshold(*SELDOM)
     os.environ.setdefault(XLA_LOG, FATAL)
-    if os.environ.get(ONE_KERNEL) != OFF:
-        one_kernel()
     os.environ.setdefault(COMPILE_CACHE, ON)
     os.environ.setdefault(KEEP_TRACES, ON)
+    os.environ.setdefault(QUICK, ON)

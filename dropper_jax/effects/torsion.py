@@ -10,10 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.tridiagonal import solve_tridiagonal
 from dropper_jax.model import Effect, Geometry, Graph, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.scene import SceneData
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.numerics import inverse3
-from dropper_jax.base.tridiagonal import solve_tridiagonal
 from dropper_jax.model import AddedMass, Kinematics, Model, State, Works, book_works, turning
 from dropper_jax.residual import node_blocks
 

@@ -15,8 +15,8 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.numerics import dot
-from dropper_jax.base.tridiagonal import solve_tridiagonal
 from dropper_jax.model import Kinematics, Model, State, book_works
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks, point_masses_only
 

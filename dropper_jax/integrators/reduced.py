@@ -17,8 +17,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.backend.tridiagonal import cyclic_reduction
 from dropper_jax.base.numerics import dot
-from dropper_jax.base.tridiagonal import cyclic_reduction
 from dropper_jax.model import Kinematics, Model, book_works, work_names
 
 

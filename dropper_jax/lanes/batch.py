@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.backend import is_plain
 from dropper_jax.lanes.interpreter import Fallbacks, Interpreter, Unreadable
 from dropper_jax.lanes.rules import Value, spread
 
@@ -38,6 +39,9 @@ def lanes(
     """
 
     recorded = Fallbacks() if fallbacks is None else fallbacks
+
+    if is_plain():
+        return jax.vmap(f, in_axes)
 
     def run_batch(*args: Any) -> Tree:
         axes = in_axes if isinstance(in_axes, tuple) else (in_axes,) * len(args)

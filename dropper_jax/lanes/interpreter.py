@@ -12,8 +12,9 @@ import jax.numpy as jnp
 from jax import lax
 from jax.extend import core
 
+from dropper_jax.backend.one_kernel import ELEMENTWISE
 from dropper_jax.lanes.members import CALLS, Atom, close_jaxpr, scan_parts, which_branched, which_looped, which_scanned
-from dropper_jax.lanes.rules import ELEMENTWISE, STRUCTURAL, Value, lined_up, spread
+from dropper_jax.lanes.rules import STRUCTURAL, Value, lined_up, spread
 
 
 @dataclass

@@ -19,14 +19,6 @@ UNROLLED_ROWS = 32
 #: Maximum length of a reduction done as a tree of elementwise operations.
 UNROLLED_REDUCTION = 128
 
-ELEMENTWISE = frozenset(
-    """
-    add sub mul div rem max min neg sign abs square sqrt rsqrt cbrt exp exp2 log log1p expm1 logistic
-    sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh integer_pow pow floor ceil round is_finite
-    and or xor not eq ne lt le gt ge select_n convert_element_type stop_gradient copy add_any erf clamp nextafter
-    """.split()  # noqa: SIM905
-)
-
 
 class Value(NamedTuple):
     """An array, and whether it has the member axis (the last one)."""

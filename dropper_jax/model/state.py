@@ -13,6 +13,7 @@ from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.base.fields import component
 from dropper_jax.model.kinematics import Frozen
@@ -122,10 +123,10 @@ def state(
     r = jnp.asarray(r, model.dtype)
     return State(
         r=r,
-        v=jnp.zeros_like(r) if v is None else jnp.asarray(v, model.dtype),
-        tension=jnp.zeros(model.line.links, model.dtype) if tension is None else jnp.asarray(tension, model.dtype),
+        v=jnp.asarray(np.zeros(r.shape, r.dtype)) if v is None else jnp.asarray(v, model.dtype),
+        tension=jnp.asarray(np.zeros(model.line.links) if tension is None else tension, model.dtype),
         t=jnp.asarray(t, model.dtype),
-        acceleration=jnp.zeros_like(r),
+        acceleration=jnp.asarray(np.zeros(r.shape, r.dtype)),
         law=model.no_multipliers(),
         work=jnp.zeros(len(work_names(model)), model.dtype),
         parted=nothing_parted(model),

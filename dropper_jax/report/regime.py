@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.programs import cached_jit
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Graph, Model
 from dropper_jax.run.build import build_model
 from dropper_jax.run.row_store import take_every

@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.memory import versions
-from dropper_jax.base.programs import cached_jit
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.checks_system import body_warnings, motion_warnings
@@ -43,11 +43,14 @@ class TimeOrigin(NamedTuple):
     saves: int = 0
 
 
-@cached_jit(brief=True)
-def _observe(
+def _observe_all(
     model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, internal: dict[str, Frozen]
 ) -> Observed:
     return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, internal)
+
+
+_observe = cached_jit(brief=True)(_observe_all)
+_observe_once = cached_jit(brief=True, quick=True)(_observe_all)
 
 
 def build_solution(
@@ -152,7 +155,7 @@ def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _O
     count = len(states[2])
     if count <= BLOCK_STATES:
         states = jax.tree.map(jnp.asarray, states)
-        return _Observed(jax.tree.map(np.asarray, _observe(model, *states)), body_motion(model, *states[:2]))
+        return _Observed(jax.tree.map(np.asarray, _observe_once(model, *states)), body_motion(model, *states[:2]))
     found = None
     for first in range(0, count, BLOCK_STATES):
         at = np.arange(first, first + BLOCK_STATES).clip(max=count - 1)

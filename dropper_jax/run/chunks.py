@@ -16,9 +16,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
-from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import allowed_error
 from dropper_jax.run.row_store import InMemory
@@ -71,6 +71,12 @@ MOST_SAVES, CHUNK_BYTES = 1024, 16_000_000
 #: Saves of a chunk with steps of variable length: one of these, so that runs of other lengths share the program.
 CHUNK_SIZES = (1, 2, 16, 128, 1024)
 
+#: Number of steps above which the run of a system of lines is fused to one kernel: the program then takes 2 to 15 s
+#: longer to compile, and each step 60 to 120 us less.
+WORTH_ONE_KERNEL = 20_000
+#: Number of steps above which the run of a single line is optimised: it then compiles a second longer, and each step
+#: takes 7 us less.
+WORTH_OPTIMISING = 100_000
 
 #: The state carried from chunk to chunk, and the data on its steps in addition to the trajectory.
 Carry = Progress | Adaptive | Controlled
@@ -81,6 +87,7 @@ GoOn = Callable[[Any, int], tuple[Any, tuple[Trajectory, Beside]]]
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
 _advance = cached_jit(static=("stepper", "capacity", "save_every"))(advance_some)
 _advance_briefly = cached_jit(static=("stepper", "capacity", "save_every"), brief=True)(advance_some)
+_advance_quickly = cached_jit(static=("stepper", "capacity", "save_every"), quick=True)(advance_some)
 _advance_adaptively = cached_jit(static=("stepper", "saves"))(advance_adaptively)
 _advance_controlled = cached_jit(static=("stepper", "saves"))(advance_controlled)
 _start_controlled = cached_jit(static=("stepper",))(start_controlled)
@@ -157,10 +164,10 @@ class _EqualSteps:
         self.count = 1
         self.late_s = 0.0  # compile time after the start of the run
         self.plain = stepper.until_converged or not model.laws
-        # number of steps above which the run of a system of lines is fused to one kernel: the program then takes 2 to
-        # 15 s longer to compile, and each step 60 to 120 us less
-        brief = stepper.until_converged and steps < 20_000
-        self.advance = _advance_briefly if brief else _advance
+        if stepper.until_converged:
+            self.advance = _advance_briefly if steps < WORTH_ONE_KERNEL else _advance
+        else:
+            self.advance = _advance_quickly if steps < WORTH_OPTIMISING else _advance
         self.program = self._program(stepper.plain if self.plain else stepper, progress)
 
     def _program(self, stepper: Stepper, progress: Progress) -> Callable[..., Any]:

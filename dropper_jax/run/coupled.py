@@ -13,9 +13,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, SimulationError, nearest
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.programs import cached_jit
 from dropper_jax.effects.coupled_motion import CoupledMotion
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene

@@ -35,6 +35,7 @@ from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.start import initial_state
 from dropper_jax.run.step_check import with_step_check
 from dropper_jax.run.summary import summary
+from dropper_jax.statics.search import node_positions
 from dropper_jax.stepping.adaptive import Adaptive
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.stepper import Stepper
@@ -119,9 +120,9 @@ class Solution(Samples):
     def continued(self, duration: float | None = None, **kwargs: Any) -> Solution:
         """Continue from the last state: the further run, with times that continue.
 
-        Two runs of 5 s are bit-identical to one of 10 s on the same machine. For systems of lines this holds if both
-        are below or both above 20 000 steps; otherwise they agree to rounding. The first row is the last one of this
-        run.
+        Two runs of 5 s are bit-identical to one of 10 s on the same machine, if both have fewer or both have more
+        steps than 20 000 (systems of lines) or 100 000 (single lines by the command line). Otherwise they agree to
+        rounding. The first row is the last one of this run.
 
         Args:
             duration: further time [s]; default: the remaining time of an interrupted run, else the duration of this
@@ -286,7 +287,7 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
     if before is None:
         s = initial_state(model, scene.start)
         if scene.start.is_static:
-            check_stretch(scene, np.asarray(model.nodes(s.r, model.ends(s.t))))
+            check_stretch(scene, np.asarray(node_positions(model, s)))
         return Last(first_row(s, len(names)), first_carry(stepper, model, s, run)), TimeOrigin()
 
     def kind(model: Model) -> Last:

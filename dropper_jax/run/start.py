@@ -7,8 +7,8 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.programs import cached_jit
 from dropper_jax.integrators.consistent import instant
 from dropper_jax.model import Displacement, Model, State, state
 from dropper_jax.scene import StartSpec

@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.base.programs import cached_jit
 
 #: Quadrature points of U_e, and the depth over which it is taken, in units of 1/k (e^-40 is rounding).
 DEPTH_POINTS, FADE_DEPTH = 64, 20.0

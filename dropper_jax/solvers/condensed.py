@@ -14,8 +14,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.components import Components, components, dot, inverse_rows
-from dropper_jax.base.tridiagonal import solve_tridiagonal
 from dropper_jax.model import Model, Path, gather_links, link_differences
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns
 

@@ -22,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.stiffness import stiffness_with_held, verges

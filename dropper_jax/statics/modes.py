@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.stability import stiffness_and_motions, stiffness_of_motions

@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Effect, Ends, Graph, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.catenary import catenary_guess, hang
@@ -206,14 +206,14 @@ def _on_same_branch(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
 
 
 @cached_jit(brief=True)
-def _nodes(model: Model, s: State) -> jax.Array:
+def node_positions(model: Model, s: State) -> jax.Array:
     """Positions of all nodes (n + 1, 3) [m]."""
     return model.nodes(s.r, model.ends(s.t))
 
 
 def _result(model: Model, s: State, residual: float, message: str) -> Equilibrium:
     return Equilibrium(
-        positions=np.asarray(_nodes(model, s)),
+        positions=np.asarray(node_positions(model, s)),
         tension=np.asarray(s.tension),
         residual=residual,
         status="not_converged" if message else "ok",

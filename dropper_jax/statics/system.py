@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.axial import AxialLaw
-from dropper_jax.base.programs import cached_jit
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import BodyMoves, moves_of

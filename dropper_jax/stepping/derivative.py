@@ -21,7 +21,6 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jax.tree_util import PyTreeDef
 
-from dropper_jax.base.tridiagonal import library
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Unknowns, refine
 from dropper_jax.solvers import SOLVERS
@@ -205,12 +204,12 @@ def _backward(
     part, at = _cut(frozen, at, pieces)
     inputs = partial(_inputs, tree, moving, part)
     capacity = 2**stepper.halvings
-    shelf = jax.tree.map(lambda a: jnp.zeros((capacity, *a.shape), a.dtype).at[0].set(a), (at.s, u))
+    shelf = jax.tree.map(lambda a: _put(jnp.zeros((capacity, *a.shape), a.dtype), a, 0), (at.s, u))
 
     def record(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         i, now, shelf = carry
         after, u, _ = substep_once(stepper, *inputs(at._replace(s=now)))
-        shelf = jax.tree.map(lambda all_, one: all_.at[i].set(one), shelf, (now, u))
+        shelf = jax.tree.map(lambda all_, one: _put(all_, one, i), shelf, (now, u))
         return i + 1, after, shelf
 
     first = (jnp.zeros((), jnp.int32), at.s, shelf)
@@ -229,8 +228,12 @@ def _backward(
     return split if one_way else jax.tree.map(lambda a, b: jnp.where(pieces > 0, a, b), split, whole)
 
 
+def _put(rows: jax.Array, row: jax.Array, i: jax.Array | int) -> jax.Array:
+    return jax.lax.dynamic_update_index_in_dim(rows, row, i, axis=0)  # `.at[i].set` is a scatter
+
+
 def _push(stepper: Stepper, solver: str, inputs: Inputs, at: _At, given: _At, u: Unknowns) -> State:
-    with library(stepper.batched):
+    with stepper.solving():
         return _forward_step(stepper, solver, inputs, at, given, u)
 
 
@@ -249,6 +252,11 @@ def _forward_step(stepper: Stepper, solver: str, inputs: Inputs, at: _At, given:
 
 
 def _backward_step(stepper: Stepper, solver: str, inputs: Inputs, at: _At, cotangent: State, u: Unknowns) -> _At:
+    with stepper.solving():
+        return _pull(stepper, solver, inputs, at, cotangent, u)
+
+
+def _pull(stepper: Stepper, solver: str, inputs: Inputs, at: _At, cotangent: State, u: Unknowns) -> _At:
     problem = stepper.integrator.problem(*inputs(at))
     linear = SOLVERS[solver]
     factor = linear.factor(problem, u)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.model import Frozen, Model, Parted, State
@@ -74,7 +75,7 @@ def begin(stepper: Stepper, model: Model, s: State) -> Progress:
     s = stepper.integrator.begin(model.with_internal_state(s.own), s)
     if not stepper.track_work:
         s = replace(s, work=jnp.zeros(0, model.dtype))
-    return Progress(s, jnp.zeros((), jnp.int32), jnp.full((), -1, jnp.int32))
+    return Progress(s, jnp.zeros((), jnp.int32), jnp.asarray(np.int32(-1)))
 
 
 def advance(

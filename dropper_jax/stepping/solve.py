@@ -15,7 +15,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.base.tridiagonal import library
 from dropper_jax.model import LimitsTimeStep, Model, State
 from dropper_jax.residual import CONVERGED, Solver, StepProblem, Unknowns, damped_newton, newton, newton_until
 from dropper_jax.solvers import SOLVERS
@@ -24,7 +23,7 @@ from dropper_jax.stepping.stepper import FULL_STEP, TOO_FAR, Stepper
 
 def solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
     """End state, unknowns, residual and level of a step, without a derivative rule."""
-    with library(stepper.batched):
+    with stepper.solving():
         return _solve(stepper, model, s, h, alive)
 
 
@@ -112,7 +111,7 @@ def _more_iterations(
 
 def substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, Unknowns, jax.Array]:
     """One substep by the fallback solver, damped."""
-    with library(stepper.batched):
+    with stepper.solving():
         return _substep(stepper, model, s, h)
 
 

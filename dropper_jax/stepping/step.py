@@ -47,7 +47,7 @@ def _explicit(integrator: Explicit, model: Model, s: State, h: jax.Array) -> tup
 
 
 def _implicit(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array | bool) -> tuple[State, Report]:
-    s1, residual, level = _solve_step(stepper, model, s, jnp.asarray(h, model.dtype), jnp.asarray(alive))
+    s1, residual, level = _solve_step(stepper.as_traced, model, s, jnp.asarray(h, model.dtype), jnp.asarray(alive))
     return s1, Report(residual, level)
 
 

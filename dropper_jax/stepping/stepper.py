@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.backend.one_kernel import inside, is_inside
 from dropper_jax.model import Model
 from dropper_jax.residual import Integrator
 
@@ -40,6 +42,8 @@ class Stepper:
         traces.
         batched: the step is in a batch, which is not compiled to one kernel: the library of the device solves its
         systems.
+        one_kernel: whether tridiagonal systems are solved in the form that one kernel can contain; None: where the
+            stepping is traced by `dj.one_kernel`.
     """
 
     integrator: Integrator
@@ -53,11 +57,21 @@ class Stepper:
     until_converged: bool = False
     reverse: bool = True
     batched: bool = False
+    one_kernel: bool | None = None
 
     @property
     def plain(self) -> Stepper:
         """The same settings without fallback solvers: a quarter of the code to compile."""
         return replace(self, extra=0, halvings=0) if self.iterations else self
+
+    @property
+    def as_traced(self) -> Stepper:
+        """The same settings with the choice of `one_kernel` for what is being traced, as part of all cached traces."""
+        return self if self.one_kernel is not None else replace(self, one_kernel=is_inside())
+
+    def solving(self) -> AbstractContextManager[None]:
+        """Trace the systems of a step in the chosen form."""
+        return inside(False if self.batched else self.one_kernel)
 
     def limit(self, model: Model) -> float:
         return TOLERANCE[str(jnp.dtype(model.dtype))] if self.tolerance is None else self.tolerance

@@ -16,11 +16,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.compile_cache import cache_folder
+from dropper_jax.backend.compile_cache import cache_folder
+from dropper_jax.backend.one_kernel import in_force, tags_enabled
+from dropper_jax.backend.programs import BRIEFLY, supported_options
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.memory import available_memory
-from dropper_jax.base.one_kernel import in_force
-from dropper_jax.base.programs import BRIEFLY, supported_options
 from dropper_jax.run.simulate import simulate
 
 NEEDED = ("jax", "jaxlib", "numpy", "scipy", "matplotlib", "optax", "filelock", "platformdirs", "psutil", "tomlkit")
@@ -40,7 +40,7 @@ import json, sys
 import jax
 hits = []
 jax.monitoring.register_event_listener(lambda name, **_: hits.append(name))
-from dropper_jax.base.compile_cache import compile_cache
+from dropper_jax.backend.compile_cache import compile_cache
 place = compile_cache(sys.argv[1])
 import jax.numpy as jnp
 found = float(jax.jit(lambda x: jnp.sum(jnp.sin(x) ** 2 + jnp.cos(x) ** 2))(jnp.arange(100.0)))
@@ -56,7 +56,7 @@ def examine() -> dict[str, Any]:
         "system": {"platform": platform.platform(), "cores": os.cpu_count(), "memory_bytes": available_memory()},
         "devices": [f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()],
         "float64": bool(jax.config.jax_enable_x64),
-        "one_kernel": in_force(),
+        "one_kernel": in_force() or tags_enabled(),
         "compiler_options": {name: name in supported_options() for name in BRIEFLY},
         "cache": cache(),
         "checks": [check_tension(), known_product(), cached_programs()],

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.analysis.angles import link_angles
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.controlled import advance_controlled, start_controlled
 from dropper_jax.stepping.integrate import Progress, begin, step_failed

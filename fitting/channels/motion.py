@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.base.programs import cached_jit
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.start import from_angles
 from dropper_jax.statics.static_pose import nodal_loads, settle

@@ -26,8 +26,8 @@ import numpy as np
 import optax
 from scipy.linalg import eigvalsh, solve_triangular
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.programs import cached_jit
 from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gauss_newton import Point, Separate, fit_windows, minimise

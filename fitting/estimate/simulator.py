@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.export_cache import Constants
-from dropper_jax.base.programs import brief_options, lower_cached
+from dropper_jax.backend.export_cache import Constants
+from dropper_jax.backend.programs import brief_options, lower_cached
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model
 from dropper_jax.stepping.stepper import Stepper

@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import parameter
-from dropper_jax.base.programs import cached_jit
 from dropper_jax.base.read import Plain, read_fields, read_table
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.load.scene import Scene

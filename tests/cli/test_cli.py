@@ -14,7 +14,7 @@ import jax
 import numpy as np
 import pytest
 
-from dropper_jax.base.programs import STORE
+from dropper_jax.backend.programs import STORE
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.cli.output import progress

@@ -437,10 +437,9 @@ def test_an_expression_that_python_warns_of_is_refused_without_its_warning():
 
 
 def test_messages_of_the_compiler_for_its_developers_are_not_shown_by_commands(monkeypatch):
-    for name in (before_jax.XLA_LOG, before_jax.COMPILE_CACHE, before_jax.KEEP_TRACES):
+    for name in (before_jax.XLA_LOG, before_jax.COMPILE_CACHE, before_jax.KEEP_TRACES, before_jax.QUICK):
         monkeypatch.setenv(name, "")
         monkeypatch.delenv(name)
-    monkeypatch.setenv(before_jax.ONE_KERNEL, before_jax.OFF)
     threshold = gc.get_threshold()
     try:
         before_jax.prepare()

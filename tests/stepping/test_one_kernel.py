@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax.base import tridiagonal
-from dropper_jax.base.one_kernel import FLAG, LIMIT, OPTION, in_force, one_kernel, with_option
+from dropper_jax.backend import tridiagonal
+from dropper_jax.backend.one_kernel import FLAG, LIMIT, OPTION, in_force, one_kernel, with_option
 from dropper_jax.base.scatter import scatter_add
 
 PROGRAM = """

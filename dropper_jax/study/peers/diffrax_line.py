@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.lax.linalg import tridiagonal_solve
 
-from dropper_jax.base.tridiagonal import one_kernel_of
+from dropper_jax.backend.tridiagonal import one_kernel_of
 from dropper_jax.integrators.reduced import moving
 from dropper_jax.model import Model, State
 from dropper_jax.study.march import link_vectors

@@ -24,6 +24,8 @@ from typing import Any
 
 import jax
 
+from dropper_jax.backend import is_plain
+
 try:
     from jax._src import compilation_cache
 except ImportError:
@@ -46,7 +48,7 @@ DIGEST = hashlib.sha256().digest_size
 def open_cache() -> Path | None:
     """Enable the cache given by `DROPPER_COMPILE_CACHE`; returns the folder, or None if there is no usable folder."""
     folder = cache_folder()
-    return None if folder is None else compile_cache(folder)
+    return None if folder is None or is_plain() else compile_cache(folder)
 
 
 def cache_folder() -> Path | None:

@@ -28,7 +28,7 @@ import numpy as np
 from jax.sharding import SingleDeviceSharding
 from jax.tree_util import PyTreeDef
 
-from dropper_jax.base.compile_cache import Entries
+from dropper_jax.backend.compile_cache import Entries
 from dropper_jax.base.plain_form import PROJECT, NoPlainForm, Plain, name_of, to_plain, tree_read, tree_written
 
 #: Folder that contains the packages of this project.

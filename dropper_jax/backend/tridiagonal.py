@@ -10,15 +10,11 @@ With more than `WHOLE` rows, the last quarter is eliminated row by row: as fast 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
-
 import jax
 import jax.numpy as jnp
 from jax.lax import linalg
 
-from dropper_jax.base.one_kernel import in_force
+from dropper_jax.backend.one_kernel import in_force, is_inside
 
 #: The first JAX that makes one kernel of a run by default, and the maximum number of rows for it.
 UNASKED, UNASKED_ROWS = (0, 12), 100
@@ -26,21 +22,6 @@ UNASKED, UNASKED_ROWS = (0, 12), 100
 WHOLE = 128
 #: Number of rows per loop iteration of the row-by-row elimination.
 TOGETHER = 4
-_LIBRARY = ContextVar("whether the device's library solves, even if a run becomes one kernel", default=False)
-
-
-@contextmanager
-def library(enabled: bool) -> Iterator[None]:
-    """Solve the systems traced inside with the device's library, if `enabled`.
-
-    Batches gain nothing from one kernel. Their operations are long, and a single function for all of them is optimised
-    less well than each alone (windows of a fit: 0.8 of the time, 0.7 of the compilation).
-    """
-    token = _LIBRARY.set(enabled or _LIBRARY.get())
-    try:
-        yield
-    finally:
-        _LIBRARY.reset(token)
 
 
 def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
@@ -59,9 +40,15 @@ def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, r
 
 
 def one_kernel_of(rows: int) -> bool:
-    """Whether a run with `rows` unknowns in a line becomes one kernel, if nothing else in it prevents that."""
-    if jax.default_backend() != "cpu" or _LIBRARY.get():
+    """Whether a run with `rows` unknowns in a line becomes one kernel, if nothing else in it prevents that.
+
+    Batches gain nothing from it. Their operations are long, and a single function for all of them is optimised less
+    well than each alone (windows of a fit: 0.8 of the time, 0.7 of the compilation).
+    """
+    if jax.default_backend() != "cpu":
         return False
+    if is_inside() is not None:
+        return is_inside()
     return in_force() or (jax.__version_info__ >= UNASKED and rows <= UNASKED_ROWS)
 
 

@@ -1,0 +1,15 @@
+"""What depends on the inside of JAX and XLA, each behind a function with a plain fallback.
+
+`DROPPER_BACKEND=plain` runs everything by the fallbacks: `jax.jit` and `jax.vmap` with the compiler's own options,
+without caches on disk.
+"""
+
+import os
+
+#: Environment variable, and its value for the fallbacks.
+VARIABLE, PLAIN = "DROPPER_BACKEND", "plain"
+
+
+def is_plain() -> bool:
+    """Whether only the fallbacks are used."""
+    return os.environ.get(VARIABLE) == PLAIN

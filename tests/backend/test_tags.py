@@ -1,0 +1,179 @@
+"""Functions as one kernel by a tag: right values everywhere, and no call that the compiler ends the process for.
+
+Each case runs in a process of its own, because the compiler aborts where a parameter of a tagged call has no reader.
+"""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+START = """
+import json
+import jax, jax.numpy as jnp, numpy as np
+import dropper_jax as dj
+
+x, y, n = jnp.arange(5.0) + 1, jnp.arange(7.0), jnp.arange(3)
+loop = lambda x: jax.lax.scan(lambda k, _: (jnp.sin(k) + 0.1 * k, None), x, None, length=9)[0]
+total = lambda x: jnp.sum(loop(x) ** 2)
+"""
+END = """
+function, plain, args = case
+program = jax.jit(function).lower(*args).compile()
+found, expected = jax.tree.leaves(program(*args)), jax.tree.leaves(plain(*args))
+np.testing.assert_allclose(found[0], expected[0], rtol=1e-13)
+for a, b in zip(found, expected, strict=True):
+    np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-15)
+print(json.dumps(program.as_text().count('inlineable="false"')))
+"""
+TAGGED = {
+    "plain": "case = dj.one_kernel(loop), loop, (x,)",
+    "trees and keywords": """
+f = lambda a, scale: {"r": loop(a["x"]) * scale, "none": None}
+g = lambda a, s: dj.one_kernel(f)(a, scale=s)
+case = g, lambda a, s: f(a, s), ({"x": x}, jnp.asarray(2.0))
+""",
+    "dead argument": """
+f = lambda x, c: jax.lax.while_loop(lambda k: k[2] < 9, lambda k: (jnp.sin(k[0]), k[1], k[2] + 1), (x, c, 0))[0]
+case = dj.one_kernel(f), f, (x, y)
+""",
+    "dead integers": "f = lambda x, n: loop(x) + jnp.sum(n[:0]); case = dj.one_kernel(f), f, (x, n)",
+    "all arguments dead": "f = lambda x: loop(jnp.ones(5)) + jnp.sum(x[:0]); case = dj.one_kernel(f), f, (x,)",
+    "empty arrays": "f = lambda x, e: (loop(x), e * 2); case = dj.one_kernel(f), f, (x, jnp.zeros((0, 3)))",
+    "constants": """
+f = lambda x: loop(x) * np.arange(5.0) + jnp.asarray(np.arange(5.0) + 3); case = dj.one_kernel(f), f, (x,)
+""",
+    "closure over an outer trace": "f = lambda x, y: dj.one_kernel(lambda x: loop(x) * y[:5])(x)\n"
+    "case = f, lambda x, y: loop(x) * y[:5], (x, y)",
+    "types": """
+f = lambda *a: (loop(a[0]), *(v * 2 for v in a[1:-1]), ~a[-1], a[1])
+args = x, jnp.int32(-3), jnp.arange(3) - 2**62, jnp.uint64(2**63 + 5), jnp.float32(0.1), jnp.array([True, False])
+case = dj.one_kernel(f), f, args
+""",
+    "minus zero": """
+f = lambda x: jnp.signbit(-0.0 * x) + loop(x) * 0; g = lambda x: (-0.0 * x + loop(x) * -0.0, )
+case = dj.one_kernel(g), g, (jnp.zeros(5),)
+""",
+    "of grad": "case = dj.one_kernel(jax.grad(total)), jax.grad(total), (x,)",
+    "of value and grad": "f = jax.value_and_grad(total); case = dj.one_kernel(f), f, (x,)",
+    "of grad of": "case = dj.one_kernel(jax.grad(dj.one_kernel(total))), jax.grad(total), (x,)",
+    "of vmap": "f = jax.vmap(loop); case = dj.one_kernel(f), f, (jnp.stack([x, x * 0.1]),)",
+    "of Hessian": "f = jax.hessian(total); case = dj.one_kernel(f), f, (x,)",
+    "inside another": "f = lambda x: dj.one_kernel(loop)(x) * 2; case = dj.one_kernel(f), lambda x: loop(x) * 2, (x,)",
+    "inside a loop": """
+f = lambda x: jax.lax.scan(lambda c, _: (dj.one_kernel(loop)(c), None), x, None, length=3)[0]
+case = jax.jit(f), lambda x: loop(loop(loop(x))), (x,)
+""",
+    "two call sites": """
+g = dj.one_kernel(loop); case = jax.jit(lambda x: g(x) + g(x * 0.5)), lambda x: loop(x) + loop(x * 0.5), (x,)
+""",
+    "export": """
+import jax.export
+e = jax.export.export(dj.one_kernel(loop), platforms=["cpu"])(jax.ShapeDtypeStruct((5,), jnp.float64))
+case = e.call, loop, (x,)
+""",
+    "export for two platforms": """
+import jax.export
+e = jax.export.export(dj.one_kernel(loop), platforms=["cpu", "cuda"])(jax.ShapeDtypeStruct((5,), jnp.float64))
+case = e.call, loop, (x,)
+""",
+    "inside shard_map": """
+from jax.sharding import PartitionSpec as P
+mesh = jax.make_mesh((2,), ("b",), axis_types=(jax.sharding.AxisType.Auto,))
+f = jax.shard_map(dj.one_kernel(jax.vmap(loop)), mesh=mesh, in_specs=P("b"), out_specs=P("b"))
+case = jax.jit(f), jax.vmap(loop), (jnp.stack([x, x * 2, x * 3, x * 4]),)
+""",
+}
+PLAIN = {
+    "grad of": "case = jax.grad(dj.one_kernel(total)), jax.grad(total), (x,)",
+    "grad of grad of": """
+case = jax.grad(lambda x: jnp.sum(jax.grad(dj.one_kernel(total))(x) ** 2)), \
+    jax.grad(lambda x: jnp.sum(jax.grad(total)(x) ** 2)), (x,)
+""",
+    "Hessian of": "case = jax.jacfwd(jax.jacfwd(dj.one_kernel(total))), jax.hessian(total), (x,)",
+    "vmap of": "case = jax.vmap(dj.one_kernel(loop)), jax.vmap(loop), (jnp.stack([x, x * 0.1]),)",
+    "vmap of an indexed update": """
+f = lambda x, i: jax.lax.dynamic_update_index_in_dim(x, 3.0, i, 0)
+case = jax.vmap(dj.one_kernel(f)), jax.vmap(f), (jnp.stack([x, x]), jnp.array([1, 2]))
+""",
+    "no float among the results": "f = lambda x: loop(x) > 0; case = dj.one_kernel(f), f, (x,)",
+    "no arguments": "f = lambda: loop(jnp.ones(5)); case = dj.one_kernel(f), f, ()",
+    "LAPACK": "f = lambda x: jnp.linalg.solve(jnp.eye(5) * 2 + jnp.outer(x, x), x); case = dj.one_kernel(f), f, (x,)",
+    "sorting": "f = lambda x: jnp.sort(-loop(x)); case = dj.one_kernel(f), f, (x,)",
+    "a scatter": "f = lambda x: loop(x).at[jnp.array([1, 1])].add(1.0); case = dj.one_kernel(f), f, (x,)",
+    "fft": "f = lambda x: jnp.abs(jnp.fft.fft(x)); case = dj.one_kernel(f), f, (x,)",
+    "a large product": "f = lambda a: a @ a; case = dj.one_kernel(f), f, (jnp.ones((99, 99)),)",
+    "a print": "f = lambda x: (jax.debug.print('{x}', x=x[0]), loop(x))[1]; case = dj.one_kernel(f), loop, (x,)",
+    "a callback": """
+f = lambda x: jax.pure_callback(lambda v: np.asarray(v) * 2, jax.ShapeDtypeStruct((5,), jnp.float64), x)
+case = dj.one_kernel(f), lambda x: x * 2, (x,)
+""",
+    "a collective": """
+from jax.sharding import PartitionSpec as P
+mesh = jax.make_mesh((2,), ("b",), axis_types=(jax.sharding.AxisType.Auto,))
+f = lambda x: jax.lax.psum(jnp.sum(loop(x)), "b")
+f = jax.shard_map(dj.one_kernel(f), mesh=mesh, in_specs=P("b"), out_specs=P())
+case = jax.jit(f), lambda x: jnp.sum(loop(x)), (jnp.arange(6.0),)
+""",
+    "sharded arguments": """
+from jax.sharding import NamedSharding, PartitionSpec as P
+mesh = jax.make_mesh((2,), ("b",), axis_types=(jax.sharding.AxisType.Auto,))
+X = jax.device_put(jnp.stack([x, x * 2, x * 3, x * 4]), NamedSharding(mesh, P("b")))
+case = dj.one_kernel(jax.vmap(loop)), jax.vmap(loop), (X,)
+""",
+}
+
+
+SCENE = """
+import json, sys
+import dropper_jax as dj
+found = dj.simulate("dropper-release-a", duration=0.5, **json.loads(sys.argv[1]))
+again = dj.simulate("dropper-release-a", duration=0.5, **json.loads(sys.argv[1]))
+assert found.status == again.status == "ok"
+print(json.dumps([found.positions[-1].tolist(), again.positions[-1].tolist()]))
+"""
+
+
+def output(program, *words, **environment):
+    """The JSON object that a program prints in a process of its own."""
+    given = {key: value for key, value in os.environ.items() if not key.startswith(("XLA_FLAGS", "DROPPER_"))}
+    call = [sys.executable, "-c", program, *words]
+    done = subprocess.run(call, env=given | environment, capture_output=True, check=False, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def tags(code, **environment):
+    """Number of tagged calls in the compiled case, whose values are compared with those of the plain function."""
+    devices = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2"} if "make_mesh" in code else {}
+    return output(START + code + END, **devices, **environment)
+
+
+@pytest.mark.parametrize("name", TAGGED)
+def test_a_tagged_function_has_the_values_of_the_plain_one(name):
+    assert tags(TAGGED[name]) > 0
+
+
+@pytest.mark.parametrize("setting", [{"DROPPER_ONE_KERNEL": "off"}, {"DROPPER_BACKEND": "plain"}])
+def test_the_environment_disables_tags(setting):
+    assert not tags(TAGGED["of value and grad"], **setting)
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_what_cannot_be_one_kernel_is_the_plain_function(name):
+    assert not tags(PLAIN[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["auto", "dense"])  # LAPACK makes the second a plain program
+def test_runs_are_the_same_with_tags_caches_and_none_of_them(solver, tmp_path):
+    settings = json.dumps({"solver": solver})
+    cached = {"DROPPER_COMPILE_CACHE": str(tmp_path), "DROPPER_KEEP_TRACES": "on"}
+    plain = output(SCENE, settings, DROPPER_BACKEND="plain")[0]
+    first, second = output(SCENE, settings, **cached), output(SCENE, settings, **cached)
+    assert any(tmp_path.iterdir())
+    assert first[0] == first[1] == second[0]
+    np.testing.assert_allclose(first[0], plain, rtol=0, atol=1e-11)

@@ -20,7 +20,7 @@ SHOWN = 14
 @plot_style()
 def design_picture(site: Site, found: Optimum, file: Path) -> Path:
     """Write the picture."""
-    figure = new_figure(10.0, 7.0)
+    figure = new_figure(10.0, 7.4)
     above, below = figure.subplots(2, 1, height_ratios=(1.2, 1.0))
     storm = site.cases[0].storm
     for values, colour, label in ((found.before, FAINT, "before"), (found.after, FIRST, "after")):
@@ -34,14 +34,15 @@ def design_picture(site: Site, found: Optimum, file: Path) -> Path:
             begin += member.links + 1
     above.axhline(storm.level, color=SECOND, linewidth=0.8)
     above.axhline(-site.scene.sea.depth, color=DARK, linewidth=0.8)
-    above.set(xlabel="x [m]", ylabel="z [m]", title=f"{site.name} at rest, {storm.name}")
-    above.legend(loc="lower right")
+    above.set(xlabel="x [m], not to the scale of z", ylabel="z [m]", title=f"{site.name} at rest, {storm.name}")
+    above.margins(y=0.08)
+    above.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:SHOWN][::-1]
     row = np.arange(len(rows))
     below.barh(row + 0.2, [row[1][0] for row in rows], 0.38, color=FAINT, label="before")
     below.barh(row - 0.2, [row[1][1] for row in rows], 0.38, color=FIRST, label="after")
     below.axvline(1.0, color=SECOND, linewidth=1.0)
     below.set_yticks(row, [row[0] for row in rows], fontsize=7)
-    below.set(xlabel="used, limit at 1")
-    below.legend(loc="lower right")
+    below.set(xlabel="utilisation (limit 1)")
+    below.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return save_figure(figure, file)

@@ -20,6 +20,8 @@ ROOT = Path(__file__).parents[2]
 PAGES = runpy.run_path(str(Path(__file__).with_name("pages.py")))
 #: The program that typesets formulae as SVG, without fonts, within its package.
 MATHJAX = "static/mathjax/es5/tex-svg.js"
+#: Pages at the root of the repository, by the names that they have in the site.
+ROOT_PAGES = {"CHANGELOG.md": "changes.md", "CONTRIBUTING.md": "contributing.md", "SECURITY.md": "security.md"}
 #: A link out of the folder of the documentation: text, target.
 OUTSIDE = re.compile(r"(!?)\[([^\]]*)\]\(\.\./([^)\s]+)\)")
 
@@ -39,8 +41,8 @@ def slug(text: str, separator: str) -> str:
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Pages and pictures from elsewhere in the repository."""
-    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    files.append(File.generated(config, "changes.md", content=changes))
+    for name, page in ROOT_PAGES.items():
+        files.append(File.generated(config, page, content=(ROOT / name).read_text(encoding="utf-8")))
     for room, content in PAGES["module_pages"]().items():
         files.append(File.generated(config, f"python/{room}.md", content=content))
     files.append(File.generated(config, "mathjax.js", content=package_files("mathjax").joinpath(MATHJAX).read_bytes()))

@@ -153,7 +153,7 @@ def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline
       return { clocks: both("time"), turns: both("turn"), shown }; })()"""
     act = """<script>setTimeout(() => document.querySelector("iframe").contentWindow.eval(
       "eye.turn = 0.5; state.now = 2.5; draw()"), 1500);</script></body>"""
-    seen = seen_in_browser(both.replace("</body>", act), probe, tmp_path, WITH, 3000)
+    seen = seen_in_browser(both.replace("</body>", act), probe, tmp_path, WITH, 5500)
     assert seen == {"clocks": ["2.5000", "2.5000"], "turns": ["0.500", "0.500"], "shown": ["visible", "hidden"]}
     # a view that comes later is shown what was done, and its own beginning moves nothing
     late = act.replace("1500", "1000").replace(
@@ -161,7 +161,7 @@ def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline
         """ setTimeout(() => {
       const second = document.querySelectorAll("iframe")[1]; second.srcdoc = second.srcdoc; }, 1500);</script>""",
     )
-    seen = seen_in_browser(both.replace("</body>", late), probe, tmp_path, WITH, 3000)
+    seen = seen_in_browser(both.replace("</body>", late), probe, tmp_path, WITH, 5500)
     assert seen == {"clocks": ["2.5000", "2.5000"], "turns": ["0.500", "0.500"], "shown": ["visible", "hidden"]}
 
 

@@ -76,6 +76,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Links out of the folder lead to where their targets stand in the site, or are plain text."""
     if page.file.src_uri == "reference-python.md":
         return re.sub(r"^## (\S+)$", r"\g<0>\n\n[All of it in full](python/\1.md).", markdown, flags=re.M)
+    if page.file.src_uri in ROOT_PAGES.values():
+        return markdown.replace("](docs/", "](")
     return OUTSIDE.sub(_inside, markdown) if "/" not in page.file.src_uri else markdown
 
 

@@ -39,7 +39,7 @@ def seen_in_browser(page, probe, tmp_path, options, after=500):
       out.textContent = JSON.stringify({probe}); document.body.append(out); }}, {after});</script></body>"""
     file = tmp_path / "page.html"
     file.write_text(page[: page.rindex("</body>")] + write, encoding="utf-8")
-    common = ["--headless", "--no-sandbox", "--virtual-time-budget=6000", "--window-size=900,600"]
+    common = ["--headless", "--no-sandbox", f"--virtual-time-budget={after + 5500}", "--window-size=900,600"]
     command = [BROWSER, *common, *options, f"--user-data-dir={tmp_path}/profile", "--dump-dom", file.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=90)
     found = re.findall(r'<pre id="seen">(.*?)</pre>', done.stdout, re.S)
@@ -151,18 +151,18 @@ def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline
       const both = (key) => [a, b].map((w) => w.document.body.dataset[key]);
       const shown = [a, b].map((w) => w.getComputedStyle(w.document.querySelector("footer")).visibility);
       return { clocks: both("time"), turns: both("turn"), shown }; })()"""
-    act = """<script>setTimeout(() => document.querySelector("iframe").contentWindow.eval(
-      "eye.turn = 0.5; state.now = 2.5; draw()"), 1500);</script></body>"""
-    seen = seen_in_browser(both.replace("</body>", act), probe, tmp_path, WITH, 5500)
-    assert seen == {"clocks": ["2.5000", "2.5000"], "turns": ["0.500", "0.500"], "shown": ["visible", "hidden"]}
+    act = """<script>const waiting = setInterval(() => {
+      const views = [...document.querySelectorAll("iframe")].map((f) => f.contentWindow);
+      if (!views.every((w) => w.document.body && w.document.body.dataset.ready)) return;
+      clearInterval(waiting); views[0].eval("eye.turn = 0.5; state.now = 2.5; draw()"); /* late */
+      }, 100);</script></body>"""
+    both_moved = {"clocks": ["2.5000", "2.5000"], "turns": ["0.500", "0.500"], "shown": ["visible", "hidden"]}
+    assert seen_in_browser(both.replace("</body>", act), probe, tmp_path, WITH, 12000) == both_moved
     # a view that comes later is shown what was done, and its own beginning moves nothing
-    late = act.replace("1500", "1000").replace(
-        "</script>",
-        """ setTimeout(() => {
-      const second = document.querySelectorAll("iframe")[1]; second.srcdoc = second.srcdoc; }, 1500);</script>""",
-    )
-    seen = seen_in_browser(both.replace("</body>", late), probe, tmp_path, WITH, 5500)
-    assert seen == {"clocks": ["2.5000", "2.5000"], "turns": ["0.500", "0.500"], "shown": ["visible", "hidden"]}
+    again = """setTimeout(() => {
+      const second = document.querySelectorAll("iframe")[1]; second.srcdoc = second.srcdoc; }, 500);"""
+    late = act.replace("/* late */", again)
+    assert seen_in_browser(both.replace("</body>", late), probe, tmp_path, WITH, 30000) == both_moved
 
 
 def test_a_description_with_the_page_s_own_marks_changes_nothing(solution):

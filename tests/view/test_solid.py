@@ -33,10 +33,15 @@ def page(solution):
     return view_page(solution)
 
 
-def seen_in_browser(page, probe, tmp_path, options, after=500):
-    """What `probe`, an expression, gives in the page `after` so many ms."""
-    write = f"""<script>setTimeout(() => {{ const out = document.createElement("pre"); out.id = "seen";
-      out.textContent = JSON.stringify({probe}); document.body.append(out); }}, {after});</script></body>"""
+def seen_in_browser(page, probe, tmp_path, options, after=500, every=None):
+    """What `probe`, an expression, gives in the page `after` so many ms, or last of those seen `every` so many ms.
+
+    The browser's time runs ahead of messages between frames: what waits for one is looked at again and again.
+    """
+    timer = f"setTimeout(look, {after})" if every is None else f"setInterval(look, {every})"
+    write = f"""<script>{{ const look = () => {{
+      const out = document.getElementById("seen") || document.createElement("pre"); out.id = "seen";
+      out.textContent = JSON.stringify({probe}); document.body.append(out); }}; {timer}; }}</script></body>"""
     file = tmp_path / "page.html"
     file.write_text(page[: page.rindex("</body>")] + write, encoding="utf-8")
     common = ["--headless", "--no-sandbox", f"--virtual-time-budget={after + 5500}", "--window-size=900,600"]
@@ -157,12 +162,12 @@ def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline
       clearInterval(waiting); views[0].eval("eye.turn = 0.5; state.now = 2.5; draw()"); /* late */
       }, 100);</script></body>"""
     both_moved = {"clocks": ["2.5000", "2.5000"], "turns": ["0.500", "0.500"], "shown": ["visible", "hidden"]}
-    assert seen_in_browser(both.replace("</body>", act), probe, tmp_path, WITH, 12000) == both_moved
+    assert seen_in_browser(both.replace("</body>", act), probe, tmp_path, WITH, 30000, 200) == both_moved
     # a view that comes later is shown what was done, and its own beginning moves nothing
     again = """setTimeout(() => {
       const second = document.querySelectorAll("iframe")[1]; second.srcdoc = second.srcdoc; }, 500);"""
     late = act.replace("/* late */", again)
-    assert seen_in_browser(both.replace("</body>", late), probe, tmp_path, WITH, 30000) == both_moved
+    assert seen_in_browser(both.replace("</body>", late), probe, tmp_path, WITH, 30000, 200) == both_moved
 
 
 def test_a_description_with_the_page_s_own_marks_changes_nothing(solution):

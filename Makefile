@@ -1,7 +1,8 @@
-# A fresh machine needs Python 3.11 to 3.13 and make; everything else is installed into .venv.
+# A fresh machine needs Python 3.11 or newer and make; everything else is installed into .venv. Tested with 3.11 to 3.13,
+# which are taken first; newer ones need a JAX with wheels for them.
 # A command may be there and still not run (version managers), or lack venv: only those that pass are taken.
-SUITABLE := import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
-NAMES := python3.11 python3.12 python3.13 python3
+SUITABLE := import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 15))
+NAMES := python3.11 python3.12 python3.13 python3.14 python3.15 python3
 PYTHONS := $(foreach p,$(NAMES),$(shell $(p) -c '$(SUITABLE)' >/dev/null 2>&1 && echo $(p)))
 # The newest takes the newest JAX; `python3` stands last and is used where no numbered name is there.
 NEWEST := $(firstword $(filter python3.13,$(PYTHONS)) $(filter python3.12,$(PYTHONS)) $(PYTHONS))
@@ -9,7 +10,7 @@ OLDEST := $(firstword $(PYTHONS))
 PYTHON ?= $(NEWEST)
 # pyenv's stand-ins run only for the versions that it is told to use; the matrix takes the newest there is.
 PYENV := $(wildcard $(HOME)/.pyenv/versions/3.13.*/bin/python)
-MATRIX_NEWEST ?= $(firstword $(filter python3.13,$(PYTHONS)) $(PYENV) $(NEWEST))
+MATRIX_NEWEST ?= $(firstword $(filter python3.15,$(PYTHONS)) $(filter python3.14,$(PYTHONS)) $(filter python3.13,$(PYTHONS)) $(PYENV) $(NEWEST))
 BIN := .venv/bin
 
 # Measured free-swing traces are not part of the project; tests that need them say so where the folder is missing.
@@ -64,7 +65,7 @@ lint: .venv/.installed-test
 	$(BIN)/python tests/type_errors.py
 
 $(BIN)/python:
-	@test -n "$(PYTHON)" || { echo "no suitable python3 found; needed: Python 3.11 to 3.13 with venv"; exit 1; }
+	@test -n "$(PYTHON)" || { echo "no suitable python3 found; needed: Python 3.11 to 3.15 with venv"; exit 1; }
 	$(PYTHON) -m venv .venv
 
 # The stamps make a repeated `make test` start at once; a changed pyproject.toml installs again.

@@ -1,11 +1,15 @@
-"""What MkDocs needs to build the site: headings named as on GitHub, notebooks as pages, links out of docs/."""
+"""What MkDocs needs to build the site: headings named as on GitHub, notebooks as pages, links out of docs/, a page of
+Python per public module, formulae."""
 
 from __future__ import annotations
 
 import base64
 import json
 import re
+import runpy
+import tomllib
 from collections.abc import Iterator
+from importlib.resources import files as package_files
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -13,6 +17,11 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[2]
+PAGES = runpy.run_path(str(Path(__file__).with_name("pages.py")))
+#: The program that typesets formulae as SVG, without fonts, within its package.
+MATHJAX = "static/mathjax/es5/tex-svg.js"
+#: Pages at the root of the repository, by the names that they have in the site.
+ROOT_PAGES = {"CHANGELOG.md": "changes.md", "CONTRIBUTING.md": "contributing.md", "SECURITY.md": "security.md"}
 #: A link out of the folder of the documentation: text, target.
 OUTSIDE = re.compile(r"(!?)\[([^\]]*)\]\(\.\./([^)\s]+)\)")
 
@@ -20,6 +29,8 @@ OUTSIDE = re.compile(r"(!?)\[([^\]]*)\]\(\.\./([^)\s]+)\)")
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Headings get the names that GitHub gives them, so that one link serves both."""
     config.mdx_configs.setdefault("toc", {})["slugify"] = slug
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    config.copyright = f"{config.site_name} {project['version']}"
     return config
 
 
@@ -30,8 +41,11 @@ def slug(text: str, separator: str) -> str:
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Pages and pictures from elsewhere in the repository."""
-    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    files.append(File.generated(config, "changes.md", content=changes))
+    for name, page in ROOT_PAGES.items():
+        files.append(File.generated(config, page, content=(ROOT / name).read_text(encoding="utf-8")))
+    for room, content in PAGES["module_pages"]().items():
+        files.append(File.generated(config, f"python/{room}.md", content=content))
+    files.append(File.generated(config, "mathjax.js", content=package_files("mathjax").joinpath(MATHJAX).read_bytes()))
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
         for name, content in notebook(path):
             files.append(File.generated(config, f"notebooks/{name}", content=content))
@@ -60,6 +74,10 @@ def notebook(path: Path) -> Iterator[tuple[str, str | bytes]]:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Links out of the folder lead to where their targets stand in the site, or are plain text."""
+    if page.file.src_uri == "reference-python.md":
+        return re.sub(r"^## (\S+)$", r"\g<0>\n\n[All of it in full](python/\1.md).", markdown, flags=re.M)
+    if page.file.src_uri in ROOT_PAGES.values():
+        return markdown.replace("](docs/", "](")
     return OUTSIDE.sub(_inside, markdown) if "/" not in page.file.src_uri else markdown
 
 
@@ -70,3 +88,18 @@ def _inside(found: re.Match[str]) -> str:
     elif not sign:
         return text
     return f"{sign}[{text}]({target})"
+
+
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """The logo leads to a file, not to a folder. Pages with formulae load the program that typesets them."""
+    output = re.sub(r'href="(\.\.?)" title', r'href="\1/index.html" title', output)
+    if 'class="arithmatex"' not in output:
+        return output
+    settings = "<script>MathJax = {options: {enableMenu: false}}</script>"  # its menu would fetch more
+    up = "../" * page.file.dest_uri.count("/")
+    return output.replace("</body>", f'{settings}<script src="{up}mathjax.js"></script></body>')
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """No page for a server's errors: the site has no server, and that page's links need one."""
+    (Path(config.site_dir) / "404.html").unlink(missing_ok=True)

@@ -5,9 +5,9 @@
 | reference.md | declarations of the keys of a scene (`python -m dropper_jax.cli.reference`) |
 | reference-effects.md | docstrings of effects, schemes, linear solvers and axial laws |
 | reference-commands.md | parsers of all commands |
-| reference-python.md | signatures and docstrings of what `dropper_jax`, `fitting` and their rooms offer |
+| reference-python.md | public names of `dropper_jax`, `fitting` and their modules, with the first words of docstrings |
 
-A test holds the stored pages to them.
+The site has a page for each public module as well (`module_pages`). A test holds the stored pages to them.
 """
 
 from __future__ import annotations
@@ -218,8 +218,11 @@ def _default(action: argparse.Action) -> str:
 
 def python() -> str:
     """What can be imported."""
-    made = MADE.format(what="signatures and docstrings")
-    parts = [f"# Python\n\n{made} Shapes stand in parentheses, units in brackets."]
+    made = MADE.format(what="the docstrings")
+    parts = [
+        f"# Python\n\n{made} All public names, in one sentence each. The site has a page per module with arguments, "
+        "shapes, units and errors; `help(NAME)` prints the same."
+    ]
     parts.append(
         _table(
             ("from", "names"),
@@ -229,8 +232,22 @@ def python() -> str:
     for room in ROOMS:
         parts += [f"## {room}", docstring(import_module(room).__doc__)]
         for name in _names(room):
-            parts += [f"### {_heading(room, name)}", *_described(name, getattr(import_module(room), name))]
+            parts += [f"### {_heading(room, name)}", _described(getattr(import_module(room), name))]
     return _page(parts)
+
+
+def module_pages() -> dict[str, str]:
+    """A page for each public module; mkdocstrings replaces `::: path` by the description of what is defined there."""
+    return {room: _page([f"# {room}", docstring(import_module(room).__doc__), *_members_of(room)]) for room in ROOMS}
+
+
+def _members_of(room: str) -> Iterator[str]:
+    for name in _names(room):
+        thing = getattr(import_module(room), name)
+        if inspect.isclass(thing) or callable(thing):
+            yield f"::: {thing.__module__}.{thing.__qualname__}"
+        else:
+            yield f"## {name}\n\n{_described(thing)}"
 
 
 def _names(room: str) -> list[str]:
@@ -246,56 +263,13 @@ def _anchor(room: str, name: str) -> str:
     return _heading(room, name).replace(".", "").replace(" ", "-").lower()
 
 
-def _described(name: str, thing: object) -> Iterator[str]:
+def _described(thing: object) -> str:
+    """The names or values of a constant, else the first paragraph of the docstring."""
     if isinstance(thing, Mapping):
-        yield "Names: " + ", ".join(f"`{key}`" for key in thing) + "."
-    elif isinstance(thing, tuple):
-        yield "Values: " + ", ".join(f"`{one}`" for one in thing) + "."
-    elif inspect.isclass(thing):
-        if not issubclass(thing, Exception):
-            yield _signature(name, thing)
-        yield docstring(thing.__doc__)
-        yield "\n".join(_members(thing))
-    elif callable(thing):
-        yield _signature(name, thing)
-        yield docstring(inspect.getdoc(thing))
-
-
-def _members(cls: type) -> Iterator[str]:
-    for name, member in vars(cls).items():
-        function = getattr(member, "fget", getattr(member, "__func__", member))
-        if name.startswith("_") or not inspect.isfunction(function) or not function.__doc__:
-            continue
-        first = inspect.cleandoc(function.__doc__).split("\n\n")[0]
-        called = name if isinstance(member, property) else f"{name}{_arguments(function, skip=1)}"
-        yield f"- `{called}`: {prose(first)}"
-
-
-def _arguments(function: object, skip: int = 0) -> str:
-    signature = inspect.signature(function)
-    kept = list(signature.parameters.values())[skip:]
-    text = re.sub(r"<function (\w+) at 0x\w+>", r"\1", str(signature.replace(parameters=kept)))
-    return re.sub(r"ForwardRef\('([^']*)'\)", r"\1", text).replace("'", "").replace(" -> None", "")
-
-
-def _signature(name: str, thing: object) -> str:
-    text = f"{name}{_arguments(thing)}"
-    if len(text) > 100:  # one argument a line
-        inside, _, back = text[len(name) + 1 :].rpartition(")")
-        text = f"{name}(\n    " + ",\n    ".join(_split(inside)) + f",\n){back}"
-    return f"```text\n{text}\n```"
-
-
-def _split(text: str) -> list[str]:
-    """At the commas that stand in no brackets."""
-    parts, depth = [""], 0
-    for letter in text:
-        depth += (letter in "([{") - (letter in ")]}")
-        if letter == "," and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += letter
-    return [part.strip() for part in parts]
+        return "Names: " + ", ".join(f"`{key}`" for key in thing) + "."
+    if isinstance(thing, tuple):
+        return "Values: " + ", ".join(f"`{one}`" for one in thing) + "."
+    return docstring((inspect.getdoc(thing) or "").split("\n\n")[0])
 
 
 def _page(parts: Iterable[str]) -> str:

@@ -54,9 +54,10 @@ PICTURES = {
 }
 #: Pictures that need motion.
 OF_MOTION = ("motion", "bodies", "phase", "spectrum", "response")
+#: Pictures of the links of a single line; a system's loads and motions are in its other pictures.
+OF_ONE_LINE = ("phase", "response")
 #: Additional pictures of a scene with water.
 WATER_PICTURES = {
-    "elevation": "elevation",
     "surface": "under_surface",
     "response": "response",
     "tension_envelope": "tension_envelope",
@@ -239,8 +240,8 @@ def draw(solution: Solution, target: Path) -> list[Path]:
     target.mkdir(parents=True, exist_ok=True)
     files = []
     pictures = dict(PICTURES if solution.scene.sea is None else {**PICTURES, **WATER_PICTURES})
-    if solution.scene.sea is not None and solution.scene.sea.waves is None:
-        del pictures["elevation"]
+    if readable(solution).scene is not None:
+        pictures = {name: function for name, function in pictures.items() if name not in OF_ONE_LINE}
     if solution.scene.bodies:
         pictures["bodies"] = "body_motion"
     if not anything_moves(readable(solution)):

@@ -30,6 +30,8 @@ from dropper_jax.plots.run import Run
 MOST_FRAMES = 240
 #: Length of the trace of the middle node in frames.
 TRACE = 10
+#: Longest side of the drawn box [inch].
+LONGEST = 4.2
 #: Number of points on a cut through the surface.
 SURFACE_POINTS = 80
 
@@ -156,7 +158,7 @@ class _Stage:
         self.water, self.eta = _water(run, positions, frames)
         whole = run.scene is not None
         limits = system.limits(run, positions) if whole else view.box(_with_water(positions, self.eta))
-        self.figure = style.new_figure(*view.figure_size(limits, flat, longest=4.2), layout=None)
+        self.figure = style.new_figure(*view.figure_size(limits, LONGEST), layout=None)
         self.axes = _axes(self.figure, limits, flat)
         self._movers(run, flat, "real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
         system.draw_bed(self.axes, run, limits, flat)
@@ -184,9 +186,7 @@ class _Stage:
         self.nodes = Line2D([], [], ls="", marker="o", ms=style.dot(run), mfc="white", mec=style.DARK, mew=0.9)
         self.held = Line2D([], [], ls="", marker="s", ms=7, mfc=style.DARK, mec="white")
         self.clock = self.figure.text(0.98, 0.905, "", ha="right", fontsize=9, animated=True)
-        inch = 1 / self.figure.get_figwidth()
-        bar = self.figure.add_axes((1 - 0.9 * inch, 0.2, 0.13 * inch, 0.6))
-        style.tension_bar(self.figure, self.links, run.tension, cax=bar)
+        style.tension_bar(self.figure, self.links, run.tension, cax=view.bar_axes(self.figure))
         for artist in (self.links, self.trace, self.nodes, self.held, self.surface, self.buoys):
             artist.set(**options)
         self.figure.text(0.02, 0.955, style.heading(run, speed), fontsize=10, fontweight="bold")
@@ -293,9 +293,7 @@ def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:
         axes = view.flat_axes(figure, 111, limits)
         axes.set_position((0.7 * inch, 0.13, 1 - 1.85 * inch, 0.76))
         return axes
-    axes = view.space_axes(figure, 111, limits)
-    axes.set_position((0.0, 0.06, 1 - 1.25 * inch, 0.84))
-    return axes
+    return view.space_axes(figure, limits, LONGEST)
 
 
 def _nearest(times: np.ndarray, requested: np.ndarray) -> np.ndarray:

@@ -10,7 +10,10 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
 from dropper_jax.plots import moving, panels, style, view
+from dropper_jax.plots.motion_histories import motion_panels
 from dropper_jax.plots.run import Run
+from dropper_jax.plots.series import Curve, Panel, draw_panel, legend
+from dropper_jax.plots.tension import ends_panel
 
 #: Height of the axis of a spectrum [decades], and the fraction of the power that its frequency axis shows.
 DECADES, SHOWN = 4, 0.999
@@ -58,7 +61,10 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     They are evenly spaced in one line; of several lines they are those that move most.
     In a plane the spectrum is that of the polar angle [rad]. In space it is that of the x and y components of the unit
     link vector [-], since the angles of a conical motion are constant or grow without limit.
+    Of a system it is that of tensions [N or kN] and of motions [m] under the surface, as in their histories.
     """
+    if run.scene is not None:
+        return _system_spectra(run, path)
     t, positions = run.t, run.positions
     flat = view.planar(positions)
     uniform = _uniform(t)
@@ -86,6 +92,37 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     labels = ("frequency [Hz]", "amplitude [rad]" if flat else "amplitude [-]")
     what = "amplitude spectrum of the link angles" if flat else "amplitude spectrum of the link directions"
     return panels.grid(run, path, what, moving.chosen_links(run, panels.MOST), draw, labels, share=True)
+
+
+def _system_spectra(run: Run, path: str | Path) -> Path:
+    """Spectra of the tensions at the ends of lines, of the motion and of the surface, a panel each."""
+    shown = [_spectra(panel) for panel in (ends_panel(run), *motion_panels(run))]
+    figure = style.new_figure(8.5, 1.2 + 1.75 * len(shown))
+    all_axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, panel in zip(all_axes, shown, strict=True):
+        draw_panel(axes, panel, run)
+        axes.set_ylabel(panel.label)
+        axes.set_title(panel.title, loc="left", fontsize=9)
+        if any(curve.name for curve in panel.curves):
+            legend(axes)
+    firsts = [panel.curves[0] for panel in shown]
+    last = np.median([_last_frequency(curve.t, curve.values[None, :, None]) for curve in firsts])
+    all_axes[-1].set(xlabel="frequency [Hz]", xlim=(0.0, last))
+    figure.align_ylabels()
+    style.title(figure, run, "amplitude spectra")
+    return style.save(figure, path)
+
+
+def _spectra(panel: Panel) -> Panel:
+    """A panel against time as one against frequency [Hz]; zero for too few samples."""
+    curves = []
+    for curve in panel.curves:
+        count = _uniform(curve.t)
+        pair = (np.zeros(2), np.zeros(2))
+        if count >= 4:
+            pair = spectrum.amplitude_spectrum(curve.t[:count], curve.values[:count])
+        curves.append(Curve(curve.name, *pair, colour=curve.colour))
+    return Panel(panel.label.replace(" from its start", ""), curves, panel.title)
 
 
 def _directions(run: Run) -> dict[str, np.ndarray]:

@@ -22,6 +22,12 @@ def motion_history(run: Run, path: str | Path) -> Path:
     Of several, those with the largest motion, each from its initial position. Directions without motion are left out. A
     long record is drawn as its envelope, with a zoom.
     """
+    names = list(tracked_nodes(run))
+    return history(run, path, f"motion of {names[0]}" if len(names) == 1 else "motion", motion_panels(run))
+
+
+def motion_panels(run: Run) -> list[Panel]:
+    """The directions that move, and the surface."""
     tracked = tracked_nodes(run)
     paths = {name: run.positions[:, node] for name, node in tracked.items()}
     alone = len(paths) == 1
@@ -37,8 +43,7 @@ def motion_history(run: Run, path: str | Path) -> Path:
     if not panels:  # without motion the picture shows the position
         panels = [Panel("z [m]", [Curve(name, run.t, path[:, 2]) for name, path in paths.items()], "nothing moves")]
     surface = _surface(run, next(iter(paths.values())), next(iter(paths)))
-    what = f"motion of {next(iter(paths))}" if alone else "motion"
-    return history(run, path, what, [*panels, *([surface] if surface else [])])
+    return [*panels, *([surface] if surface else [])]
 
 
 def tracked_nodes(run: Run) -> dict[str, int]:

@@ -38,8 +38,8 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     crowded = len(run.lines) > CROWD
     past = [] if crowded else _past(positions, now)
     limits = system.limits(run, positions[[0, *past, now]])
-    figure = style.new_figure(*view.figure_size(limits, flat))
-    axes = (view.flat_axes if flat else view.space_axes)(figure, 111, limits)
+    figure = style.new_figure(*view.figure_size(limits), layout="constrained" if flat else None)
+    axes = view.flat_axes(figure, 111, limits) if flat else view.space_axes(figure, limits)
 
     def draw(nodes: np.ndarray, *args: Any, **kwargs: Any) -> None:
         axes.plot(*(nodes[:, [0, 2]] if flat else nodes).T, *args, **kwargs)
@@ -57,7 +57,7 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     links = _bold_links(axes, run, positions[now], t[now], flat)
     look = {"ls": "", "marker": "o", "ms": style.dot(run), "mfc": "white", "mec": style.DARK, "mew": 1.0}
     if style.dot(run) > 0:
-        draw(positions[now], **look, label=f"t = {t[now]:.4g} s")
+        draw(positions[now], **look, label="node")
     held = system.held_positions(run, positions, positions[now])
     what = "fixed end" if run.scene is None else "fixed point"
     draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label=what)
@@ -72,9 +72,10 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
             mec=style.DARK,
             label="free point",
         )
-    style.tension_bar(figure, links, links.get_array(), ax=axes, shrink=0.75, pad=0.03 if flat else 0.1)
-    figure.legend(loc="outside lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
-    style.title(figure, run, "pose and tensions")
+    where = {"ax": axes, "shrink": 0.75, "pad": 0.03} if flat else {"cax": view.bar_axes(figure)}
+    style.tension_bar(figure, links, links.get_array(), **where)
+    figure.legend(loc="outside lower left" if flat else "lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
+    style.title(figure, run, "position and tension" + (f" at t = {t[now]:.4g} s" if len(t) > 1 else ""))
     return style.save(figure, path)
 
 

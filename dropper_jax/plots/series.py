@@ -51,23 +51,23 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     ratios = [1.0] if zoom is None else [1.55, 1.0]
     grid = figure.subplots(len(panels), columns, sharex="col", squeeze=False, width_ratios=ratios)
     for row, panel in zip(grid, panels, strict=True):
-        _draw(row[0], panel, run, envelope=None if zoom is None else _shortest(panel, panels))
+        draw_panel(row[0], panel, run, envelope=None if zoom is None else _shortest(panel, panels))
         row[0].set_ylabel(panel.label)
         if panel.title:
             row[0].set_title(panel.title, loc="left", fontsize=9)
         if zoom is not None:
             row[0].axvspan(*zoom, color=style.FAINT, alpha=0.25, lw=0)
-            _draw(row[1], panel, run, part=zoom)
+            draw_panel(row[1], panel, run, part=zoom)
     for above, panel, row in zip([None, *panels], panels, grid, strict=False):
         names = [curve.name for curve in panel.curves]
         if any(names) and (above is None or names != [curve.name for curve in above.curves]):
-            _legend(row[-1])
+            legend(row[-1])
     for axes in grid[-1]:
         style.time_axis(axes, run.t)
     if zoom is not None:
         grid[-1, 1].set_xlim(*zoom)
-        grid[0, 0].set_title(_join_notes(panels[0].title, "mean and range"), loc="left", fontsize=9)
-        grid[0, 1].set_title(f"{zoom[0]:.4g} to {zoom[1]:.4g} s", loc="left", fontsize=9)
+        grid[0, 0].set_title(_join_notes(panels[0].title, "mean, minimum and maximum"), loc="left", fontsize=9)
+        grid[0, 1].set_title(f"zoom on the maximum, {zoom[0]:.4g} to {zoom[1]:.4g} s", loc="left", fontsize=9)
     figure.align_ylabels()
     style.title(figure, run, what)
     return style.save(figure, path)
@@ -84,20 +84,20 @@ def _join_notes(*parts: str) -> str:
     return "; ".join(part for part in parts if part)
 
 
-def _legend(axes: Axes) -> None:
+def legend(axes: Axes) -> None:
     """Place the legend above the right end, where there is no title."""
     options = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
     axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **options)
 
 
-def _draw(
+def draw_panel(
     axes: Axes, panel: Panel, run: Run, envelope: float | None = None, part: tuple[float, float] | None = None
 ) -> None:
     """Draw all curves of a panel; as an envelope with means over cycles of this length [s], or of a part of the
     time."""
     for index, curve in enumerate(panel.curves):
         colour = curve.colour or style.CYCLE[index % len(style.CYCLE)]
-        dashes = DASHES if _hides(panel.curves, index) else "-"
+        dashes = DASHES if hides(panel.curves, index) else "-"
         t, values, low, high = _cut_curve(curve, part)
         name = curve.name or None
         if envelope is not None and len(t) > 2 * INTERVALS:
@@ -117,7 +117,7 @@ def _draw(
     axes.margins(y=0.08)
 
 
-def _hides(curves: list[Curve], index: int) -> bool:
+def hides(curves: list[Curve], index: int) -> bool:
     """Whether a curve coincides with a previous one, as in a symmetric farm."""
     this = curves[index].values
     reach = max((float(np.ptp(curve.values)) for curve in curves if np.all(np.isfinite(curve.values))), default=0.0)

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.renamed import old_names
 from dropper_jax.plots.run import Run, readable
+from dropper_jax.plots.units import force_unit
 from dropper_jax.run.simulate import Solution
 
 #: Palette of Okabe and Ito, which colour-blind readers can distinguish.
@@ -113,7 +114,9 @@ def title(figure: Figure, run: Run, what: str) -> None:
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
     # one line of text at the bottom and one at the top, for any height of the figure
     foot, head = (inch / figure.get_figheight() for inch in (0.17, 0.03))
-    figure.get_layout_engine().set(rect=(0.0, foot, 1.0, 1.0 - foot - head))
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.set(rect=(0.0, foot, 1.0, 1.0 - foot - head))
 
 
 def time_axis(axes: Axes, t: np.ndarray) -> None:
@@ -163,13 +166,14 @@ def tension_map() -> Colormap:
 
 
 def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **where: Any) -> None:
-    """Colour bar of tensions (...) [N]: pointed if they exceed `tension_norm`, with the maximum in its label."""
+    """Colour bar of tensions (...) [N] in N or kN: pointed if they exceed `tension_norm`, the maximum in its label."""
     known = tension[np.isfinite(tension)]
     low, high = (np.min(known), np.max(known)) if known.size else (0.0, 0.0)
     below, above = bool(low < links.norm.vmin), bool(high > links.norm.vmax)
     extend = {(True, True): "both", (True, False): "min", (False, True): "max", (False, False): "neither"}[below, above]
-    label = f"tension [N], maximum {high:.4g}" if above else "tension [N]"
-    figure.colorbar(links, extend=extend, label=label, **where)
+    unit, size = force_unit(known)
+    label = f"tension [{unit}]" + (f", maximum {high / size:.4g}" if above else "")
+    figure.colorbar(links, extend=extend, label=label, format=lambda value, _: f"{value / size:g}", **where)
 
 
 def tension_norm(tension: np.ndarray) -> Normalize:

@@ -33,7 +33,7 @@ def tension_history(run: Run, path: str | Path) -> Path:
     found = [_largest(run, unit, size)]
     if run.scene is not None and len(run.written_lines) > 1:
         found.append(_held_points_panel(run, unit, size))
-    return history(run, path, "tension", [*found, _ends(run, unit, size)])
+    return history(run, path, "tension", [*found, ends_panel(run)])
 
 
 def _begin(run: Run) -> int:
@@ -46,7 +46,7 @@ def _largest(run: Run, unit: str, size: float) -> Panel:
     largest = run.max_tension[kept]
     link = int(np.unravel_index(np.argmax(np.nan_to_num(largest, nan=-np.inf)), largest.shape)[1])
     curve = Curve("", run.t_tension[kept], largest.max(axis=1) / size, colour=style.DARK)
-    return Panel(f"maximum [{unit}]", [curve], f"maximum of all links; of the run: {run.labels[link]}")
+    return Panel(f"tension [{unit}]", [curve], f"maximum over all links; the highest is in {run.labels[link]}")
 
 
 def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
@@ -58,12 +58,13 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     }
     names = sorted(loads, key=lambda name: -np.nanmax(loads[name]))[:MOST]
     curves = [Curve(name, t, loads[name] / size) for name in names]
-    return Panel(f"fixed points [{unit}]", curves, _count_title("force on fixed points", len(names), len(loads)))
+    return Panel(f"force [{unit}]", curves, _count_title("force on each fixed point", len(names), len(loads)))
 
 
-def _ends(run: Run, unit: str, size: float) -> Panel:
+def ends_panel(run: Run) -> Panel:
     """Both ends of one line; of several the more loaded end."""
     kept = slice(_begin(run), None)
+    unit, size = force_unit(run.max_tension[kept])
     t = run.t_tension[kept]
     lines = sorted(run.written_lines, key=lambda line: -np.nanmax(run.max_tension[kept, line.links]))[:MOST]
     both = len(lines) == 1
@@ -79,8 +80,10 @@ def _ends(run: Run, unit: str, size: float) -> Panel:
             values, low, high = (a[kept, link] / size for a in (run.tension, run.min_tension, run.max_tension))
             range_ = (None, None) if run.extremes is None else (low, high)
             curves.append(Curve(name if both else line.name, t, values, *range_))
-    title = "" if both else _count_title("more loaded end of each line", len(lines), len(run.written_lines))
-    return Panel(f"ends [{unit}]", curves, title, zero=True)
+    title = (
+        "ends of the line" if both else _count_title("more loaded end of each line", len(lines), len(run.written_lines))
+    )
+    return Panel(f"tension [{unit}]", curves, title, zero=True)
 
 
 def _count_title(what: str, shown: int, total: int) -> str:

@@ -7,11 +7,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import proj3d
 
 #: Motion is planar if y stays within this fraction of the picture's size.
 FLAT = 1e-9
 #: Margin around the nodes, and minimum width or height of a picture, as fractions of the larger extent.
 MARGIN, LEAST = 0.06, 0.4
+#: Longest side of the drawn box, and space for labels, title and colour bar around a view in space, left, right, bottom
+#: and top [inch].
+LONGEST, SPACE_MARGINS = 6.5, (0.35, 1.45, 0.75, 0.45)
 
 
 def planar(positions: np.ndarray) -> bool:
@@ -51,23 +55,48 @@ def flat_axes(figure: Figure, subplot: SubplotSpec, limits: np.ndarray) -> Axes:
     return axes
 
 
-def space_axes(figure: Figure, subplot: SubplotSpec, limits: np.ndarray) -> Axes:
-    """Axes in space, equal scales."""
-    axes = figure.add_subplot(subplot, projection="3d", elev=18, azim=-58)
+def space_axes(figure: Figure, limits: np.ndarray, longest: float = LONGEST) -> Axes:
+    """Axes in space, equal scales, in a figure that fits them: the drawn box is at most `longest` [inch] wide."""
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", elev=18, azim=-58)
     axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2], xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
-    axes.set_box_aspect(limits[:, 1] - limits[:, 0], zoom=0.92)
+    axes.set_box_aspect(limits[:, 1] - limits[:, 0])
+    _fit(figure, axes, limits, longest)
     side = limits[:, 1] - limits[:, 0]
     for axis, part in zip((axes.xaxis, axes.yaxis, axes.zaxis), side / side.max(), strict=True):
         axis.set_major_locator(MaxNLocator(2 if part < 0.6 else 5))
         axis.set_pane_color((0.97, 0.97, 0.98, 1.0))
     axes.tick_params(labelsize=8, pad=1)
+    axes.xaxis.labelpad = 8 * side[0] / side.max()
     return axes
 
 
-def figure_size(limits: np.ndarray, flat: bool, longest: float = 6.5) -> tuple[float, float]:
-    """Width and height [inch] for the limits, with space for labels and the colour bar."""
-    if not flat:
-        return longest + 0.6, longest * 0.9
+def _fit(figure: Figure, axes: Axes, limits: np.ndarray, longest: float) -> None:
+    """Size of the figure and position of the axes, a square that may reach beyond it, for the projected box."""
+    figure.set_size_inches(1.0, 1.0)
+    axes.apply_aspect()
+    corners = np.array(np.meshgrid(*limits)).reshape(3, -1)
+    seen = np.stack(proj3d.proj_transform(*corners, axes.get_proj())[:2], axis=1)
+    low, high = (
+        f(axes.transAxes.inverted().transform(axes.transData.transform(seen)), axis=0) for f in (np.min, np.max)
+    )
+    side = longest / (high - low).max()
+    left, right, bottom, top = SPACE_MARGINS
+    size = side * (high - low) + [left + right, bottom + top]
+    size[0] = max(size[0], 0.75 * longest)
+    figure.set_size_inches(*size)
+    axes.set_position((*(([left, bottom] - low * side) / size), *(side / size)))
+
+
+def bar_axes(figure: Figure) -> Axes:
+    """Axes for a colour bar at the right of a view in space."""
+    width, height = figure.get_size_inches()
+    return figure.add_axes(
+        (1 - 0.9 / width, SPACE_MARGINS[2] / height, 0.13 / width, 1 - sum(SPACE_MARGINS[2:]) / height)
+    )
+
+
+def figure_size(limits: np.ndarray, longest: float = LONGEST) -> tuple[float, float]:
+    """Width and height [inch] of a view in a plane, with space for labels and the colour bar."""
     width, height = limits[0, 1] - limits[0, 0], limits[2, 1] - limits[2, 0]
     scale = longest / max(width, height)
     return max(width * scale + 1.6, 4.6), max(height * scale + 1.2, 3.2)

@@ -56,7 +56,7 @@ def elevation(run: Run, sea: Sea, path: str | Path, place: tuple[float, float] =
     eta = _surface(sea, np.array([[*place, 0.0]]), run.t)[:, 0]
     figure = style.new_figure(8.5, 3.2)
     axes = figure.subplots()
-    axes.fill_between(run.t, eta, eta.min() - 0.1 * (np.ptp(eta) or 1.0), color=WATER)
+    axes.axhline(0.0, color=style.FAINT, lw=0.7)
     axes.plot(run.t, eta, color=style.FIRST)
     axes.set_ylabel("elevation [m]")
     style.time_axis(axes, run.t)
@@ -72,7 +72,8 @@ def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = Non
     """
     index = int(np.argmax(np.max(run.tension, axis=1))) if time is None else int(np.argmin(np.abs(run.t - time)))
     nodes = run.positions[index]
-    middle, half = nodes.mean(axis=0), 0.75 * max(np.ptp(nodes, axis=0).max(), 1.0)
+    low, high = nodes.min(axis=0), nodes.max(axis=0)
+    middle, half = 0.5 * (low + high), 0.55 * max((high - low).max(), 1.0)
     low_and_long = run.scene is not None and np.ptp(nodes[:, 2]) < LOW * 2 * half
     flat = run.scene is not None and view.planar(run.positions)
     figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
@@ -163,40 +164,41 @@ def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
     shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
     columns = 1 if len(shown) == 1 else 2
     rows = -(-len(shown) // columns)
-    figure = style.new_figure(7.5 if columns == 1 else 11.0, 4.2 if rows == 1 else 1.0 + 2.6 * rows)
+    figure = style.new_figure(7.5 if columns == 1 else 11.0, 4.2 if rows == 1 else 1.0 + 1.9 * rows)
     all_axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for spare in all_axes[len(shown) :]:
         spare.set_visible(False)
     unit, scale = force_unit(sizes)
+    length = np.linalg.norm(np.diff(run.segments(run.positions[0]), axis=1)[:, 0], axis=-1)
     for axes, line in zip(all_axes, shown, strict=False):
-        _envelope(axes, *(a[:, line.links] / scale for a in (run.tension, run.min_tension, run.max_tension)))
+        own = length[line.links]
+        parts = (a[:, line.links] / scale for a in (run.tension, run.min_tension, run.max_tension))
+        _envelope(axes, np.cumsum(own) - 0.5 * own, *parts)
         if len(shown) > 1:
             axes.set_title(line.name, loc="left")
     for index, axes in enumerate(all_axes[: len(shown)]):
         if index % columns == 0:
             axes.set_ylabel(f"tension [{unit}]")
         if index + columns >= len(shown):
-            axes.set_xlabel("link")
+            axes.set_xlabel("arc length [m]")
     if len(shown) == 1:
         all_axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
     else:
         figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
-    few = (
-        "" if len(shown) == len(run.written_lines) else f", {len(shown)} of {len(run.written_lines)} (the most loaded)"
-    )
+    total = len(run.written_lines)
+    few = "" if len(shown) == total else f" of the {len(shown)} most loaded lines of {total}"
     style.title(figure, run, f"tension envelope{few}")
     return style.save(figure, path)
 
 
-def _envelope(axes: Axes, tension: np.ndarray, least: np.ndarray, largest: np.ndarray) -> None:
-    link = np.arange(1, tension.shape[1] + 1)
+def _envelope(axes: Axes, s: np.ndarray, tension: np.ndarray, least: np.ndarray, largest: np.ndarray) -> None:
+    """Tension (k, n) against the arc length (n,) of the middle of each link [m]."""
     if len(tension) > 1:
         tension, least, largest = tension[1:], least[1:], largest[1:]
-    axes.fill_between(link, least.min(axis=0), largest.max(axis=0), color=WATER, label="minimum to maximum")
+    axes.fill_between(s, least.min(axis=0), largest.max(axis=0), color=WATER, label="minimum to maximum")
     for part, shade in ((5, 0.35), (25, 0.6)):
         low, high = np.percentile(tension, (part, 100 - part), axis=0)
-        axes.fill_between(link, low, high, color=SURFACE, alpha=shade, lw=0, label=f"{part} to {100 - part} %")
-    axes.plot(link, tension.mean(axis=0), "-o", color=style.DARK, ms=3.5, label="mean")
-    axes.axhline(0.0, color=style.ALERT, lw=0.8)
-    axes.set(xlim=(0.5, link[-1] + 0.5))
-    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+        axes.fill_between(s, low, high, color=SURFACE, alpha=shade, lw=0, label=f"{part} to {100 - part} %")
+    axes.plot(s, tension.mean(axis=0), "-o", color=style.DARK, ms=3.5, label="mean")
+    axes.axhline(0.0, color=style.FAINT, lw=0.7)
+    axes.xaxis.set_major_locator(MaxNLocator(8))

@@ -15,6 +15,7 @@ from dropper_jax.base.files import atomic_write, folder_without
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
 from dropper_jax.plots.run import readable
+from dropper_jax.plots.series import DASHES, Curve, hides
 from dropper_jax.plots.units import force_unit
 from dropper_jax.report.extremes import Gumbel
 from dropper_jax.report.record import Record, record
@@ -108,7 +109,7 @@ def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
         for low, high, shade in ((5, 95, 0.35), (25, 75, 0.6)):
             band = (percentiles[str(low)] / scale, percentiles[str(high)] / scale)
             axes.fill_between(s, *band, color=INNER, alpha=shade, lw=0, label=f"{low} to {high} %")
-        axes.plot(s, line["max_n"] / scale, color=style.SECOND, lw=1.0, label="largest", **mark)
+        axes.plot(s, line["max_n"] / scale, color=style.SECOND, lw=1.0, label="maximum", **mark)
         axes.plot(s, line["mean_n"] / scale, color=style.DARK, label="mean", **mark)
         used = line["utilisation"]
         if used is not None and used["largest"] > 0.3:
@@ -136,8 +137,10 @@ def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
         axes.plot(part.t_tension, load[:, 2] / scale, color=style.SECOND, lw=0.9, label="vertical, upwards")
         axes.axhline(0.0, color=style.FAINT, lw=0.7)
         axes.set_ylabel(f"load [{unit}]")
-        axes.set_title(anchor["point"], loc="left")
-        style.time_axis(axes, part.t_tension)
+        held = anchor["holding"]
+        used = "" if held is None else f", maximum utilisation {held['utilisation']['max']:.2f}"
+        axes.set_title(anchor["point"] + used, loc="left")
+        style.time_axis(axes, part.t)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
     return _finish(
         figure, part, _of("loads of the fixed points", len(anchors), len(found["anchors"])), folder / "anchors.png"
@@ -172,30 +175,35 @@ def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
 
 
 def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
-    """Plan view of each moving point about its mean position, with its watch circle, and its height over time."""
+    """Plan view of each moving point about its mean position, with its watch circle, and its z over time."""
     points = [found["watch_circle"][i] for i in _chosen([p["radius_max_m"] for p in found["watch_circle"]])]
-    figure = style.new_figure(9.5, 4.6)
-    plan, height = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
+    columns = -(-len(points) // 2)
+    figure = style.new_figure(4.0 + 2.4 * columns, 4.6)
+    left, right = figure.subfigures(1, 2, width_ratios=(2.4 * columns, 4.0))
+    plans, height = left.subplots(1 if len(points) == 1 else 2, columns, squeeze=False).ravel(), right.subplots()
     widest = max(p["radius_max_m"] for p in points) or 1.0
-    for colour, point in zip(style.CYCLE, points, strict=False):
+    for plan in plans[len(points) :]:
+        plan.set_visible(False)
+    for colour, point, plan in zip(style.CYCLE, points, plans, strict=False):
         path = part.point(point["point"])
         about = path - point["mean_m"]
-        plan.plot(about[:, 0], about[:, 1], color=colour, lw=0.8, label=point["point"])
+        plan.plot(about[:, 0], about[:, 1], color=colour, lw=0.8)
         plan.add_patch(Circle((0, 0), point["radius_max_m"], fill=False, ec=colour, lw=0.9, ls="--"))
         if point["static_m"] is not None:
             offset = np.asarray(point["static_m"]) - point["mean_m"]
             plan.plot(*offset[:2], "x", color=colour, ms=7)
             widest = max(widest, *np.abs(offset[:2]))
-        height.plot(part.t, path[:, 2], color=colour, lw=0.9)
-    plan.plot(0, 0, "+", color=style.DARK, ms=9)
-    plan.set(xlabel="x from the mean [m]", ylabel="y from the mean [m]", xlim=(-1.1 * widest, 1.1 * widest))
-    plan.set_ylim(-1.1 * widest, 1.1 * widest)
-    plan.set_aspect("equal")
-    plan.set_title("plan; + mean, x static, dashed: maximum radius", loc="left", fontsize=9)
+        height.plot(part.t, path[:, 2], color=colour, lw=0.9, label=point["point"])
+    for plan, point in zip(plans, points, strict=False):
+        plan.plot(0, 0, "+", color=style.DARK, ms=9)
+        plan.set(xlim=(-1.1 * widest, 1.1 * widest), ylim=(-1.1 * widest, 1.1 * widest))
+        plan.set_aspect("equal")
+        plan.set_title(point["point"], loc="left", fontsize=9)
+    left.supxlabel("x from the mean [m]; + mean, x static, dashed: maximum radius", fontsize=9)
+    left.supylabel("y from the mean [m]", fontsize=9)
     height.set_ylabel("z [m]")
-    height.set_title("height", loc="left", fontsize=9)
     style.time_axis(height, part.t)
-    figure.legend(*plan.get_legend_handles_labels(), loc="outside lower left", ncols=6)
+    height.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
     return _finish(
         figure, part, _of("watch circles", len(points), len(found["watch_circle"])), folder / "watch_circle.png"
     )
@@ -224,10 +232,13 @@ def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
     for axes, (label, (lines, key, scale)) in zip(
         figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0], drawn.items(), strict=True
     ):
-        for colour, index in zip(style.CYCLE, kept, strict=False):
-            line = lines[index]
-            values = scale * np.asarray(line[key])
-            axes.plot(line["arc_length_m"], values, "o-", ms=3, color=colour, label=line["line"])
+        curves = [
+            Curve(lines[i]["line"], np.asarray(lines[i]["arc_length_m"]), scale * np.asarray(lines[i][key]))
+            for i in kept
+        ]
+        for index, (colour, curve) in enumerate(zip(style.CYCLE, curves, strict=False)):
+            dashes = DASHES if hides(curves, index) else "-"
+            axes.plot(curve.t, curve.values, marker="o", ls=dashes, ms=3, color=colour, label=curve.name)
         axes.set_ylabel(label)
         if scale == 100.0:
             axes.set_ylim(-4, 104)

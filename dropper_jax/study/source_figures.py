@@ -356,13 +356,13 @@ def _space(figure: SourceFigure, solution: Solution, path: Path) -> Path:
     """Paths of the nodes in space, their samples as points."""
     positions = solution.positions
     limits = view.box(positions)
-    picture = style.new_figure(*view.figure_size(limits, False))
-    axes = view.space_axes(picture, 111, limits)
+    picture = style.new_figure(*view.figure_size(limits), layout=None)
+    axes = view.space_axes(picture, limits)
     few = positions[:: max(1, len(positions) // 5000)]
     for node in range(1, positions.shape[1]):
         axes.plot(*few[:, node].T, ".", ms=1.6, color=style.CYCLE[node - 1], label=f"pendulum {node}")
     axes.plot(*positions[0].T, "o-", color=style.DARK, lw=1.2, ms=4)
-    picture.legend(loc="outside lower left", ncols=3, markerscale=4)
+    picture.legend(loc="lower left", ncols=3, markerscale=4)
     _entitle(picture, figure)
     return style.save(picture, path)
 

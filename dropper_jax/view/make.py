@@ -108,12 +108,26 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> d
         "held": _held_nodes(solution, run),
         "first": run.first.tolist(),
         "labels": run.labels,
+        "parts": part_names(run),
         "joints": list(run.joints),
         "buoys": [buoy._asdict() for buoy in run.buoys],
         "bodies": body_data(run.bodies, kept),
         "bed": _bed_grid(run),
         "water": None if sea is None else _water(sea, run, part.surface),
     }
+
+
+def part_names(run: Run) -> list[str]:
+    """A name for each link: its line as written in the scene, arc length of its middle at the start, and number."""
+    names = list(run.labels)
+    if run.scene is None:
+        return names
+    length = np.linalg.norm(np.diff(run.segments(run.positions[0]), axis=1)[:, 0], axis=-1)
+    for line in run.written_lines:
+        own = length[line.links]
+        middle = np.cumsum(own) - 0.5 * own
+        names[line.links] = [f"{line.name}, {s:.1f} m, segment {i}" for i, s in enumerate(middle, start=1)]
+    return names
 
 
 def _held_nodes(solution: Solution, run: Run) -> list[int]:

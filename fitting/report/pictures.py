@@ -18,7 +18,7 @@ from fitting.calibration.result import FitResult
 from fitting.estimate.problem import Solution
 
 #: Maximum number of links in one picture; the title reports how many are left out.
-MOST_LINKS_DRAWN = 8
+MOST_LINKS_DRAWN = 9
 
 
 def fitted(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -83,7 +83,7 @@ def traces(result: FitResult, run: int) -> Figure:
         for i, (t1, seen) in enumerate([(t, measured), *((h[0], h[1]) for h in held)]):
             axes[j].plot(t1, seen[:, j], ".", ms=1.0, color=style.DARK, label=None if i else "measured")
         axes[j].set_ylabel(f"link {j + 1}")
-    axes[0].legend(loc="upper right", ncols=3, markerscale=4)
+    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, markerscale=4)
     style.time_axis(axes[-1], np.sort(np.concatenate([t, *(h[0] for h in held)])))
     return figure
 
@@ -96,9 +96,12 @@ def residuals(result: FitResult, run: int) -> Figure:
     rest = measured - simulated
     deviation = np.nanstd(rest)
     for j in range(links):
-        axes[j].axhspan(-2 * deviation, 2 * deviation, color="#E3E5E8", lw=0)
+        axes[j].axhspan(
+            -2 * deviation, 2 * deviation, color="#E3E5E8", lw=0, label="2 standard deviations of all links"
+        )
         axes[j].plot(t, rest[:, j], ".", ms=1.5, color=style.SECOND)
         axes[j].set_ylabel(f"link {j + 1}")
+    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0))
     style.time_axis(axes[-1], t)
     return figure
 

@@ -108,9 +108,9 @@ def test_a_run_in_which_nothing_moves_has_no_pictures_of_motion(longline, tmp_pa
 def test_of_two_curves_that_coincide_the_later_is_dashed():
     t = np.linspace(0.0, 10.0, 50)
     curves = [series.Curve(name, t, values) for name, values in (("a", np.sin(t)), ("b", np.cos(t)), ("c", np.sin(t)))]
-    assert [series._hides(curves, i) for i in range(3)] == [False, False, True]
+    assert [series.hides(curves, i) for i in range(3)] == [False, False, True]
     axes = style.new_figure(4, 3).subplots()
-    series._draw(axes, series.Panel("x [m]", curves), SimpleNamespace())
+    series.draw_panel(axes, series.Panel("x [m]", curves), SimpleNamespace())
     assert [line.get_linestyle() for line in axes.get_lines()] == ["-", "-", "--"]
 
 

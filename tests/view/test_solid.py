@@ -33,13 +33,18 @@ def page(solution):
     return view_page(solution)
 
 
-def seen_in_browser(page, probe, tmp_path, options, after=500):
-    """What `probe`, an expression, gives in the page `after` so many ms."""
-    write = f"""<script>setTimeout(() => {{ const out = document.createElement("pre"); out.id = "seen";
-      out.textContent = JSON.stringify({probe}); document.body.append(out); }}, {after});</script></body>"""
+def seen_in_browser(page, probe, tmp_path, options, after=500, every=None):
+    """What `probe`, an expression, gives in the page `after` so many ms, or last of those seen `every` so many ms.
+
+    The browser's time runs ahead of messages between frames: what waits for one is looked at again and again.
+    """
+    timer = f"setTimeout(look, {after})" if every is None else f"setInterval(look, {every})"
+    write = f"""<script>{{ const look = () => {{
+      const out = document.getElementById("seen") || document.createElement("pre"); out.id = "seen";
+      out.textContent = JSON.stringify({probe}); document.body.append(out); }}; {timer}; }}</script></body>"""
     file = tmp_path / "page.html"
     file.write_text(page[: page.rindex("</body>")] + write, encoding="utf-8")
-    common = ["--headless", "--no-sandbox", "--virtual-time-budget=6000", "--window-size=900,600"]
+    common = ["--headless", "--no-sandbox", f"--virtual-time-budget={after + 5500}", "--window-size=900,600"]
     command = [BROWSER, *common, *options, f"--user-data-dir={tmp_path}/profile", "--dump-dom", file.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=90)
     found = re.findall(r'<pre id="seen">(.*?)</pre>', done.stdout, re.S)
@@ -116,6 +121,31 @@ def test_a_rope_as_solid_is_as_bright_as_its_tension_says_through_the_water(page
 
 
 @needs_browser
+@pytest.mark.parametrize("options", [WITH, WITHOUT], ids=["webgl", "canvas"])
+def test_a_view_fits_the_lines_is_to_scale_from_the_side_and_pinches(page, tmp_path, options):
+    probe = """(() => {
+      const extent = (i) => { const all = state.points.map((p) => p[i]); return [Math.min(...all), Math.max(...all)]; };
+      const fitted = [extent(0), extent(1)], size = [canvas.width, canvas.height];
+      document.querySelector("[data-view=front]").click();
+      const metre = (a, b) => {
+        const [p, q] = [project(...a), project(...b)]; return Math.hypot(p[0] - q[0], p[1] - q[1]); };
+      const scales = [metre([0, 0, 0], [1, 0, 0]), metre([0, 9, -5], [1, 9, -5]), metre([5, -9, 0], [5, -9, 1])];
+      const before = eye.zoom, finger = (kind, id, x) => canvas.dispatchEvent(
+        new PointerEvent(kind, { pointerId: id, clientX: x, clientY: 200, bubbles: true }));
+      finger("pointerdown", 1, 200); finger("pointerdown", 2, 300); finger("pointermove", 2, 400);
+      finger("pointerup", 1, 200); finger("pointerup", 2, 400);
+      return { fitted, size, scales, pinched: eye.zoom / before, part: run.parts[5] };
+    })()"""
+    seen = seen_in_browser(page, probe, tmp_path, options)
+    for (low, high), size in zip(seen["fitted"], seen["size"], strict=True):
+        assert 0 < low < high < size
+    assert max((high - low) / size for (low, high), size in zip(seen["fitted"], seen["size"], strict=True)) > 0.6
+    assert np.ptp(seen["scales"]) < 1e-6 * seen["scales"][0]
+    assert seen["pinched"] == pytest.approx(2.0)
+    assert seen["part"].startswith("backbone, ")
+
+
+@needs_browser
 def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline, tmp_path):
     other = longline(0.0)
     other.tension[:] *= 3.0
@@ -124,19 +154,20 @@ def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline
     assert ranges[0] == ranges[1]
     probe = """(() => { const [a, b] = [...document.querySelectorAll("iframe")].map((f) => f.contentWindow);
       const both = (key) => [a, b].map((w) => w.document.body.dataset[key]);
-      return { clocks: both("time"), turns: both("turn") }; })()"""
-    act = """<script>setTimeout(() => document.querySelector("iframe").contentWindow.eval(
-      "eye.turn = 0.5; state.now = 2.5; draw()"), 1500);</script></body>"""
-    seen = seen_in_browser(both.replace("</body>", act), probe, tmp_path, WITH, 3000)
-    assert seen == {"clocks": ["2.5000", "2.5000"], "turns": ["0.500", "0.500"]}
+      const shown = [a, b].map((w) => w.getComputedStyle(w.document.querySelector("footer")).visibility);
+      return { clocks: both("time"), turns: both("turn"), shown }; })()"""
+    act = """<script>const waiting = setInterval(() => {
+      const views = [...document.querySelectorAll("iframe")].map((f) => f.contentWindow);
+      if (!views.every((w) => w.document.body && w.document.body.dataset.ready)) return;
+      clearInterval(waiting); views[0].eval("eye.turn = 0.5; state.now = 2.5; draw()"); /* late */
+      }, 100);</script></body>"""
+    both_moved = {"clocks": ["2.5000", "2.5000"], "turns": ["0.500", "0.500"], "shown": ["visible", "hidden"]}
+    assert seen_in_browser(both.replace("</body>", act), probe, tmp_path, WITH, 30000, 200) == both_moved
     # a view that comes later is shown what was done, and its own beginning moves nothing
-    late = act.replace("1500", "1000").replace(
-        "</script>",
-        """ setTimeout(() => {
-      const second = document.querySelectorAll("iframe")[1]; second.srcdoc = second.srcdoc; }, 1500);</script>""",
-    )
-    seen = seen_in_browser(both.replace("</body>", late), probe, tmp_path, WITH, 3000)
-    assert seen == {"clocks": ["2.5000", "2.5000"], "turns": ["0.500", "0.500"]}
+    again = """setTimeout(() => {
+      const second = document.querySelectorAll("iframe")[1]; second.srcdoc = second.srcdoc; }, 500);"""
+    late = act.replace("/* late */", again)
+    assert seen_in_browser(both.replace("</body>", late), probe, tmp_path, WITH, 30000, 200) == both_moved
 
 
 def test_a_description_with_the_page_s_own_marks_changes_nothing(solution):

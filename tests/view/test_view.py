@@ -156,6 +156,10 @@ def test_page_of_a_system_has_links_within_lines_buoys_bed_and_names(longline):
     found = data(view_page(solution))
     assert found["first"] == [0, 1, 2, 3, 5, 6, 7, 9, 10, 11, 12, 14, 15, 16, 17, 18, 19]
     assert found["labels"][4] == "backbone 1"
+    name, s, number = found["parts"][5].split(", ")
+    assert (name, number) == ("backbone", "segment 2")
+    first, last = (np.linalg.norm(np.diff(solution.positions[0, 5:8], axis=0), axis=1) * [1.0, 0.5]).tolist()
+    assert float(s.removesuffix(" m")) == pytest.approx(first + last, abs=0.051)
     assert found["held"] == [0, 13]
     assert [buoy["node"] for buoy in found["buoys"]] == [4, 8]
     assert set(found["bed"]["z"]) == {-20.0}

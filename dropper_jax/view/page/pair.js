@@ -1,7 +1,7 @@
 // One of two runs side by side: what is done to one view is told to the other, also where that one comes later.
 const pair = { seen: null, acted: false, quiet: false };
 function seen_here() {
-  return { now: state.now, playing: state.playing, speed: byId("speed").value, turn: eye.turn, rise: eye.rise, zoom: eye.zoom, shift: eye.shift };
+  return { now: state.now, playing: state.playing, speed: byId("speed").value, turn: eye.turn, rise: eye.rise, zoom: eye.zoom, shift: eye.shift, even: eye.even, checks: ["trail", "water", "names"].map((id) => byId(id).checked) };
 }
 function send(what) { window.parent.postMessage({ ...what, of: window.name }, "*"); }
 function tell_other() {
@@ -15,9 +15,10 @@ addEventListener("message", ({ data }) => {
   if (!data || data.of === window.name || window.parent === window) return;
   if (data.asks && pair.acted) send({ dropper: seen_here() });
   if (!data.dropper) return;
-  const { now, playing, speed, ...view } = data.dropper;
+  const { now, playing, speed, checks, ...view } = data.dropper;
   pair.quiet = true;
   Object.assign(eye, view); byId("speed").value = speed;
+  ["trail", "water", "names"].forEach((id, i) => { byId(id).checked = checks[i]; });
   state.now = Math.min(end, Math.max(start, now));
   if (state.playing) play(false);  // the clock that runs is the other one's
   draw();

@@ -29,7 +29,8 @@ function pick(found) {
     let [least, largest, sum] = [Infinity, -Infinity, 0];
     for (let k = 0; k < run.frames; k++) { const v = tension[k * links + found.link]; least = Math.min(least, v); largest = Math.max(largest, v); sum += v; }
     Object.assign(picked, { least, largest });
-    byId("part-name").textContent = run.labels[found.link];
+    byId("part").style.bottom = `${document.querySelector("footer").offsetHeight + 12}px`;
+    byId("part-name").textContent = run.parts[found.link];
     byId("part-range").textContent = `${force(least)} to ${force(largest)}, mean ${force(sum / run.frames)}`;
     document.body.dataset.picked = run.labels[found.link];
   } else delete document.body.dataset.picked;
@@ -38,9 +39,14 @@ function pick(found) {
 function trace() {  // tension of the picked link over time, least and largest of every column of pixels
   if (picked.link === null) return;
   const sheet = byId("trace"), ink = sheet.getContext("2d"), w = sheet.width = Math.round(sheet.clientWidth * ratio()) || 320, h = sheet.height = Math.round(sheet.clientHeight * ratio()) || 110;
-  const { least, largest, link } = picked, span = largest - least || Math.abs(largest) || 1, foot = 14 * ratio(), top = 6 * ratio();
-  const x = (t) => (t - start) / (end - start || 1) * (w - 2) + 1, y = (v) => h - foot - (v - least) / span * (h - foot - top);
-  ink.strokeStyle = "#0072b2"; ink.lineWidth = 1.1 * ratio(); ink.beginPath();
+  const { least, largest, link } = picked, span = largest - least || Math.abs(largest) || 1, foot = 14 * ratio(), top = 8 * ratio(), left = 46 * ratio();
+  const x = (t) => left + (t - start) / (end - start || 1) * (w - left - 2), y = (v) => h - foot - (v - least) / span * (h - foot - top);
+  ink.font = `${11 * ratio()}px system-ui, sans-serif`; ink.lineWidth = ratio(); ink.textAlign = "right";
+  for (const v of new Set([least, (least + largest) / 2, largest])) {  // its axis
+    ink.strokeStyle = "#dcdfe3"; ink.beginPath(); ink.moveTo(left, y(v)); ink.lineTo(w, y(v)); ink.stroke();
+    ink.fillStyle = "#5f6368"; ink.fillText(force(v), left - 3 * ratio(), y(v) + 4 * ratio());
+  }
+  ink.textAlign = "left"; ink.strokeStyle = "#0072b2"; ink.lineWidth = 1.1 * ratio(); ink.beginPath();
   let column = null, low = 0, high = 0;
   for (let k = 0; k < run.frames; k++) {
     const v = tension[k * links + link], at = Math.round(x(time[k]));
@@ -49,8 +55,7 @@ function trace() {  // tension of the picked link over time, least and largest o
   }
   ink.stroke();
   ink.strokeStyle = "#b00020"; ink.beginPath(); ink.moveTo(x(state.now), top); ink.lineTo(x(state.now), h - foot); ink.stroke();
-  ink.fillStyle = "#5f6368"; ink.font = `${11 * ratio()}px system-ui, sans-serif`;
-  ink.fillText(`${clock(start, 0)} s`, 1, h - 2); ink.textAlign = "right"; ink.fillText(`${clock(end, 0)} s`, w - 2, h - 2);
+  ink.fillStyle = "#5f6368"; ink.fillText(`${clock(start, 0)} s`, left, h - 2); ink.textAlign = "right"; ink.fillText(`${clock(end, 0)} s`, w - 2, h - 2);
   ink.textAlign = "left"; ink.fillText(force(tension[locate(time, state.now)[0] * links + link]), Math.min(x(state.now) + 4, w - 60 * ratio()), top + 9 * ratio());
 }
 function names(points) {  // beside the middle of each line, where no other name stands

@@ -5,13 +5,13 @@ const solids = (() => {
   const sheet = document.createElement("canvas");
   const gl = sheet.getContext("webgl", { antialias: true, alpha: true, premultipliedAlpha: true, preserveDrawingBuffer: true });
   if (!gl) return null;
-  const vertex = `attribute vec3 place, normal; attribute vec4 tint; uniform vec4 turn; uniform vec4 lens;
+  const vertex = `attribute vec3 place, normal; attribute vec4 tint; uniform vec4 turn; uniform vec4 lens; uniform float even;
     varying vec3 way; varying vec4 shade;
     void main() {
       float right = turn.x * place.x + turn.y * place.y, away = turn.x * place.y - turn.y * place.x;
       float deep = turn.z * away - turn.w * place.z, up = turn.w * away + turn.z * place.z;
-      float w = max(${DISTANCE.toFixed(3)} + deep, 0.001);
-      gl_Position = vec4(right * lens.x + lens.z * w, up * lens.y + lens.w * w, 1.002 * w - 0.1, w);
+      float w = max(${DISTANCE.toFixed(3)} + (1.0 - even) * deep, 0.001);
+      gl_Position = vec4(right * lens.x + lens.z * w, up * lens.y + lens.w * w, mix(1.002 * w - 0.1, 0.3 * deep * w, even), w);
       way = vec3(turn.x * normal.x + turn.y * normal.y, turn.w * (turn.x * normal.y - turn.y * normal.x) + turn.z * normal.z,
         turn.w * normal.z - turn.z * (turn.x * normal.y - turn.y * normal.x));
       shade = tint;
@@ -35,7 +35,7 @@ const solids = (() => {
     const at = gl.getAttribLocation(program, name);
     gl.enableVertexAttribArray(at); gl.vertexAttribPointer(at, i < 2 ? 3 : 4, gl.FLOAT, false, 40, 12 * i);
   });
-  const where = (name) => gl.getUniformLocation(program, name), turnAt = where("turn"), lensAt = where("lens");
+  const where = (name) => gl.getUniformLocation(program, name), turnAt = where("turn"), lensAt = where("lens"), evenAt = where("even");
   gl.enable(gl.DEPTH_TEST);
   gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
 
@@ -111,6 +111,7 @@ const solids = (() => {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT); gl.disable(gl.BLEND);
     gl.uniform4f(turnAt, Math.cos(eye.turn), Math.sin(eye.turn), Math.cos(eye.rise), Math.sin(eye.rise));
     gl.uniform4f(lensAt, m / w, m / h, 2 * eye.shift[0] / w, -2 * eye.shift[1] / h);
+    gl.uniform1f(evenAt, eye.even ? 1 : 0);
     if (run.bed) {
       const ground = [run.bed.points, run.bed.x, run.bed.y, (i, j) => run.bed.z[i * run.bed.points + j]];
       mesh(...ground, [0.9, 0.86, 0.78, 1]); flush();
@@ -133,7 +134,7 @@ const solids = (() => {
       gl.disable(gl.BLEND); gl.depthMask(true);
     }
     const point = (i) => [r[3 * i], r[3 * i + 1], r[3 * i + 2]];
-    const pixel = (p) => size * Math.max(DISTANCE + project(...p)[2], 0.05) / (m / 2);  // size of a pixel there [m]
+    const pixel = (p) => size * (eye.even ? DISTANCE : Math.max(DISTANCE + project(...p)[2], 0.05)) / (m / 2);  // size of a pixel there [m]
     for (let j = 0; j < links; j++) {
       const [a, b] = [point(run.first[j]), point(run.first[j] + 1)], tint = share(colour(pull[j]));
       const own = run.diameter ? run.diameter[j] / 2 : 0, bold = picked.link === j ? 2 : 1;

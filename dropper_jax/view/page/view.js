@@ -26,10 +26,11 @@ if (bodies) for (let k = 0; k < run.frames; k++) for (const shape of bodies.shap
 if (water) for (const rise of water.elevation) high[2] = Math.max(high[2], rise);
 const middle = low.map((v, i) => (v + high[i]) / 2);
 const size = Math.max(...high.map((v, i) => v - low[i]), 1e-9);
+const TRAIL = 0.15;  // of the run
 const DISTANCE = 2.6, LENS = 1.9;  // in sizes: how far the eye is, and how long its lens
 const VIEWS = { free: [-0.65, 0.28], front: [0, 0], side: [-Math.PI / 2, 0], top: [0, Math.PI / 2] };
-const eye = { turn: VIEWS.free[0], rise: VIEWS.free[1], zoom: 1, shift: [0, 0] };
-const state = { now: start, playing: false, last: 0, mouse: null };
+const eye = { turn: VIEWS.free[0], rise: VIEWS.free[1], zoom: 1, shift: [0, 0], even: false };  // even: without perspective
+const state = { now: start, playing: false, last: 0, mouse: null, fingers: new Map() };
 
 // --- samples between frames -----------------------------------------------------------------------------------------
 
@@ -52,7 +53,7 @@ function project(x, y, z) {
   const [c, s] = [Math.cos(eye.turn), Math.sin(eye.turn)], [p, q] = [Math.cos(eye.rise), Math.sin(eye.rise)];
   const right = c * dx + s * dy, away = c * dy - s * dx;
   const deep = p * away - q * dz, up = q * away + p * dz;
-  const scale = Math.min(canvas.width, canvas.height) * LENS * eye.zoom / Math.max(DISTANCE + deep, 0.05);
+  const scale = Math.min(canvas.width, canvas.height) * LENS * eye.zoom / (eye.even ? DISTANCE : Math.max(DISTANCE + deep, 0.05));
   return [canvas.width / 2 + eye.shift[0] + scale * right, canvas.height / 2 + eye.shift[1] - scale * up, deep];
 }
 
@@ -83,11 +84,14 @@ function bed() {
     pen.fillStyle = "rgba(216,203,180,0.45)"; pen.fill();
     pen.strokeStyle = "rgba(160,142,110,0.35)"; pen.lineWidth = 0.7 * ratio(); pen.stroke();
   }
-  scale();
 }
-function scale() {  // how wide a cell of the bed's grid is
-  const { points: n, x, y, z } = run.bed, corner = project(x[n - 1], y[0], z[(n - 1) * n]);
-  label(`grid ${+(x[1] - x[0]).toPrecision(2)} m`, [Math.min(corner[0], canvas.width - 80 * ratio()), corner[1]]);
+function scale() {  // a bar in metres where every depth has one scale, else the width of a cell of the grid
+  const [x, y] = [canvas.width - 150 * ratio(), canvas.height - 16 * ratio()];
+  if (!eye.even) { if (state.cell) label(`grid ${plain(state.cell, 2)} m`, [x + 60 * ratio(), y]); return; }
+  const metre = Math.min(canvas.width, canvas.height) * LENS * eye.zoom / DISTANCE / size, most = 130 * ratio() / metre;
+  const power = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].find((n) => n * power <= most) * power;
+  pen.strokeStyle = "#2b2f33"; pen.lineWidth = 2 * ratio(); path([[x, y], [x + length * metre, y]]); pen.stroke();
+  label(`${plain(length)} m`, [x, y - 5 * ratio()]);
 }
 function elevation(x, y) {
   const n = water.points, cell = water.x[1] - water.x[0], [a, b, w] = locate(water.time, state.now);
@@ -161,7 +165,7 @@ function floor() {
     path([project(x0 + d, y0 - reach, z), project(x0 + d, y0 + reach, z)]); pen.stroke();
     path([project(x0 - reach, y0 + d, z), project(x0 + reach, y0 + d, z)]); pen.stroke();
   }
-  label(`grid ${+step.toPrecision(2)} m`, project(x0 + reach, y0 - reach, z));
+  state.cell = step;
 }
 function label(text, [x, y]) {
   pen.fillStyle = "#6b7076"; pen.font = `${12 * ratio()}px system-ui, sans-serif`; pen.fillText(text, x + 4 * ratio(), y);
@@ -192,10 +196,11 @@ function surface() {
   }
 }
 function trail(frame) {
-  pen.lineWidth = ratio();
-  const from = locate(time, state.now - 0.06 * (end - start))[0], node = picked.node !== null ? picked.node : run.buoys.length ? run.buoys[0].node : Math.floor(nodes / 2), points = [];
+  pen.lineWidth = 2.5 * ratio(); pen.lineJoin = "round";
+  const from = locate(time, state.now - TRAIL * (end - start))[0], node = picked.node !== null ? picked.node : run.buoys.length ? run.buoys[0].node : Math.floor(nodes / 2), points = [];
   for (let k = from; k <= frame[0]; k++) points.push(project(...place.subarray(3 * (k * nodes + node), 3 * (k * nodes + node) + 3)));
-  pen.strokeStyle = "rgba(213,94,0,0.55)"; path(points); pen.stroke();
+  points.push(project(...sample(place, 3 * nodes, frame).subarray(3 * node, 3 * node + 3)));
+  pen.strokeStyle = "#d55e00"; path(points); pen.stroke();
 }
 function line(frame) {
   const r = sample(place, 3 * nodes, frame), pull = sample(tension, links, frame);
@@ -225,24 +230,40 @@ function tell({ points, pull }) {
   const [mx, my] = state.mouse.map((v) => v * ratio());
   const found = nearest(points, mx, my, 7 * ratio());
   if (!found) return;
-  tip.textContent = `${run.labels[found.link]}: ${force(pull[found.link])}`; tip.hidden = false;
+  tip.textContent = `${run.parts[found.link]}: ${force(pull[found.link])}`; tip.hidden = false;
   tip.style.left = `${state.mouse[0] + 14}px`; tip.style.top = `${state.mouse[1] + 6}px`;
 }
 function ratio() { return window.devicePixelRatio || 1; }
-function draw() {
+function measure() {
   const [w, h] = [Math.round(canvas.clientWidth * ratio()), Math.round(canvas.clientHeight * ratio())];
   if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
+  return [w, h];
+}
+function fit() {  // zoom and shift with which the lines, over the whole run, fill the picture
+  const [w, h] = measure(), box = [Infinity, Infinity, -Infinity, -Infinity];
+  Object.assign(eye, { zoom: 1, shift: [0, 0] });
+  const see = (r) => { const [x, y] = project(...r); box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y); box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y); };
+  for (let k = 0; k < run.frames; k += Math.ceil(run.frames / 40)) {
+    for (let i = 0; i < nodes; i++) see(place.subarray(3 * (k * nodes + i), 3 * (k * nodes + i) + 3));
+    for (const { node, height, attachment } of run.buoys) { const r = place.subarray(3 * (k * nodes + node), 3 * (k * nodes + node) + 3); see([r[0], r[1], r[2] - attachment + height]); }
+  }
+  if (bodies) for (const z of [low[2], high[2]]) see([middle[0], middle[1], z]);
+  eye.zoom = Math.min(30, 0.76 * w / Math.max(box[2] - box[0], 1), 0.7 * h / Math.max(box[3] - box[1], 1));
+  eye.shift = [eye.zoom * (w / 2 - (box[0] + box[2]) / 2), eye.zoom * (h / 2 - (box[1] + box[3]) / 2) + 0.03 * h];
+}
+function draw() {
+  const [w, h] = measure();
   pen.clearRect(0, 0, w, h);
   const frame = locate(time, state.now), wet = water && byId("water").checked;
   if (solids) {
     if (!run.bed) floor();
     pen.drawImage(solids.render(sample(place, 3 * nodes, frame), sample(tension, links, frame), frame, wet), 0, 0);
-    if (run.bed) scale();
   } else if (run.bed) bed(); else floor();
+  scale();
   axes();
   if (!solids && wet && eye.rise < 0) surface();  // seen from below, the surface lies behind the line
-  if (byId("trail").checked) trail(frame);
   const drawn = line(frame);
+  if (byId("trail").checked) trail(frame);
   if (!solids && wet && eye.rise >= 0) {
     surface();
     run.buoys.forEach((one) => buoy(drawn.r, one, true));  // what stands out of the water hides it
@@ -274,9 +295,17 @@ function play(on) {
   if (on) requestAnimationFrame(tick);
 }
 function look(name) {
-  [eye.turn, eye.rise] = VIEWS[name]; eye.zoom = 1; eye.shift = [0, 0]; draw();
+  [eye.turn, eye.rise] = VIEWS[name]; eye.even = name !== "free"; fit(); draw();
 }
-canvas.addEventListener("pointerdown", (e) => { if (e.isTrusted) canvas.setPointerCapture(e.pointerId); canvas.classList.add("held"); state.grip = [e.clientX, e.clientY]; state.from = [e.clientX, e.clientY]; });
+function pinch() {  // distance and middle of two fingers
+  const [a, b] = [...state.fingers.values()];
+  return { wide: Math.hypot(a[0] - b[0], a[1] - b[1]), at: [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2] };
+}
+function zoom(factor) {
+  const held = Math.min(30, Math.max(0.2, eye.zoom * factor)) / eye.zoom;
+  eye.zoom *= held; eye.shift = eye.shift.map((v) => v * held);
+}
+canvas.addEventListener("pointerdown", (e) => { if (e.isTrusted) canvas.setPointerCapture(e.pointerId); canvas.classList.add("held"); state.grip = [e.clientX, e.clientY]; state.from = [e.clientX, e.clientY]; state.fingers.set(e.pointerId, [e.clientX, e.clientY]); if (state.fingers.size > 1) state.from = null; });
 canvas.addEventListener("pointerup", (e) => {  // a press that did not drag
   if (!state.from || !state.points || Math.hypot(e.clientX - state.from[0], e.clientY - state.from[1]) > 4) return;
   const edge = canvas.getBoundingClientRect();
@@ -284,19 +313,27 @@ canvas.addEventListener("pointerup", (e) => {  // a press that did not drag
 });
 canvas.addEventListener("pointermove", (e) => {
   state.mouse = [e.offsetX, e.offsetY];
-  if (state.grip) {
+  if (state.fingers.size === 2 && state.fingers.has(e.pointerId)) {  // two fingers zoom and move
+    const before = pinch();
+    state.fingers.set(e.pointerId, [e.clientX, e.clientY]);
+    const { wide, at } = pinch();
+    zoom(wide / Math.max(before.wide, 1));
+    eye.shift = eye.shift.map((v, i) => v + (at[i] - before.at[i]) * ratio());
+  } else if (state.grip) {
     const [dx, dy] = [e.clientX - state.grip[0], e.clientY - state.grip[1]];
     state.grip = [e.clientX, e.clientY];
     if (e.shiftKey) eye.shift = [eye.shift[0] + dx * ratio(), eye.shift[1] + dy * ratio()];
-    else { eye.turn -= 0.008 * dx; eye.rise = Math.min(1.57, Math.max(-1.57, eye.rise + 0.008 * dy)); }
+    else { eye.even = false; eye.turn -= 0.008 * dx; eye.rise = Math.min(1.57, Math.max(-1.57, eye.rise + 0.008 * dy)); }
   }
   draw();
 });
-for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { state.grip = null; canvas.classList.remove("held"); });
+for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (e) => { state.fingers.delete(e.pointerId); state.grip = [...state.fingers.values()][0] || null; canvas.classList.remove("held"); });
+canvas.addEventListener("dblclick", () => { fit(); draw(); });
 canvas.addEventListener("pointerleave", () => { state.mouse = null; draw(); });
-canvas.addEventListener("wheel", (e) => { e.preventDefault(); eye.zoom = Math.min(30, Math.max(0.2, eye.zoom * Math.exp(-0.0012 * e.deltaY))); draw(); }, { passive: false });
+canvas.addEventListener("wheel", (e) => { e.preventDefault(); zoom(Math.exp(-0.0012 * e.deltaY)); draw(); }, { passive: false });
 byId("play").addEventListener("click", () => play(!state.playing));
 byId("scrub").addEventListener("input", (e) => { state.now = Number(e.target.value); draw(); });
+byId("fit").addEventListener("click", () => { fit(); draw(); });
 byId("part-close").addEventListener("click", () => pick(null));
 for (const id of ["trail", "water", "names"]) byId(id).addEventListener("change", draw);
 for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => look(button.dataset.view));
@@ -312,18 +349,21 @@ addEventListener("resize", draw);
 
 byId("name").textContent = run.name;
 byId("how").textContent = [run.how, ...run.notes].join("; ");
-byId("about").hidden = !run.description;
 byId("description").textContent = run.description;
 byId("names").checked = run.lines.length > 1 && run.lines.length <= 40;
 byId("named").hidden = run.lines.length < 2;
 byId("how").classList.toggle("bad", !run.ok);
 byId("sea").hidden = !water;
 const beyond = run.largest > run.range[1];
-const largest = beyond ? `, largest ${plain(run.largest / (KILO ? 1000 : 1))}` : "";
+const largest = beyond ? `, maximum ${plain(run.largest / (KILO ? 1000 : 1))}` : "";
 byId("unit").textContent = `tension [${KILO ? "kN" : "N"}]${largest}`;
 byId("high").textContent = (beyond ? "\u2265 " : "") + plain(run.range[1] / (KILO ? 1000 : 1));
 byId("low").textContent = Math.abs(run.range[0]) < 0.005 * run.range[1] ? "0" : plain(run.range[0] / (KILO ? 1000 : 1));
+byId("mid").textContent = plain((run.range[0] + run.range[1]) / 2 / (KILO ? 1000 : 1));
 Object.assign(byId("scrub"), { min: start, max: end });
 const bar = byId("bar").getContext("2d");
 for (let y = 0; y < 160; y++) { bar.fillStyle = colour(run.range[1] + (y / 159) * (run.range[0] - run.range[1])); bar.fillRect(0, y, 14, 1); }
-draw();
+bar.fillStyle = "#ffffff"; bar.fillRect(0, 80, 5, 1);
+if (run.bed) state.cell = run.bed.x[1] - run.bed.x[0];
+if (window.name === "second") document.body.classList.add("led");  // of two runs the first has the controls
+fit(); draw();

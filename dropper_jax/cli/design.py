@@ -6,7 +6,7 @@ import argparse
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_scene, number, read_scene
+from dropper_jax.cli.options import add_examples, add_scene, number, read_scene
 from dropper_jax.cli.output import done_object, listing
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
@@ -14,6 +14,11 @@ help = "solve for a value of the scene that gives a required static tension or d
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "design paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 8000",
+        "design ballasted-spar --vary line.0.length=70:80 --target depth.hull --value 0 --out design.json",
+    )
     add_scene(parser)
     parser.add_argument(
         "--vary",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, positive_integer, read_scene
+from dropper_jax.cli.options import add_examples, add_scene, positive_integer, read_scene
 from dropper_jax.cli.output import done_object, failure_object, print_line, print_warnings, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder, weights_table
 
@@ -23,6 +23,11 @@ help = "find the static equilibrium of a scene, under its release force if it ha
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "equilibrium dropper-release-a",
+        "equilibrium edulis-tide --tide --times 7 --plot tide",
+    )
     add_scene(parser)
     parser.add_argument("--tide", action="store_true", help="equilibria through a cycle of current and level")
     parser.add_argument(

@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_quiet, add_scene, read_scene
+from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
 from dropper_jax.cli.output import done_object, failure_object, print_line, progress, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -17,6 +17,11 @@ help = "mean shift, amplitude and phase of the first link in regular waves, over
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "response wet-pendulum-wave --periods 2:6:9",
+        "response wet-pendulum-wave --periods 2:6:9 --plot response.png",
+    )
     add_scene(parser)
     parser.add_argument("--periods", required=True, metavar="LO:HI:N", help="periods [s], N from LO to HI")
     parser.add_argument("--no-more", action="store_true", help="leave out the runs with waves of 1.1 times the height")

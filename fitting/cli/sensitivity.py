@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, output_file, read_scene
+from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, output_file, read_scene
 from dropper_jax.cli.output import print_line, print_warnings, progress
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -31,6 +31,11 @@ OVERRIDES = ("integrator", "dt", "duration")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "sensitivity dropper-release-a --duration 1 --of tension.max --to b_l,b_q",
+        "sensitivity paper-case-4 --of anchor.anchor.horizontal.max --to line.chain.EA --duration 20",
+    )
     add_scene(parser)
     parser.add_argument("--of", required=True, metavar="QUANTITY", help=OF)
     parser.add_argument("--to", required=True, metavar="NAMES", help="parameters, such as b_l,b_q,line.0.mass")

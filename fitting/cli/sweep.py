@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, output_folder, read_scene
+from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, output_folder, read_scene
 from dropper_jax.cli.output import (
     failure_object,
     listing,
@@ -49,6 +49,11 @@ SPACINGS = {"linear": "linspace", "log": "geomspace"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "sweep dropper-release-a --vary b_l=0.001:0.01:8 --duration 5 --out sweep.zarr",
+        "sweep paper-case-1 --vary sea.current.speed=0:1:5 --vary sea.waves.height=1,2,3 --out sea.zarr --plot sea",
+    )
     add_scene(parser)
     vary = "values of a path, lo:hi:n, lo:hi:n:log or a,b,c (may be given several times)"
     parser.add_argument("--vary", action="append", default=[], metavar="NAME=LO:HI:N", help=vary)

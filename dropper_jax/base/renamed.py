@@ -19,6 +19,7 @@ class Row(NamedTuple):
 
     Attributes:
         kind: `module` (of the package `where`), `name` (of the module `where`) or `attribute` (of the class `where`).
+        new: its new name; with dots the whole path.
         since: first version with the new name.
     """
 
@@ -28,9 +29,15 @@ class Row(NamedTuple):
     new: str
     since: str
 
+    @property
+    def path(self) -> str:
+        """The new name with its module."""
+        return self.new if "." in self.new else f"{self.where}.{self.new}"
+
 
 RENAMED = (
     Row("module", "dropper_jax.base", "place", "scatter", "0.2"),
+    Row("module", "fitting.sensitivity", "quantities", "dropper_jax.run.quantities", "0.2"),
     Row("name", "dropper_jax.base.scatter", "place", "scatter_add", "0.2"),
     Row("name", "dropper_jax.base.scatter", "summed", "scatter_add_many", "0.2"),
     Row("name", "dropper_jax", "followed_steps", "adaptive_step_lengths", "0.2"),
@@ -85,7 +92,7 @@ class OldModules(MetaPathFinder, Loader):
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         row = _BY_OLD["module", *spec.name.rpartition(".")[::2]]
         _warn(row)
-        module = importlib.import_module(f"{row.where}.{row.new}")
+        module = importlib.import_module(row.path)
         self._spec = module.__spec__
         return module
 
@@ -96,5 +103,5 @@ class OldModules(MetaPathFinder, Loader):
 def _warn(row: Row, level: int = 3) -> None:
     if row not in _WARNED:
         _WARNED.add(row)
-        text = f"{row.where}.{row.old} is {row.where}.{row.new} since version {row.since}"
+        text = f"{row.where}.{row.old} is {row.path} since version {row.since}"
         warnings.warn(text, DeprecationWarning, stacklevel=level)

@@ -17,6 +17,9 @@ from dropper_jax.load.named import find_scene
 from dropper_jax.load.packaged import is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import plain_values
+from dropper_jax.run.arrays import bare_model
+from dropper_jax.run.growth import overgrown
+from dropper_jax.run.quantities import PERIOD, quantity
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
@@ -40,7 +43,7 @@ from fitting.site.site import Site
 #: Sections that are read here, and those that other modules read.
 SITE_KEYS = (
     *("name", "description", "scene", "unchecked", "parameters", "set", "run", "sea_state", "cases"),
-    *("growth", "factors", "part", "anchor", "exclusion", "backbone", "season"),
+    *("growth", "factors", "part", "anchor", "exclusion", "backbone", "season", "quantities"),
 )
 PASSED = ("variable", "objective", "constraint", "optimise")
 
@@ -101,6 +104,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
         factors=factors,
         parts=_parts(table, scene, lines, factors, kinds, unchecked),
         anchors=_anchors(table, held, factors, kinds),
+        quantities=_quantities(table, scene),
         raw={key: plain(table[key]) for key in PASSED if key in table},
         table=plain(dict(table)),
         file=file,
@@ -110,6 +114,18 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     check_breaking(site)
     site.prepared()
     return site
+
+
+def _quantities(table: Plain, scene: Scene) -> tuple[str, ...]:
+    """Names of the quantities to report, checked with the model of the scene."""
+    names = [read_text(x, "quantities") for x in read_list(table.get("quantities", []), "quantities", None, "names")]
+    if names:
+        model = bare_model(overgrown(scene))
+        for name in names:
+            if quantity(name, model, "quantities").signal == PERIOD:
+                raise SceneError(f"quantities: {name!r} belongs to the static pose. Use `dropper modes`")
+    _unique("quantities", names)
+    return tuple(names)
 
 
 def packaged_sites() -> dict[str, Traversable]:

@@ -16,7 +16,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import PART, part_prefix, remove, remove_leftovers, unwritable
 from dropper_jax.base.lock import Lock
 from dropper_jax.run.storage import extra
-from fitting.sweep.plan import QUANTITIES, STATUS, Plan, differences
+from fitting.sweep.plan import QUANTITIES, STATUS, Plan, describe_quantity, differences
 
 if TYPE_CHECKING:
     import zarr
@@ -150,7 +150,7 @@ class Store:
         found = {}
         for name in plan.quantities:
             inner = ((links,), ("link",)) if name == "angle_max" else ((), ())
-            found[name] = (*inner, *QUANTITIES[name])
+            found[name] = (*inner, *describe_quantity(plan, name))
         if plan.traces:
             found["positions"] = (
                 (plan.scene.run.saves, nodes, 3),

@@ -66,8 +66,8 @@ def test_an_old_module_is_the_new_one_and_warns(row, monkeypatch):
     monkeypatch.delitem(sys.modules, old, raising=False)
     with pytest.warns(DeprecationWarning, match=rf"{old} is .*{row.new} since"):
         module = importlib.import_module(old)
-    assert module is importlib.import_module(f"{row.where}.{row.new}")
-    assert module.__name__ == module.__spec__.name == f"{row.where}.{row.new}"
+    assert module is importlib.import_module(row.path)
+    assert module.__name__ == module.__spec__.name == row.path
 
 
 def test_what_has_no_such_name_says_so_as_before(things):

@@ -16,8 +16,8 @@ help = "solve for a value of the scene that gives a required static tension or d
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "design paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 8000",
-        "design ballasted-spar --vary line.0.length=70:80 --target depth.hull --value 0 --out design.json",
+        "design paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 3730",
+        "design my-longline.toml --vary line.west-leg.length=37:39 --target anchor.west-anchor.horizontal --value 2000",
     )
     add_scene(parser)
     parser.add_argument(
@@ -27,7 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the value to solve for and its range, such as line.0.EA=1e5:1e7",
     )
     parser.add_argument(
-        "--target", required=True, metavar="WHAT", help="tension.LINE.first, .last or .max [N], or depth.POINT [m]"
+        "--target",
+        required=True,
+        metavar="WHAT",
+        help="a quantity of the static pose: tension.LINE.fairlead, .first, .last or .max [N], "
+        "anchor.POINT.horizontal [N], depth.POINT or offset.POINT [m]; as for `dropper sensitivity --of`, no statistic",
     )
     parser.add_argument("--value", required=True, type=number, help="the required value of the target")
     add_out(parser)

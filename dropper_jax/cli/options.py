@@ -203,6 +203,13 @@ SCHEMES = (
     "dop853",
     "thesis_angles",
 )
+#: Signals and statistics of `dropper_jax.run.quantities`, which imports JAX.
+SIGNALS = ("tension", "anchor", "angle", "offset", "excursion", "depth", "x", "y", "z", "period", "energy")
+STATISTICS = ("max", "min", "mean", "final", "start", "std", "fatigue", "peak")
+QUANTITY_HELP = (
+    "SIGNAL[.WHERE].STATISTIC, such as tension.3.max, tension.west-leg.fairlead.max, anchor.west.horizontal.max or "
+    f"offset.buoy.max; signals: {', '.join(SIGNALS)}; statistics: {', '.join(STATISTICS)}"
+)
 #: Options for values of `[run]`, by their key.
 RUN_VALUES: dict[str, dict[str, Any]] = {
     "integrator": {"metavar": "NAME", "help": f"time integration scheme: {', '.join(SCHEMES)}"},

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
         "stiffness ballasted-spar",
-        "stiffness paper-case-4 --points fairlead --out stiffness.csv",
+        "stiffness paper-case-4 --points buoy --out stiffness.csv",
     )
     add_scene(parser)
     parser.add_argument("--points", metavar="A,B", help="points and bodies (default: all bodies, else all free points)")

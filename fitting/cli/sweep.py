@@ -52,7 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
         "sweep dropper-release-a --vary b_l=0.001:0.01:8 --duration 5 --out sweep.zarr",
-        "sweep paper-case-1 --vary sea.current.speed=0:1:5 --vary sea.waves.height=1,2,3 --out sea.zarr --plot sea",
+        "sweep my-longline.toml --vary sea.current.speed=0:1:5 --vary sea.waves.hs=1,2,3 "
+        "--quantities tension.west-leg.fairlead.max --out sea.zarr",
     )
     add_scene(parser)
     vary = "values of a path, lo:hi:n, lo:hi:n:log or a,b,c (may be given several times)"
@@ -66,7 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quantities",
         metavar="NAMES",
-        help=f"quantities to save: {', '.join(DEFAULT_QUANTITIES)} (default: all; with --trace none)",
+        help=f"quantities to save: {', '.join(DEFAULT_QUANTITIES)} (default: all; with --trace none), or by "
+        "name as for `dropper sensitivity --of`, such as tension.west-leg.fairlead.max",
     )
     parser.add_argument("--traces", action="store_true", help="also save positions and tensions at every saved time")
     parser.add_argument(

@@ -7,6 +7,8 @@ import pytest
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.packaged import packaged_scene
+from dropper_jax.scene import line_slices
+from fitting.optimise.goals import read_goals
 from fitting.optimise.models import still, still_model
 from fitting.optimise.rest import near_rest, rest
 from fitting.optimise.run import read_problem
@@ -104,6 +106,26 @@ def test_a_bad_problem_is_refused_before_anything_runs(what):
     sections, told = REFUSED[what]
     with pytest.raises(SceneError, match=told):
         read_problem(changed(**sections))
+
+
+def test_a_constraint_may_limit_a_quantity_by_name():
+    limits = [{"kind": "quantity", "of": "tension.west-leg.fairlead.max", "most": 2e4}]
+    limits += [{"kind": "quantity", "of": "offset.p1.max", "most": 5.0}]
+    own = changed(constraint=limits)
+    found = still(own, own.scene, own.cases[0].storm)
+    pose = near_rest(found.model, None)
+    tension, offset = read_goals(own).quantities(own, found.model)[-2:]
+    r, loads = pose.r[None], pose.tension[None]
+    leg = line_slices(own.scene)[0].links
+    assert float(tension.hard(found.model, r, loads)) == pytest.approx(float(pose.tension[leg.stop - 1]) / 2e4)
+    spec = {point.name: np.asarray(point.position) for point in own.scene.points}
+    node = int(found.model.geometry.point_node[[p.name for p in found.model.points].index("p1")])
+    assert float(offset.hard(found.model, r, loads)) == pytest.approx(
+        float(np.linalg.norm(np.asarray(pose.r)[node, :2] - spec["p1"][:2])) / 5.0
+    )
+    for name, words in (("tension.west-lag.max", "did you mean 'west-leg'"), ("energy.max", "cannot be limited")):
+        with pytest.raises(SceneError, match=words):
+            read_goals(changed(constraint=[{"kind": "quantity", "of": name, "most": 1.0}]))
 
 
 def test_a_variable_that_moves_nothing_is_named():

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.model import Model, Parted, State, state
 from dropper_jax.model.geometry import Member
 from dropper_jax.statics.modes import natural_periods
@@ -174,8 +174,7 @@ class Quantity:
             found = tension
         elif self.signal == "angle":
             links = model.links(r, model.ends(t))
-            across = safe_norm(links * jnp.array([1.0, 1.0, 0.0], links.dtype))
-            found = jnp.arctan2(-links[:, 2], across)
+            found = jnp.arctan2(-links[:, 2], horizontal_norm(links))
         else:
             found = self._of_nodes(model, start, r, t)
         return found if self.members is None else found[np.array(self.members)]
@@ -186,7 +185,7 @@ class Quantity:
         if self.signal == "excursion":
             return safe_norm(r - start)
         if self.signal == "offset":
-            return safe_norm((r - model.points[self.point].position)[:, :2])
+            return horizontal_norm(r - model.points[self.point].position)
         return -r[:, 2] if self.signal == "depth" else r[:, "xyz".index(self.signal)]
 
     def _anchor_load(self, model: Model, r: jax.Array, tension: jax.Array, t: jax.Array) -> jax.Array:
@@ -194,7 +193,7 @@ class Quantity:
         own = np.array(self.members)
         d = model.links(r, model.ends(t))[own]
         force = jnp.sum((np.array(self.signs) * tension[own] / safe_norm(d))[:, None] * d, axis=0)
-        parts = {"horizontal": safe_norm(force[:2]), "vertical": force[2], "total": safe_norm(force)}
+        parts = {"horizontal": horizontal_norm(force), "vertical": force[2], "total": safe_norm(force)}
         return parts[self.direction]
 
 

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.model import Model
 from dropper_jax.run import quantities as named
 from dropper_jax.run.quantities import line_links
@@ -80,12 +80,13 @@ class AnchorLoad(Quantity):
 
     def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
         force = jax.vmap(lambda r, t: self._line_force(model, r, t))(r, tension)
-        horizontal, up = safe_norm(force[:, :2]), jnp.maximum(force[:, 2], 0.0)
+        horizontal, up = horizontal_norm(force), jnp.maximum(force[:, 2], 0.0)
         if self.uplift is not None:
             # V <= H tan(a), as a number that is positive and reaches 1 there
             return (1.0 + (force[:, 2] - self.uplift * horizontal) / self.unit)[:, None]
         across, rising = self.across * horizontal, self.up * up
-        return (safe_norm(jnp.stack([across, rising], axis=-1)) if self.round else across + rising)[:, None]
+        both = jnp.stack([across, jnp.zeros_like(across), rising], axis=-1)
+        return (safe_norm(both) if self.round else across + rising)[:, None]
 
     def _line_force(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
         d = model.links(r, model.ends(jnp.zeros((), r.dtype)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import shlex
@@ -221,8 +222,19 @@ def test_the_root_is_imported_without_jax():
 
 
 def test_root_names_are_those_of_their_modules():
-    for name, home in dropper_jax._HOME_OF.items():
-        assert getattr(dropper_jax, name) is getattr(import_module(home), name)
+    for name, home in dropper_jax.PUBLIC.items():
+        assert getattr(dropper_jax, name) is getattr(import_module(f"dropper_jax.{home}"), name)
+
+
+def test_the_stub_of_the_root_offers_the_same_names():
+    stub = ast.parse(Path(dropper_jax.__file__).with_suffix(".pyi").read_text())
+    offered = {name.asname: node.module for node in stub.body[1:] for name in node.names}
+    assert offered == {name: f"dropper_jax.{home}" for name, home in dropper_jax.PUBLIC.items()}
+
+
+def test_the_root_is_imported_without_parsing_a_stub():
+    code = "import sys; before = set(sys.modules); import dropper_jax; print('ast' in set(sys.modules) - before)"
+    assert python(code).stdout == "False\n"
 
 
 def test_a_star_takes_the_public_names_and_dir_shows_them():

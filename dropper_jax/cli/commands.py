@@ -9,6 +9,7 @@ from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, v
 from typing import NoReturn, Protocol
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.renamed import new_option
 
 GROUP = "dropper.commands"
 PACKAGES = ("dropper-jax", "jax")
@@ -77,6 +78,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     """
     # every option in front of the command ends the program, so the first other word is the command
     asked = next((word for word in argv if not word.startswith("-")), None)
+    argv = [new_option(asked, word) for word in argv]
     listed = asked is None and (not argv or any(word in HELP for word in argv))
     about = "Simulate mussel droppers, pendulums and strings.\ndropper COMMAND --help: its options and two examples."
     plain = argparse.RawDescriptionHelpFormatter

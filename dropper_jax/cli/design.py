@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
 
     found = solve_design(scene, path.strip(), low, high, args.target, args.value)
     values = {"path": found.path, "value": found.value, "target": found.target}
-    more = {"wanted": found.requested, "reached": found.reached, "solves": found.solves}
+    more = {"required": found.requested, "reached": found.reached, "solves": found.solves}
     text = [
         (found.path, f"{found.value:.9g}"),
         (found.target, f"{found.reached:.9g}, required {found.requested:g}"),

@@ -101,7 +101,14 @@ def _tide_text(found: dict[str, Any]) -> str:
     for row in found["rows"]:
         loads = (np.linalg.norm(load) for load in row["held_load_n"].values())
         used = (100.0 * share for share in row["anchor_utilisation"].values())
-        values = (row["t_s"] / 3600.0, row["level_m"], row["speed_m_per_s"], row["moved_m"], *loads, *used)
+        values = (
+            row["t_s"] / 3600.0,
+            row["level_m"],
+            row["speed_m_per_s"],
+            row["displacement_m"],
+            *loads,
+            *used,
+        )
         rows.append(tuple(f"{value:.4g}" for value in values))
     note = "moved: maximum horizontal displacement of a node from the equilibrium without current at the mean level"
     return f"{table(rows)}\n{note}"

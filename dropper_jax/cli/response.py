@@ -24,7 +24,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_scene(parser)
     parser.add_argument("--periods", required=True, metavar="LO:HI:N", help="periods [s], N from LO to HI")
-    parser.add_argument("--no-more", action="store_true", help="leave out the runs with waves of 1.1 times the height")
+    parser.add_argument(
+        "--no-higher-waves",
+        dest="no_more",
+        action="store_true",
+        help="leave out the runs with waves of 1.1 times the height",
+    )
     add_plot(parser, "the curves over the period")
     add_out(parser)
     add_quiet(parser)
@@ -37,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.base.progress import silent
     from dropper_jax.study.response import responses
 
-    rows = responses(scene, periods, not args.no_more, progress(args.quiet) or silent)
+    rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet) or silent)
     failed = next((row["status"] for row in rows if row["status"] != "ok"), None)
     if plot and not failed:
         from dropper_jax.study import rest_pictures

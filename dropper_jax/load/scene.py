@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax.base.errors import LocatedValues, SceneError
 from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_list, read_table, read_text, refuse
+from dropper_jax.base.renamed import new_keys, new_path
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.bodies import attached_points, check_bodies, check_vessels
@@ -91,7 +92,7 @@ class Scene(SceneData):
                 return cls.from_dict(dict(table), name)
             except SceneError as error:
                 raise table.with_line(error) from None
-        given = with_library_points(read_table(table, "scene"))
+        given = with_library_points(new_keys(read_table(table, "scene")))
         template = Template.of(given)
         if template is not None:
             return dataclasses.replace(cls.from_dict(template.expand(), name), template=template)
@@ -169,7 +170,7 @@ class Scene(SceneData):
                 `line.leg.length` is that of the full line, `line_type.chain.EA` that of all lines of the type. An
                 effect that the scene lacks is added by its first value.
         """
-        values = {path: copy.deepcopy(plain(value)) for path, value in values.items()}
+        values = {new_path(path): copy.deepcopy(plain(value)) for path, value in values.items()}
         if self.template is not None:
             return self._from_template(values)
         if parameters := [path for path in values if path.startswith("parameters.")]:

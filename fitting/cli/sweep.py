@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     vary = "values of a path, lo:hi:n, lo:hi:n:log or a,b,c (may be given several times)"
     parser.add_argument("--vary", action="append", default=[], metavar="NAME=LO:HI:N", help=vary)
     parser.add_argument(
-        "--listed", action="store_true", help="pair values row by row instead of combining them in a grid"
+        "--paired", action="store_true", help="pair values row by row instead of combining them in a grid"
     )
     parser.add_argument("--seeds", type=int, default=0, metavar="K", help="K realisations of a random sea")
     parser.add_argument("--out", required=True, metavar="FOLDER.zarr", help="results; an existing part is resumed")
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
         "chunk": args.chunk or (8 if args.trace else 64),
         "scheduler": args.scheduler,
         "mix_versions": args.mix_versions,
-        "listed": args.listed,
+        "listed": args.paired,
         "progress": progress(args.quiet),
     }
     scores = None

@@ -56,8 +56,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="positions of all nodes in the first frame [pixel], in order",
     )
     parser.add_argument("--fps", type=number, help="frames per second, if the file is wrong")
-    parser.add_argument("--begin", type=number, default=0.0, metavar="T", help="use the video from here [s]")
-    parser.add_argument("--end", type=number, metavar="T", help="use the video up to here [s]")
+    parser.add_argument(
+        "--from", dest="begin", type=number, default=0.0, metavar="T", help="use the video from here [s]"
+    )
+    parser.add_argument("--until", dest="end", type=number, metavar="T", help="use the video up to here [s]")
     add_quiet(parser)
     add_json(parser)
 

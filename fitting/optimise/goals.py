@@ -8,10 +8,10 @@ float_price = 8.0               per kg of floats (points with a volume); default
 
 [[constraint]]                  in addition to those of the site's parts, anchors and [backbone], which always apply
 kind = "depth"                  of `points` (patterns) or `lines` at rest: `shallowest`, `deepest` [m]
-kind = "clearance"              of each of `lines` from the next one in storms: `least` [m]
-kind = "motion"                 of `lines` in storms: `most` [m]
+kind = "clearance"              of each of `lines` from the next one in storms: `minimum` [m]
+kind = "motion"                 of `lines` in storms: `maximum` [m]
 kind = "quantity"               `of` = "tension.west-leg.fairlead.max", "anchor.west.horizontal.max" or
-                                "offset.buoy.max" in storms: `most` [N] or [m]
+                                "offset.buoy.max" in storms: `maximum` [N] or [m]
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from fitting.site.parts import match_names
 OBJECTIVES = ("material", "load", "motion")
 KINDS = {
     "depth": ("kind", "points", "lines", "shallowest", "deepest"),
-    "clearance": ("kind", "lines", "least"),
-    "motion": ("kind", "lines", "most"),
-    "quantity": ("kind", "of", "most"),
+    "clearance": ("kind", "lines", "minimum"),
+    "motion": ("kind", "lines", "maximum"),
+    "quantity": ("kind", "of", "maximum"),
 }
 
 
@@ -183,7 +183,7 @@ def read_goals(site: Site) -> Goals:
         if kind == "depth":
             depths.append(_depth(table, path, names, free))
             continue
-        key = "least" if kind == "clearance" else "most"
+        key = "minimum" if kind == "clearance" else "maximum"
         unit = "N or m" if kind == "quantity" else "m"
         limit = read_number(table.get(key), f"{path}.{key}", {"low": 0.0, "open_low": True, "unit": unit})
         if kind == "quantity":

@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_table, read_text, refuse
+from dropper_jax.base.renamed import new_keys
 from dropper_jax.load.checks_water import SHALLOW, mean_period, steepest_sea
 from dropper_jax.load.named import find_scene
 from dropper_jax.load.packaged import is_packaged, parse_toml
@@ -58,7 +59,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
         SceneError: one line with the section, the value and the allowed range.
     """
     file = None if isinstance(source, Mapping) else Path(source)
-    table = read_table(source if file is None else _parse(file), "site")
+    table = new_keys(read_table(source if file is None else _parse(file), "site"))
     check_keys(table, (*SITE_KEYS, *PASSED), "")
     scene = _scene(table, Path(folder) if folder is not None else (file or Path()).parent)
     if scene.sea is None:

@@ -109,8 +109,8 @@ def test_a_bad_problem_is_refused_before_anything_runs(what):
 
 
 def test_a_constraint_may_limit_a_quantity_by_name():
-    limits = [{"kind": "quantity", "of": "tension.west-leg.fairlead.max", "most": 2e4}]
-    limits += [{"kind": "quantity", "of": "offset.p1.max", "most": 5.0}]
+    limits = [{"kind": "quantity", "of": "tension.west-leg.fairlead.max", "maximum": 2e4}]
+    limits += [{"kind": "quantity", "of": "offset.p1.max", "maximum": 5.0}]
     own = changed(constraint=limits, anchor=[{"points": "*", "capacity": 6e3}])
     variables = read_variables(own.raw["variable"], own.scene)
     model = still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
@@ -131,7 +131,7 @@ def test_a_constraint_may_limit_a_quantity_by_name():
     assert float(anchor.hard(model, r, loads)) == pytest.approx(expected, rel=1e-6)
     for name, words in (("tension.west-lag.max", "did you mean 'west-leg'"), ("energy.max", "cannot be limited")):
         with pytest.raises(SceneError, match=words):
-            read_goals(changed(constraint=[{"kind": "quantity", "of": name, "most": 1.0}]))
+            read_goals(changed(constraint=[{"kind": "quantity", "of": name, "maximum": 1.0}]))
 
 
 def test_a_variable_that_moves_nothing_is_named():

@@ -139,7 +139,11 @@ def classify_error(error: BaseException) -> tuple[str, str, int]:
     text = " ".join(str(error).split())
     if NO_BACKEND in text:
         wanted = os.environ.get("JAX_PLATFORMS", "")
-        return "invalid_input", f"JAX_PLATFORMS: {wanted!r} cannot be used here; allowed: cpu, or unset", INVALID_INPUT
+        return (
+            "invalid_input",
+            f"JAX_PLATFORMS: {wanted!r} cannot be used here. Use cpu, or leave it unset",
+            INVALID_INPUT,
+        )
     if isinstance(error, MemoryError) or any(word in text for word in NO_MEMORY):
         return (
             "out_of_memory",

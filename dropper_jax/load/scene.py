@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import LocatedValues, SceneError
+from dropper_jax.base.html_table import html_table
 from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_list, read_table, read_text, refuse
 from dropper_jax.base.renamed import new_keys, new_path
 from dropper_jax.effects import EFFECTS
@@ -66,6 +67,10 @@ SECTIONS = (
     "fit",
     "growth",
 )
+
+
+#: Maximum number of lines and points in the table of a scene.
+SHOWN = 12
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -160,6 +165,19 @@ class Scene(SceneData):
     def as_written(self) -> dict[str, Any]:
         """Plain values as `to_dict`, with line types, sections and attached points in their original form."""
         return self.to_dict() if self.written is None else self.written.table(self.to_dict())
+
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks."""
+        rows = [
+            ("run", f"{self.run.integrator}, {self.run.dt:g} s to {self.run.duration:g} s"),
+            ("points", ", ".join(f"{point.name} ({point.kind})" for point in self.points[:SHOWN])),
+            *(
+                (f"line {line.name}", f"{line.links} links, {line.total:.4g} m, {float(np.sum(line.mass)):.4g} kg")
+                for line in self.lines[:SHOWN]
+            ),
+            ("effects", ", ".join(self.effects) or "none"),
+        ]
+        return html_table(f"Scene {self.name}: {len(self.lines)} lines, {len(self.points)} points", rows)
 
     def with_values(self, values: Mapping[str, Any]) -> Scene:
         """The scene with some values changed, all at once, validated again.

@@ -35,7 +35,7 @@ def check_stretch(scene: Scene, positions: np.ndarray) -> None:
     for line, strain in _strains(scene, positions):
         if strain >= TORN:
             raise SceneError(
-                f"line {line!r}: is stretched by {strain:.0%} at rest; allowed: less than {TORN:.0%}. Check its length "
+                f"line {line!r}: is stretched by {strain:.0%} at rest, more than {TORN:.0%}. Check its length "
                 "and EA and the positions of its ends"
             )
 

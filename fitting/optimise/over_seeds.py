@@ -46,6 +46,6 @@ def check_seeds(run: RunValues) -> None:
     """
     if run.characteristic == "most_probable" and run.seeds < LEAST_RUNS:
         raise SceneError(
-            f"run.seeds: {run.seeds} for the most probable largest value of a storm; allowed: {LEAST_RUNS} or more, or "
+            f"run.seeds: {run.seeds} for the most probable largest value of a storm. Use {LEAST_RUNS} or more, or "
             'run.characteristic = "mean"'
         )

@@ -89,7 +89,7 @@ class Store:
         ]
         if other and not mixed:
             raise SceneError(
-                f"{self.path}: was begun with other versions: {'; '.join(other)}; allowed: those versions, a new "
+                f"{self.path}: was started with other versions: {'; '.join(other)}. Use those versions, a new "
                 "folder, or --mix-versions"
             )
         if other:

@@ -246,7 +246,7 @@ class _Parser:
             return Quantity(self.name, signal, statistic, self._links(*where))
         if len(where) > 1:
             raise self._error(f"{'.'.join(where)!r} is not a point; {nearest(where[0], self.points)}")
-        point = self._known(where[0], self.points, "point")
+        point = self._number_of(where[0], self.points, "point")
         return Quantity(self.name, signal, statistic, (self._node(point),), point=point)
 
     def _number(self, where: list[str], counted: str | None) -> int:
@@ -256,15 +256,14 @@ class _Parser:
             raise self._error(f"{'.'.join(where)!r} is not a {counted or 'part'}; allowed: 1 to {most}")
         return int(where[0]) - 1
 
-    def _known(self, word: str, known: Sequence[str], what: str) -> int:
-        if word not in known:
-            raise self._error(f"{word!r} is not a {what}; {nearest(word, known)}")
-        return list(known).index(word)
+    def _number_of(self, word: str, names: Sequence[str], what: str) -> int:
+        if word not in names:
+            raise self._error(f"{word!r} is not a {what}; {nearest(word, names)}")
+        return list(names).index(word)
 
     def _links(self, line: str, end: str | None = None, *more: str) -> tuple[int, ...]:
         """Links of a line, or those at one of its ends or points."""
-        known = line_names(self.model)
-        self._known(line, known, "line")
+        self._number_of(line, line_names(self.model), "line")
         own = line_links(self.model, [line])[line]
         if end is None:
             return tuple(map(int, own))
@@ -275,10 +274,10 @@ class _Parser:
         if len(held) == 1 and len(ends) == 2:
             named |= {"anchor": ends[held[0]], "fairlead": next(i for name, i in ends.items() if name != held[0])}
         inner = {self.points[member.start]: span.start for member, span in near[1:]}
-        known = {**inner, **ends, **named}
-        if more or end not in known:
-            raise self._error(f"{'.'.join((end, *more))!r} is not an end of line {line!r}; {nearest(end, known)}")
-        return (known[end],)
+        by_name = {**inner, **ends, **named}
+        if more or end not in by_name:
+            raise self._error(f"{'.'.join((end, *more))!r} is not an end of line {line!r}; {nearest(end, by_name)}")
+        return (by_name[end],)
 
     def _members(self) -> list[tuple[Member, slice]]:
         return list(zip(self.model.geometry.members, self.model.geometry.spans, strict=True))
@@ -295,10 +294,10 @@ class _Parser:
 
     def _anchor(self, signal: str, where: list[str], statistic: str) -> Quantity:
         held = [self.points[i] for i in self.model.geometry.held_points]
-        self._known(where[0], held, "fixed point")
+        self._number_of(where[0], held, "fixed point")
         if len(where) != 2:
             raise self._error(f"has no direction; allowed: {', '.join(DIRECTIONS)}")
-        self._known(where[1], DIRECTIONS, "direction")
+        self._number_of(where[1], DIRECTIONS, "direction")
         point = self.points.index(where[0])
         first = [(span.start, 1.0) for member, span in self._members() if member.start == point]
         last = [(span.stop - 1, -1.0) for member, span in self._members() if member.end == point]

@@ -17,6 +17,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.cli import main
+from dropper_jax.cli.new import template
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -26,6 +27,7 @@ SHORTER = {
     "accuracy": "--quick --integrators energy_momentum rattle --dts 0.02 0.01 --span 0.2 --quiet",
     "demo": "",
     "fit": "--method windows --until 2.0 --quiet",
+    "new": "--force",
     "plan": "--duration 1 --quiet",
     "response": "--no-higher-waves --quiet",
     "run": "--duration 0.3 --quiet",
@@ -120,6 +122,7 @@ def workshop(tmp_path_factory):
     for page, name in (("quick-start.md", "loop.toml"), ("tutorial-longline.md", "longline.toml")):
         (folder / name).write_text(blocks(ROOT / "docs" / page, "toml")[0])
     (folder / "my_scene.toml").write_text((ROOT / "dropper_jax/data/scenes/dropper-release-a.toml").read_text())
+    (folder / "my-longline.toml").write_text(template("longline"))
     (folder / "SITE.toml").write_bytes(site_text("exposed-bay"))
     long = dj.simulate("paper-case-1", duration=80.0, dt=0.05)
     short = dj.simulate("paper-case-1", duration=1.0, dt=0.05)

@@ -111,18 +111,17 @@ def new_keys(table: Mapping[str, Any]) -> Mapping[str, Any]:
         SceneError: a key that has its old and its new name.
     """
     for row in _KEYS:
-        section, *inner = row.where.split(".")
-        table = _renamed(table, (section, *inner), row)
+        table = _rename_key(table, tuple(row.where.split(".")), row)
     return table
 
 
-def _renamed(table: Any, path: tuple[str, ...], row: Row) -> Any:
+def _rename_key(table: object, path: tuple[str, ...], row: Row) -> object:
     if isinstance(table, list):
-        return [_renamed(item, path, row) for item in table]
+        return [_rename_key(item, path, row) for item in table]
     if not isinstance(table, Mapping) or (path[0] if path else row.old) not in table:
         return table
     if path:
-        return {**table, path[0]: _renamed(table[path[0]], path[1:], row)}
+        return {**table, path[0]: _rename_key(table[path[0]], path[1:], row)}
     if row.new in table:
         raise SceneError(f"{row.where}.{row.old}: is the old name of {row.new!r}, which is given too. Use one of them")
     _warn(row)

@@ -16,7 +16,6 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.renamed import SINCE
@@ -64,7 +63,7 @@ def old_names_in_one_line() -> Iterator[None]:
         warnings.filterwarnings("always", f".* {SINCE} ", DeprecationWarning)
         show = warnings.showwarning
 
-        def in_one_line(message: Warning | str, category: type[Warning], *rest: Any) -> None:
+        def in_one_line(message: Warning | str, category: type[Warning], *rest: object) -> None:
             if category is DeprecationWarning and f" {SINCE} " in str(message):
                 print_line(f"DeprecationWarning: {message}")
             else:

@@ -98,7 +98,7 @@ class Plan:
         return equal_steps(self.base[0], self.scene.run, **{"track_work": False, **dict(self.settings)})
 
     @cached_property
-    def named(self) -> tuple[Quantity, ...]:
+    def named_quantities(self) -> tuple[Quantity, ...]:
         """The quantities that are not in `QUANTITIES`."""
         return tuple(quantity(n, self.base[0], "quantities") for n in self.quantities if n not in QUANTITIES)
 
@@ -177,7 +177,7 @@ def make_plan(
     base = scene.with_values({path: values[0].item() for path, values in zip(paths, vary.values(), strict=True)})
     axes = tuple(_axis(base, path, values) for path, values in zip(paths, vary.values(), strict=True))
     found = Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
-    if any(quantity.signal == PERIOD for quantity in found.named):
+    if any(quantity.signal == PERIOD for quantity in found.named_quantities):
         raise SceneError(
             "quantities: natural periods belong to a static pose. Use `dropper sensitivity --of period.1.start`"
         )
@@ -188,7 +188,7 @@ def describe_quantity(plan: Plan, name: str) -> tuple[str, str]:
     """Unit and meaning of a quantity of a plan."""
     if name in QUANTITIES:
         return QUANTITIES[name]
-    return next(one.unit for one in plan.named if one.name == name), name
+    return next(one.unit for one in plan.named_quantities if one.name == name), name
 
 
 def _check_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> None:

@@ -172,7 +172,9 @@ def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.
         progress, row = advance(stepper, model, progress, dt, saves=1, save_every=every)
         tally = _count(model, start, progress.state, tally, row)
         s = progress.state
-        signals = tuple(one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted) for one in plan.named)
+        signals = tuple(
+            one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted) for one in plan.named_quantities
+        )
         return (progress, tally), (signals, (s.r, s.tension) if plan.traces else None)
 
     (progress, tally), (signals, traces) = jax.lax.scan(
@@ -186,7 +188,7 @@ def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.
         for name, value in _name_quantities(plan, model, progress.state, tally).items()
         if name in plan.quantities
     }
-    found |= {one.name: STATISTICS[one.statistic](x) for one, x in zip(plan.named, signals, strict=True)}
+    found |= {one.name: STATISTICS[one.statistic](x) for one, x in zip(plan.named_quantities, signals, strict=True)}
     if plan.traces:
         found |= {"positions": traces[0], "tension": traces[1]}
     at = jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan)

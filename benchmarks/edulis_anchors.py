@@ -25,7 +25,7 @@ def main() -> None:
         assert all(row["status"] == "ok" for row in found["rows"])
         loads = {n: max(float(np.linalg.norm(r["held_load_n"][n])) for r in found["rows"]) for n in NAMES}
         used = {n: max(r["anchor_utilisation"][n] for r in found["rows"]) for n in NAMES}
-        moved = max(row["moved_m"] for row in found["rows"])
+        moved = max(row["displacement_m"] for row in found["rows"])
         rows.append({"heading_deg": heading, "largest_load_n": loads, "utilisation": used, "moved_m": moved})
         print(rows[-1], flush=True)
     store("edulis_anchors", {"schema": 1, "rows": rows})

@@ -5,20 +5,60 @@ Scene -> model -> effects -> residual -> step -> solution. Importing the package
 imported on first use, so that the command line can reject a typing error at once.
 """
 
-import ast
 import os
 import sys
 from importlib import import_module
 from importlib.util import find_spec
-from pathlib import Path
 
 from dropper_jax.base.renamed import OldModules, old_names
 
-#: Public names and their modules, as given by the stub next to this file, which editors read.
-_STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-_HOME_OF = {name.name: node.module for node in _STUB.body[1:] for name in node.names}
+#: Where each public name lives; the stub next to this file lists the same for editors.
+PUBLIC = {
+    "Coupled": "run.coupled",
+    "Effect": "effects",
+    "INTEGRATORS": "integrators",
+    "Kinematics": "model.kinematics",
+    "Line": "model.line",
+    "Model": "model.model",
+    "Point": "model.line",
+    "Scene": "load.scene",
+    "SceneData": "scene.data",
+    "SceneError": "base.errors",
+    "SimulationError": "base.errors",
+    "Solution": "run.simulate",
+    "State": "model.state",
+    "Stepper": "stepping.stepper",
+    "Trajectory": "stepping.integrate",
+    "adaptive_step_lengths": "stepping.adaptive",
+    "build": "run.build",
+    "compile_cache": "backend.compile_cache",
+    "component": "base.fields",
+    "controlled_steps": "stepping.controlled",
+    "equilibrium": "run.build",
+    "from_angles": "run.start",
+    "initial_state": "run.start",
+    "integrate": "stepping.integrate",
+    "integrate_along": "stepping.controlled",
+    "linearised": "run.build",
+    "load_scene": "load.source",
+    "make_stepper": "stepping.choose",
+    "mooring_stiffness": "statics.stiffness",
+    "natural_periods": "statics.modes",
+    "nearest": "base.errors",
+    "one_kernel": "backend.one_kernel",
+    "option": "base.fields",
+    "parameter": "base.fields",
+    "register": "effects",
+    "safe_norm": "base.numerics",
+    "scatter_add": "base.scatter",
+    "scene_names": "load.packaged",
+    "settle": "statics.static_pose",
+    "simulate": "run.simulate",
+    "state": "model.state",
+    "step": "stepping.step",
+}
 
-__all__ = sorted(_HOME_OF)
+__all__ = sorted(PUBLIC)
 
 sys.meta_path.append(OldModules())
 
@@ -32,8 +72,8 @@ if "JAX_ENABLE_X64" not in os.environ:
 
 
 def __getattr__(name: str) -> object:
-    if name in _HOME_OF:
-        found = getattr(import_module(_HOME_OF[name]), name)
+    if name in PUBLIC:
+        found = getattr(import_module(f"{__name__}.{PUBLIC[name]}"), name)
         globals()[name] = found
         return found
     if not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:

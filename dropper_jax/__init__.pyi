@@ -1,13 +1,22 @@
-"""The names that `dropper_jax` offers itself and where they live: for editors and for the package."""
+"""The names that `dropper_jax` offers itself, for editors; a test compares them with its `PUBLIC`."""
 
 from dropper_jax.backend.compile_cache import compile_cache as compile_cache
 from dropper_jax.backend.one_kernel import one_kernel as one_kernel
 from dropper_jax.base.errors import SceneError as SceneError
 from dropper_jax.base.errors import SimulationError as SimulationError
+from dropper_jax.base.errors import nearest as nearest
+from dropper_jax.base.fields import component as component
+from dropper_jax.base.fields import option as option
+from dropper_jax.base.fields import parameter as parameter
+from dropper_jax.base.numerics import safe_norm as safe_norm
+from dropper_jax.base.scatter import scatter_add as scatter_add
+from dropper_jax.effects import Effect as Effect
+from dropper_jax.effects import register as register
 from dropper_jax.integrators import INTEGRATORS as INTEGRATORS
 from dropper_jax.load.packaged import scene_names as scene_names
 from dropper_jax.load.scene import Scene as Scene
 from dropper_jax.load.source import load_scene as load_scene
+from dropper_jax.model.kinematics import Kinematics as Kinematics
 from dropper_jax.model.line import Line as Line
 from dropper_jax.model.line import Point as Point
 from dropper_jax.model.model import Model as Model
@@ -21,6 +30,7 @@ from dropper_jax.run.simulate import Solution as Solution
 from dropper_jax.run.simulate import simulate as simulate
 from dropper_jax.run.start import from_angles as from_angles
 from dropper_jax.run.start import initial_state as initial_state
+from dropper_jax.scene.data import SceneData as SceneData
 from dropper_jax.statics.modes import natural_periods as natural_periods
 from dropper_jax.statics.static_pose import settle as settle
 from dropper_jax.statics.stiffness import mooring_stiffness as mooring_stiffness

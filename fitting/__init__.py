@@ -18,12 +18,15 @@ PUBLIC = {
     "SceneFit": "estimate.scene_fit",
     "Trace": "traces.trace",
     "TraceLoss": "calibration.trace_loss",
+    "close_chain": "traces.planar",
     "fit": "calibration.fit",
     "fit_channels": "channels.fit",
     "loss_of_trace": "calibration.trace_loss",
     "prepare": "calibration.preparation",
     "read_data": "channels.reading",
     "read_trace": "traces.trace",
+    "to_state": "traces.planar",
+    "wrap": "traces.planar",
     "write_trace": "traces.trace",
 }
 

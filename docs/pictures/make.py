@@ -110,7 +110,7 @@ def sweep_against_fit(work: Path) -> None:
 
     trace = write_trace(work / "released.csv", truth(SCENE, 0.002, 0.001, 50.0, 0))
     vary = [f"--vary={name}={','.join(map(str, values))}" for name, values in PAIRS.items()]
-    call = ["sweep", SCENE, "--listed", "--trace", str(trace), "--fit", "--out", str(work / "pairs.zarr"), *vary]
+    call = ["sweep", SCENE, "--paired", "--trace", str(trace), "--fit", "--out", str(work / "pairs.zarr"), *vary]
     main([*call, "--plot", str(work)])
     with Image.open(work / "scores.png") as image:
         small = image.convert("RGB").resize((1170, 900), Image.Resampling.LANCZOS)

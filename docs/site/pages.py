@@ -22,7 +22,7 @@ from pathlib import Path
 
 from dropper_jax.axial import LAWS
 from dropper_jax.base.toml_text import prose
-from dropper_jax.cli.commands import _load, _Parser, find_commands
+from dropper_jax.cli.commands import _load, _Parser, command_groups
 from dropper_jax.cli.reference import as_markdown
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS
@@ -155,14 +155,15 @@ def _module(cls: type) -> str | None:
 def commands() -> str:
     """What `dropper` does."""
     made = MADE.format(what="the parsers")
-    loaded = {entry.name: _load(entry) for entry in find_commands()}
+    groups = {group: {e.name: _load(e) for e in entries} for group, entries in command_groups().items()}
+    loaded = {name: command for own in groups.values() for name, command in own.items()}
     parts = [
         f"# Commands\n\n{made} `dropper COMMAND --help` prints the same. Exit codes: 0 good, 2 input to mend, 3 a run "
         "that failed, 130 one that was interrupted.",
-        _table(
-            ("command", "does"), ((f"[`{name}`](#dropper-{name})", prose(c.help, True)) for name, c in loaded.items())
-        ),
     ]
+    for group, own in groups.items():
+        rows = ((f"[`{name}`](#dropper-{name})", prose(c.help, True)) for name, c in own.items())
+        parts += [f"**{group}**", _table(("command", "does"), rows)]
     for name, command in loaded.items():
         parser = _Parser(prog=f"dropper {name}")
         command.add_arguments(parser)
@@ -170,6 +171,9 @@ def commands() -> str:
         actions = [a for a in parser._actions if not isinstance(a, argparse._HelpAction) and a.help is not hidden]
         parts += [f"## dropper {name}", prose(_sentence(command.help)), f"```text\n{_usage(name, actions)}\n```"]
         rows = [(_option(action), _meaning(action, parser), _default(action)) for action in actions]
+        if parser.epilog:
+            examples = "\n".join(line.strip() for line in parser.epilog.splitlines()[1:])
+            parts.append(f"```text\n{examples}\n```")
         if rows:
             parts.append(_table(("argument", "meaning", "default"), rows))
     return _page(parts)

@@ -52,6 +52,11 @@ def safe_norm(x: jax.Array, floor: float = 1e-30) -> jax.Array:
     return jnp.sqrt(dot(x, x) + jnp.asarray(floor, x.dtype))
 
 
+def horizontal_norm(x: jax.Array) -> jax.Array:
+    """The same of the horizontal parts of 3-vectors (..., 3)."""
+    return safe_norm(x * jnp.array([1.0, 1.0, 0.0], x.dtype))
+
+
 def inverse3(m: jax.Array) -> jax.Array:
     """Inverse of 3x3 matrices (..., 3, 3) by cofactors: elementwise work, no LAPACK call per block."""
     return jnp.stack([jnp.stack(row, axis=-1) for row in inverse_rows(m)], axis=-2)

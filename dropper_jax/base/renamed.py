@@ -1,24 +1,30 @@
-"""Renamed public Python names: the old ones still work, each with one warning.
+"""Renamed public names: the old ones still work, each with one warning.
 
 A module with a renamed name ends with `__getattr__ = old_names(__name__)`; a class has `__getattr__ = old_attribute`.
-Old modules are found by `OldModules`, which the package installs.
+Old modules are found by `OldModules`, which the package installs. Readers of scenes and sites call `new_keys` and
+`new_path`, the command line `new_option`, and writers of JSON `with_old_keys`, which warns of nothing.
 """
 
 import importlib
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from dropper_jax.base.errors import SceneError
 
 
 class Row(NamedTuple):
     """A name that was renamed.
 
     Attributes:
-        kind: `module` (of the package `where`), `name` (of the module `where`) or `attribute` (of the class `where`).
+        kind: `module` (of the package `where`), `name` (of the module `where`), `attribute` (of the class `where`),
+            `key` (of the section `where` of a scene or site), `option` (of the command `where`) or `json` (of the
+            objects that the command `where` prints).
+        new: its new name; with dots the whole path.
         since: first version with the new name.
     """
 
@@ -28,12 +34,30 @@ class Row(NamedTuple):
     new: str
     since: str
 
+    @property
+    def path(self) -> str:
+        """The new name with its module."""
+        return self.new if "." in self.new else f"{self.where}.{self.new}"
+
 
 RENAMED = (
     Row("module", "dropper_jax.base", "place", "scatter", "0.2"),
     Row("module", "fitting.optimise", "picture", "run", "0.2"),
     Row("module", "fitting.parameters", "fitted", "of_scene", "0.2"),
     Row("module", "fitting.sensitivity", "screening", "derivatives", "0.2"),
+    Row("module", "fitting.sensitivity", "quantities", "dropper_jax.run.quantities", "0.2"),
+    Row("key", "effects.recorded_motion", "places", "positions", "0.2"),
+    Row("key", "constraint", "least", "minimum", "0.2"),
+    Row("key", "constraint", "most", "maximum", "0.2"),
+    Row("option", "sweep", "--listed", "--paired", "0.2"),
+    Row("option", "response", "--no-more", "--no-higher-waves", "0.2"),
+    Row("option", "track", "--begin", "--from", "0.2"),
+    Row("option", "track", "--end", "--until", "0.2"),
+    Row("json", "design", "wanted", "required", "0.2"),
+    Row("json", "equilibrium --tide", "moved_m", "displacement_m", "0.2"),
+    Row("json", "report", "wanted_factor", "required_factor", "0.2"),
+    Row("json", "report", "looked_every_s", "sampled_every_s", "0.2"),
+    Row("attribute", "dropper_jax.effects.recorded_motion.RecordedMotion", "places", "positions", "0.2"),
     Row("name", "dropper_jax.base.scatter", "place", "scatter_add", "0.2"),
     Row("name", "dropper_jax.base.scatter", "summed", "scatter_add_many", "0.2"),
     Row("name", "dropper_jax", "followed_steps", "adaptive_step_lengths", "0.2"),
@@ -53,7 +77,11 @@ RENAMED = (
     Row("attribute", "fitting.tracking.track.Tracked", "seen", "detected", "0.2"),
 )
 _BY_OLD = {(row.kind, row.where, row.old): row for row in RENAMED}
+_KEYS = [row for row in RENAMED if row.kind == "key"]
+_JSON = {row.new: row.old for row in RENAMED if row.kind == "json"}
 _WARNED: set[Row] = set()
+#: Part of every warning.
+SINCE = "since version"
 
 
 def old_names(module: str, above: int = 0) -> Callable[[str], object]:
@@ -79,6 +107,56 @@ def old_attribute(thing: object, name: str) -> object:
     raise AttributeError(f"{type(thing).__name__!r} object has no attribute {name!r}")
 
 
+def new_keys(table: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Plain values of a scene or site with the new names of keys.
+
+    Raises:
+        SceneError: a key that has its old and its new name.
+    """
+    for row in _KEYS:
+        table = _rename_key(table, tuple(row.where.split(".")), row)
+    return table
+
+
+def _rename_key(table: object, path: tuple[str, ...], row: Row) -> object:
+    if isinstance(table, list):
+        return [_rename_key(item, path, row) for item in table]
+    if not isinstance(table, Mapping) or (path[0] if path else row.old) not in table:
+        return table
+    if path:
+        return {**table, path[0]: _rename_key(table[path[0]], path[1:], row)}
+    if row.new in table:
+        raise SceneError(f"{row.where}.{row.old}: is the old name of {row.new!r}, which is given too. Use one of them")
+    _warn(row)
+    return {row.new if key == row.old else key: value for key, value in table.items()}
+
+
+def new_path(path: str) -> str:
+    """A path of a scene's value with the new name of its key."""
+    for row in _KEYS:
+        old = f"{row.where}.{row.old}"
+        if path == old or path.startswith(f"{old}."):
+            _warn(row)
+            return f"{row.where}.{row.new}{path.removeprefix(old)}"
+    return path
+
+
+def new_option(command: str | None, word: str) -> str:
+    """A word of the command line with the new name of an option."""
+    name, equals, value = word.partition("=")
+    row = _BY_OLD.get(("option", command, name))
+    if row is None:
+        return word
+    _warn(row)
+    return f"{row.new}{equals}{value}"
+
+
+def with_old_keys(values: dict[str, Any]) -> dict[str, Any]:
+    """An object of JSON with the old names of its scalar keys too."""
+    old = {_JSON[key]: value for key, value in values.items() if key in _JSON and not isinstance(value, dict | list)}
+    return {**values, **old} if old else values
+
+
 class OldModules(MetaPathFinder, Loader):
     """Finds modules under their old names."""
 
@@ -88,7 +166,7 @@ class OldModules(MetaPathFinder, Loader):
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         row = _BY_OLD["module", *spec.name.rpartition(".")[::2]]
         _warn(row)
-        module = importlib.import_module(f"{row.where}.{row.new}")
+        module = importlib.import_module(row.path)
         self._spec = module.__spec__
         return module
 
@@ -99,5 +177,8 @@ class OldModules(MetaPathFinder, Loader):
 def _warn(row: Row, level: int = 3) -> None:
     if row not in _WARNED:
         _WARNED.add(row)
-        text = f"{row.where}.{row.old} is {row.where}.{row.new} since version {row.since}"
+        old, new = f"{row.where}.{row.old}", row.path
+        if row.kind == "option":
+            old, new = f"dropper {row.where} {row.old}", row.new
+        text = f"{old} is {new} {SINCE} {row.since}"
         warnings.warn(text, DeprecationWarning, stacklevel=level)

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from dropper_jax.base.read import Plain, plain
+from dropper_jax.base.renamed import with_old_keys
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 #: Version of the JSON object that commands print.
@@ -18,7 +19,7 @@ SCHEMA = 1
 def jsonable(value: Any) -> Json:
     """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
     if isinstance(value, dict):
-        return {str(key): jsonable(item) for key, item in value.items()}
+        return with_old_keys({str(key): jsonable(item) for key, item in value.items()})
     if hasattr(value, "tolist"):
         return jsonable(value.tolist())
     if isinstance(value, list | tuple):

@@ -13,7 +13,13 @@ from collections.abc import Sequence
 from dropper_jax.cli.before_jax import prepare
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.commands import parse
-from dropper_jax.cli.faults import close_stdout, report_error, terminated_as_interrupted, with_streams
+from dropper_jax.cli.faults import (
+    close_stdout,
+    old_names_in_one_line,
+    report_error,
+    terminated_as_interrupted,
+    with_streams,
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -21,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv[1:] if argv is None else argv)
     with_streams()
     prepare()
-    with terminated_as_interrupted():
+    with terminated_as_interrupted(), old_names_in_one_line():
         try:
             args = parse(argv)
             code = args.run(args)

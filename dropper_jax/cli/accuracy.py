@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_quiet, add_scene, number, read_scene
+from dropper_jax.cli.options import add_examples, add_quiet, add_scene, number, read_scene
 from dropper_jax.cli.output import done_object, print_line, progress, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -19,6 +19,11 @@ help = "measure errors and times of all integrators over a range of steps, and a
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "accuracy dropper-release-a --quick",
+        "accuracy paper-case-1 --dts 0.04 0.02 0.01 --plot accuracy",
+    )
     add_scene(parser)
     parser.add_argument(
         "--integrators",

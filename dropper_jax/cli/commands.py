@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 import argparse
+import textwrap
 from collections.abc import Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from typing import NoReturn, Protocol
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.renamed import new_option
 
 GROUP = "dropper.commands"
 PACKAGES = ("dropper-jax", "jax")
 HELP = ("-h", "--help")
+#: Commands by what they are for, those in frequent use first. Commands of other packages follow under `Others`.
+GROUPS = {
+    "Simulate": ("new", "check", "run", "equilibrium", "view", "report", "scenes", "demo", "library"),
+    "Sea and farm": ("sea", "cases", "optimise", "design", "season", "growth"),
+    "Fit and design of experiments": ("track", "fit", "plan"),
+    "Studies": ("sweep", "sensitivity", "modes", "stiffness", "response", "figure"),
+    "Checks": ("doctor", "accuracy", "cost", "stability"),
+}
+OTHERS = "Others"
+#: Columns of the list of commands, and of the names in it.
+WIDTH, NAMES = 100, 15
 
 
 class Command(Protocol):
@@ -65,19 +78,41 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     """
     # every option in front of the command ends the program, so the first other word is the command
     asked = next((word for word in argv if not word.startswith("-")), None)
-    listed = asked is None and any(word in HELP for word in argv)
-    parser = _Parser(prog="dropper", description="Simulate mussel droppers, pendulums and strings.", allow_abbrev=False)
+    argv = [new_option(asked, word) for word in argv]
+    listed = asked is None and (not argv or any(word in HELP for word in argv))
+    about = "Simulate mussel droppers, pendulums and strings.\ndropper COMMAND --help: its options and two examples."
+    plain = argparse.RawDescriptionHelpFormatter
+    parser = _Parser(prog="dropper", description=about, formatter_class=plain, allow_abbrev=False)
     parser.add_argument("--version", action=_Version, nargs=0, help=f"print the versions of {' and '.join(PACKAGES)}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", help=argparse.SUPPRESS)
     for entry in find_commands():
+        own = commands.add_parser(entry.name)
         if entry.name == asked:
             command = _load(entry)
-            own = commands.add_parser(entry.name, description=command.help)
+            own.description, own.formatter_class = command.help, plain
             command.add_arguments(own)
             own.set_defaults(run=command.run)
-        else:
-            commands.add_parser(entry.name, **({"help": _help(entry)} if listed else {}))
-    return parser.parse_args(argv)
+    if listed:
+        parser.epilog = grouped_commands()
+    return parser.parse_args(argv or [HELP[0]])
+
+
+def command_groups() -> dict[str, list[EntryPoint]]:
+    """All commands by group."""
+    left = {entry.name: entry for entry in find_commands()}
+    found = {group: [left.pop(name) for name in names if name in left] for group, names in GROUPS.items()}
+    return {group: entries for group, entries in {**found, OTHERS: list(left.values())}.items() if entries}
+
+
+def grouped_commands() -> str:
+    """The commands by group, each with its line of help."""
+    lines: list[str] = []
+    for group, entries in command_groups().items():
+        lines += ["", group]
+        for entry in entries:
+            head = f"  {entry.name}".ljust(NAMES)
+            lines += textwrap.wrap(head + _help(entry), WIDTH, subsequent_indent=" " * NAMES, drop_whitespace=True)
+    return "\n".join(lines[1:])
 
 
 def _load(entry: EntryPoint) -> Command:
@@ -91,4 +126,4 @@ def _help(entry: EntryPoint) -> str:
     try:
         return _load(entry).help
     except SceneError as error:
-        return str(error).replace("%", "%%")
+        return str(error)

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, read_scene
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.output import done_object, failure_object, print_line, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -14,6 +14,11 @@ help = "operations, bytes and microseconds per step, with and without each effec
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "cost dropper-release-a",
+        "cost paper-case-1 --plot cost.png",
+    )
     add_scene(parser)
     add_plot(parser, "a bar chart")
     add_out(parser)

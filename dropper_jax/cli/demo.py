@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.toml_text import literal
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json
+from dropper_jax.cli.options import add_examples, add_json
 from dropper_jax.cli.output import print_line, progress
 from dropper_jax.cli.run import PICTURES, draw, report, text
 
@@ -39,6 +39,11 @@ class DemoPart:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "demo",
+        "demo --out my-demo --json",
+    )
     parser.add_argument("--out", default="demo", metavar="DIR", help="folder for the results (default: demo)")
     add_json(parser)
 

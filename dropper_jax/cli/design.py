@@ -6,7 +6,7 @@ import argparse
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_scene, number, read_scene
+from dropper_jax.cli.options import add_examples, add_scene, number, read_scene
 from dropper_jax.cli.output import done_object, listing
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
@@ -14,6 +14,11 @@ help = "solve for a value of the scene that gives a required static tension or d
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "design paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 3730",
+        "design my-longline.toml --vary line.west-leg.length=37:39 --target anchor.west-anchor.horizontal --value 2000",
+    )
     add_scene(parser)
     parser.add_argument(
         "--vary",
@@ -22,7 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the value to solve for and its range, such as line.0.EA=1e5:1e7",
     )
     parser.add_argument(
-        "--target", required=True, metavar="WHAT", help="tension.LINE.first, .last or .max [N], or depth.POINT [m]"
+        "--target",
+        required=True,
+        metavar="WHAT",
+        help="a quantity of the static pose: tension.LINE.fairlead, .first, .last or .max [N], "
+        "anchor.POINT.horizontal [N], depth.POINT or offset.POINT [m]; as for `dropper sensitivity --of`, no statistic",
     )
     parser.add_argument("--value", required=True, type=number, help="the required value of the target")
     add_out(parser)
@@ -41,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
 
     found = solve_design(scene, path.strip(), low, high, args.target, args.value)
     values = {"path": found.path, "value": found.value, "target": found.target}
-    more = {"wanted": found.requested, "reached": found.reached, "solves": found.solves}
+    more = {"required": found.requested, "reached": found.reached, "solves": found.solves}
     text = [
         (found.path, f"{found.value:.9g}"),
         (found.target, f"{found.reached:.9g}, required {found.requested:g}"),

@@ -7,13 +7,18 @@ from typing import Any
 
 from dropper_jax.base.memory import in_words
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json
+from dropper_jax.cli.options import add_examples, add_json
 from dropper_jax.cli.output import done_object, failure_object, listing, print_line, print_result
 
 help = "versions, devices, cache, and checks against known results"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "doctor",
+        "doctor --json",
+    )
     add_json(parser)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, positive_integer, read_scene
+from dropper_jax.cli.options import add_examples, add_scene, positive_integer, read_scene
 from dropper_jax.cli.output import done_object, failure_object, print_line, print_warnings, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder, weights_table
 
@@ -23,6 +23,11 @@ help = "find the static equilibrium of a scene, under its release force if it ha
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "equilibrium dropper-release-a",
+        "equilibrium edulis-tide --tide --times 7 --plot tide",
+    )
     add_scene(parser)
     parser.add_argument("--tide", action="store_true", help="equilibria through a cycle of current and level")
     parser.add_argument(
@@ -96,7 +101,14 @@ def _tide_text(found: dict[str, Any]) -> str:
     for row in found["rows"]:
         loads = (np.linalg.norm(load) for load in row["held_load_n"].values())
         used = (100.0 * share for share in row["anchor_utilisation"].values())
-        values = (row["t_s"] / 3600.0, row["level_m"], row["speed_m_per_s"], row["moved_m"], *loads, *used)
+        values = (
+            row["t_s"] / 3600.0,
+            row["level_m"],
+            row["speed_m_per_s"],
+            row["displacement_m"],
+            *loads,
+            *used,
+        )
         rows.append(tuple(f"{value:.4g}" for value in values))
     note = "moved: maximum horizontal displacement of a node from the equilibrium without current at the mean level"
     return f"{table(rows)}\n{note}"

@@ -12,11 +12,13 @@ import signal
 import sys
 import threading
 import traceback
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.renamed import SINCE
 from dropper_jax.cli.codes import FAILED, INTERRUPTED, INVALID_INPUT
 from dropper_jax.cli.output import failure_object, print_json, print_line
 
@@ -52,6 +54,23 @@ def terminated_as_interrupted() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+@contextmanager
+def old_names_in_one_line() -> Iterator[None]:
+    """Show each warning of an old name in one line on standard error; Python hides them, or shows two lines."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("always", f".* {SINCE} ", DeprecationWarning)
+        show = warnings.showwarning
+
+        def in_one_line(message: Warning | str, category: type[Warning], *rest: object) -> None:
+            if category is DeprecationWarning and f" {SINCE} " in str(message):
+                print_line(f"DeprecationWarning: {message}")
+            else:
+                show(message, category, *rest)
+
+        warnings.showwarning = in_one_line
+        yield
 
 
 @contextmanager
@@ -119,7 +138,11 @@ def classify_error(error: BaseException) -> tuple[str, str, int]:
     text = " ".join(str(error).split())
     if NO_BACKEND in text:
         wanted = os.environ.get("JAX_PLATFORMS", "")
-        return "invalid_input", f"JAX_PLATFORMS: {wanted!r} cannot be used here; allowed: cpu, or unset", INVALID_INPUT
+        return (
+            "invalid_input",
+            f"JAX_PLATFORMS: {wanted!r} cannot be used here. Use cpu, or leave it unset",
+            INVALID_INPUT,
+        )
     if isinstance(error, MemoryError) or any(word in text for word in NO_MEMORY):
         return (
             "out_of_memory",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_scene, number, read_scene
+from dropper_jax.cli.options import add_examples, add_scene, number, read_scene
 from dropper_jax.cli.output import done_object, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -13,6 +13,11 @@ help = "mussels of a scene by month and depth: mass, diameter, wet weight"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "growth edulis-longline --months 6 12",
+        "growth my-farm.toml --plot growth.png",
+    )
     add_scene(parser)
     parser.add_argument(
         "--months", nargs="+", type=number, metavar="MONTH", help="months (default: those of the scene)"

@@ -6,13 +6,18 @@ import argparse
 
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_json
+from dropper_jax.cli.options import add_examples, add_json
 from dropper_jax.cli.output import done_object, listing, print_json, print_result
 
 help = "list ropes, chains, floats and crops, or print one as TOML to paste"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "library",
+        "library chain-studlink-0.022",
+    )
     parser.add_argument(
         "name", nargs="?", metavar="NAME", help="print this part, given by family and size: chain-studlink-0.022"
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, number, positive_integer, read_scene
+from dropper_jax.cli.options import add_examples, add_scene, number, positive_integer, read_scene
 from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -21,6 +21,11 @@ help = "natural periods, damping ratios and modes about the static equilibrium"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "modes dropper-release-a --count 5",
+        "modes paper-case-4 --amplitude 0.1 --plot modes.png",
+    )
     add_scene(parser)
     parser.add_argument("--count", type=positive_integer, default=10, help="number of modes, the slowest first (10)")
     parser.add_argument(

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from dropper_jax.run.simulate import Solution
 
+#: Value of `--dt` for the suggested step.
+AUTO = "auto"
 SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01 (may be given several times)"
 
 
@@ -29,6 +31,11 @@ def add_scene(parser: argparse.ArgumentParser, optional: bool = False) -> None:
     add_allow_outside(parser)
     add_set(parser)
     add_json(parser)
+
+
+def add_examples(parser: argparse.ArgumentParser, *examples: str) -> None:
+    """Complete command lines at the end of the help."""
+    parser.epilog = "\n".join(["examples:", *(f"  dropper {example}" for example in examples)])
 
 
 def add_allow_outside(parser: argparse.ArgumentParser) -> None:
@@ -72,13 +79,25 @@ def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scen
     register_installed()
     with references_of(folder_of(args.scene, getattr(args, "allow_outside", True))):
         scene = Scene.from_dict(plain_values(found, getattr(args, "depth", None)), name)
-    return scene.with_values(values) if values else scene
+    return with_step(scene.with_values(values) if values else scene, args)
+
+
+def with_step(scene: Scene, args: argparse.Namespace) -> Scene:
+    """The scene with the suggested step for `--dt auto`, which is printed."""
+    if vars(args).get("dt") != AUTO:
+        return scene
+
+    from dropper_jax.run.resolution import suggest_step
+
+    step = suggest_step(scene)
+    print_line(f"time step: {step:g} s (--dt auto)")
+    return scene.with_values({"run.dt": step})
 
 
 def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> dict[str, Any]:
     """Values by path from `--set` and options for keys of `[run]`."""
-    values = assignments(args.set)
-    return values | {f"run.{key}": getattr(args, key) for key in run_values if getattr(args, key) is not None}
+    given = {f"run.{key}": getattr(args, key) for key in run_values}
+    return assignments(args.set) | {path: value for path, value in given.items() if value not in (None, AUTO)}
 
 
 def read_run(file: str) -> Solution:
@@ -156,6 +175,11 @@ def number(text: str) -> float:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
 
 
+def step_length(text: str) -> float | str:
+    """A time step on the command line: a number, or `auto`."""
+    return AUTO if text == AUTO else number(text)
+
+
 def positive_integer(text: str) -> int:
     """A whole number on the command line, at least 1."""
     if not text.isdecimal() or int(text) < 1:
@@ -179,11 +203,22 @@ SCHEMES = (
     "dop853",
     "thesis_angles",
 )
+#: Signals and statistics of `dropper_jax.run.quantities`, which imports JAX.
+SIGNALS = ("tension", "anchor", "angle", "offset", "excursion", "depth", "x", "y", "z", "period", "energy")
+STATISTICS = ("max", "min", "mean", "final", "start", "std", "fatigue", "peak")
+QUANTITY_HELP = (
+    "SIGNAL[.WHERE].STATISTIC, such as tension.3.max, tension.west-leg.fairlead.max, anchor.west.horizontal.max or "
+    f"offset.buoy.max; signals: {', '.join(SIGNALS)}; statistics: {', '.join(STATISTICS)}"
+)
 #: Options for values of `[run]`, by their key.
 RUN_VALUES: dict[str, dict[str, Any]] = {
     "integrator": {"metavar": "NAME", "help": f"time integration scheme: {', '.join(SCHEMES)}"},
     "solver": {"metavar": "NAME", "help": "linear solver: auto, dense, banded, condensed or network"},
-    "dt": {"type": number, "help": "time step [s]"},
+    "dt": {
+        "type": step_length,
+        "metavar": "S",
+        "help": "time step [s], or auto: the one that `dropper check` suggests",
+    },
     "duration": {"type": number, "help": "simulated time [s]"},
     "dtype": {"metavar": "NAME", "help": "float64 or float32"},
     "step_tolerance": {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json, number, output_folder, read_run
+from dropper_jax.cli.options import add_examples, add_json, number, output_folder, read_run
 from dropper_jax.cli.output import print_line, print_result
 from dropper_jax.report.settings import Settings
 
@@ -19,6 +19,11 @@ help = "report on saved runs: tensions, anchors, snaps, fatigue, motion, contact
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "report run.npz --report report",
+        "report seed-1.npz seed-2.npz seed-3.npz --skip 60 --storm 10800",
+    )
     parser.add_argument("runs", nargs="+", metavar="RUN", help="files written by `dropper run --out`, .npz or .nc")
     parser.add_argument("--report", metavar="DIR", help="write report.md, report.json and pictures")
     parser.add_argument("--out", metavar="DIR", help="the same as --report")

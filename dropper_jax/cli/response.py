@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_quiet, add_scene, read_scene
+from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
 from dropper_jax.cli.output import done_object, failure_object, print_line, progress, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -17,9 +17,19 @@ help = "mean shift, amplitude and phase of the first link in regular waves, over
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "response wet-pendulum-wave --periods 2:6:9",
+        "response wet-pendulum-wave --periods 2:6:9 --plot response.png",
+    )
     add_scene(parser)
     parser.add_argument("--periods", required=True, metavar="LO:HI:N", help="periods [s], N from LO to HI")
-    parser.add_argument("--no-more", action="store_true", help="leave out the runs with waves of 1.1 times the height")
+    parser.add_argument(
+        "--no-higher-waves",
+        dest="no_more",
+        action="store_true",
+        help="leave out the runs with waves of 1.1 times the height",
+    )
     add_plot(parser, "the curves over the period")
     add_out(parser)
     add_quiet(parser)
@@ -32,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.base.progress import silent
     from dropper_jax.study.sea_facts import responses
 
-    rows = responses(scene, periods, not args.no_more, progress(args.quiet) or silent)
+    rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet) or silent)
     failed = next((row["status"] for row in rows if row["status"] != "ok"), None)
     if plot and not failed:
         from dropper_jax.study import rest_pictures

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, INTERRUPTED, OK
 from dropper_jax.cli.options import (
+    add_examples,
     add_quiet,
     add_run_values,
     add_scene,
@@ -18,6 +19,7 @@ from dropper_jax.cli.options import (
     output_folder,
     read_run,
     read_scene,
+    with_step,
 )
 from dropper_jax.cli.output import listing, print_json, print_line, print_warnings, progress, table
 from dropper_jax.cli.outputs import weights_table
@@ -65,6 +67,11 @@ WATER_PICTURES = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "run dropper-release-a --duration 10 --out run.npz --plot pictures",
+        "run my-longline.toml --dt auto --set sea.waves.height=2.5 --report report",
+    )
     add_scene(parser, optional=True)
     add_run_values(parser, OVERRIDES)
     parser.add_argument(
@@ -185,7 +192,7 @@ def _further(args: argparse.Namespace, before: Solution) -> Scene:
     """The scene of the run to continue, or that of the command line if given, with the values of the command line."""
     values = {"run.duration": before.further, **given_values(args, OVERRIDES)}
     if args.scene is None:
-        return before.scene.with_values(values)
+        return with_step(before.scene.with_values(values), args)
     return read_scene(args, OVERRIDES).with_values({"run.duration": values["run.duration"]})
 
 

@@ -10,17 +10,30 @@ from typing import TYPE_CHECKING, Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_allow_outside, add_json, add_set, assignments, number, output_file
+from dropper_jax.cli.options import (
+    add_allow_outside,
+    add_examples,
+    add_json,
+    add_set,
+    assignments,
+    number,
+    output_file,
+)
 from dropper_jax.cli.output import done_object, listing, print_json, print_result, print_warnings
-from dropper_jax.load.packaged import find_scene, is_packaged, packaged_scene, scene_names
+from dropper_jax.load.packaged import find_scene, is_packaged, packaged_scene, scene_names, scene_titles, variants_of
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
 
-help = "list the packaged scenes, or print one as TOML to edit"
+help = "list the packaged scenes by group, or print one as TOML to edit"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "scenes",
+        "scenes paper-case-1 --set sea.depth=40",
+    )
     parser.add_argument(
         "scene", nargs="?", metavar="SCENE", help="print this scene as TOML: a packaged one, or a MoorDyn input"
     )
@@ -60,13 +73,19 @@ def run(args: argparse.Namespace) -> int:
     ):
         if given:
             raise SceneError(f"{option}: needs a scene. Use dropper scenes SCENE {option} ...")
-    found = {scene: packaged_scene(scene)["description"] for scene in scene_names()}
-    print_result(
-        args.json,
-        done_object(scenes=[{"name": scene, "description": text} for scene, text in found.items()]),
-        listing(list(found.items())),
-    )
+    found = [{"name": scene, "description": packaged_scene(scene)["description"]} for scene in scene_names()]
+    print_result(args.json, done_object(groups=scene_titles(), scenes=found), _titles())
     return OK
+
+
+def _titles() -> str:
+    """Titles by group, each with the suffixes of its variants."""
+    parts = []
+    for group, titles in scene_titles().items():
+        also = {name: ", ".join(variants_of(name)) for name in titles}
+        pairs = [(f"  {name}", f"{title}{also[name] and f' (also {also[name]})'}") for name, title in titles.items()]
+        parts.append(f"{group}\n{listing(pairs)}")
+    return "\n\n".join(parts)
 
 
 def _reference(args: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_scene, output_file, read_scene
+from dropper_jax.cli.options import add_examples, add_scene, output_file, read_scene
 from dropper_jax.cli.output import done_object, listing, print_warnings, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -20,6 +20,11 @@ help = "waves and current of a scene: theory, length, breaking, regime"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "sea paper-case-1",
+        "sea dropper-regular-wave --plot sea",
+    )
     add_scene(parser)
     add_plot(parser, "the map of wave theories and the map of the current behind lines")
     add_out(parser)

@@ -9,7 +9,7 @@ from typing import Any
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json, add_quiet
+from dropper_jax.cli.options import add_examples, add_json, add_quiet
 from dropper_jax.cli.output import done_object, failure_object, print_line, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
@@ -17,6 +17,11 @@ help = "run a catalogue of hard cases, each against its limit, with the thesis' 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "stability --short",
+        "stability --cases snap-peak --out stability.json",
+    )
     add_json(parser)
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="only these (default: all)")
     parser.add_argument("--short", action="store_true", help="shortened runs, without comparison programs")

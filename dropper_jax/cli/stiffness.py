@@ -11,7 +11,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, output_file, read_scene
+from dropper_jax.cli.options import add_examples, add_scene, output_file, read_scene
 from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, print_warnings, table
 from dropper_jax.cli.outputs import deliver
 
@@ -26,6 +26,11 @@ SHOWN = 12
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "stiffness ballasted-spar",
+        "stiffness paper-case-4 --points buoy --out stiffness.csv",
+    )
     add_scene(parser)
     parser.add_argument("--points", metavar="A,B", help="points and bodies (default: all bodies, else all free points)")
     parser.add_argument("--out", metavar="FILE", help="write the matrix (.csv) or the output of --json (.json)")

@@ -5,13 +5,18 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_json, output_file, read_run
+from dropper_jax.cli.options import add_examples, add_json, output_file, read_run
 from dropper_jax.cli.output import done_object, print_result
 
 help = "make an interactive 3D page of a saved run"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "view run.npz --out view.html",
+        "view before.npz after.npz --out both.html",
+    )
     parser.add_argument("run_file", metavar="RUN", help="file written by `dropper run --out`, .npz or .nc")
     parser.add_argument("other", metavar="RUN", nargs="?", help="a second run, shown side by side")
     parser.add_argument("--out", required=True, metavar="FILE.html", help="the page, which works offline")

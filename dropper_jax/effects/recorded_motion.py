@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.renamed import old_attribute
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect
 from dropper_jax.scene import SceneData
@@ -22,15 +23,17 @@ class RecordedMotion(Effect):
     """Positions of prescribed points over time, as from cameras or a vessel's log: a table of positions for each point.
 
     Quintics between the rows have the slopes and curvatures of a parabola through three rows (as `end_motion`), so that
-    velocity and acceleration are continuous. Before and after the table the points rest. `places` has the rows of the
-    first point, then those of the second, and so on: (points * k, 3) for k times.
+    velocity and acceleration are continuous. Before and after the table the points rest. `positions` are the rows of
+    the first point, then those of the second, and so on: (points * k, 3) for k times.
     """
 
     name: ClassVar[str] = "recorded_motion"
     time: jax.Array = parameter("times of the rows", unit="s", shape="table")
-    places: jax.Array = parameter("positions, point after point", unit="m", shape="vectors")
+    positions: jax.Array = parameter("point after point", unit="m", shape="vectors")
     home: jax.Array | None = None  # positions of the points in the scene (points, 3) [m]
     points: tuple[str, ...] = option("names of the points that move", type=list, default=())
+
+    __getattr__ = old_attribute
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
@@ -46,9 +49,9 @@ class RecordedMotion(Effect):
         if len(values["time"]) < 2 or np.any(np.diff(values["time"]) <= 0):
             raise SceneError(f"{path}.time: needs at least 2 increasing times")
         rows = len(values["time"]) * len(values["points"])
-        if len(values["places"]) != rows:
+        if len(values["positions"]) != rows:
             raise SceneError(
-                f"{path}.places: has {len(values['places'])} rows; allowed: {rows}, one per point and time"
+                f"{path}.positions: has {len(values['positions'])} rows; allowed: {rows}, one per point and time"
             )
 
     @classmethod
@@ -61,11 +64,13 @@ class RecordedMotion(Effect):
 
     def of(self, name: str) -> Effect:
         i, count = self.points.index(name), self.time.shape[0]
-        return replace(self, points=(name,), home=self.home[i : i + 1], places=self.places[i * count : (i + 1) * count])
+        return replace(
+            self, points=(name,), home=self.home[i : i + 1], positions=self.positions[i * count : (i + 1) * count]
+        )
 
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""
-        return interpolate_quintic(t, self.time, self.places[: self.time.shape[0]]) - self.home[0]
+        return interpolate_quintic(t, self.time, self.positions[: self.time.shape[0]]) - self.home[0]
 
     @property
     def kinks(self) -> jax.Array | None:

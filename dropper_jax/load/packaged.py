@@ -52,8 +52,19 @@ def _files() -> dict[str, Traversable]:
 def scene_names() -> tuple[str, ...]:
     """Names of the packaged scenes."""
     files = _files()
-    variants = (name + suffix for suffix, (of, _) in VARIANTS.items() for name in files if of.fullmatch(name))
+    variants = (name + suffix for name in files for suffix in variants_of(name))
     return tuple(sorted((*files, *variants)))
+
+
+def scene_titles() -> dict[str, dict[str, str]]:
+    """Titles of the packaged scenes by group; names of variants are not listed (see `variants_of`)."""
+    file = resources.files("dropper_jax") / "data" / "scene_titles.toml"
+    return parse_toml(file.read_bytes(), "scene_titles.toml")
+
+
+def variants_of(name: str) -> list[str]:
+    """Suffixes of the scenes derived from a packaged one."""
+    return [suffix for suffix, (of, _) in VARIANTS.items() if of.fullmatch(name)]
 
 
 def is_packaged(name: str) -> bool:

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import LocatedValues, SceneError
+from dropper_jax.base.html_table import html_table
 from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_list, read_table, read_text, refuse
+from dropper_jax.base.renamed import new_keys, new_path
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.checks_system import (
@@ -134,6 +136,10 @@ SECTIONS = (
 )
 
 
+#: Maximum number of lines and points in the table of a scene.
+SHOWN = 12
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Scene(SceneData):
     """A scene, read and checked, that keeps its original form.
@@ -158,7 +164,7 @@ class Scene(SceneData):
                 return cls.from_dict(dict(table), name)
             except SceneError as error:
                 raise table.with_line(error) from None
-        given = with_library_points(read_table(table, "scene"))
+        given = with_library_points(new_keys(read_table(table, "scene")))
         template = Template.of(given)
         if template is not None:
             return dataclasses.replace(cls.from_dict(template.expand(), name), template=template)
@@ -227,6 +233,19 @@ class Scene(SceneData):
         """Plain values as `to_dict`, with line types, sections and attached points in their original form."""
         return self.to_dict() if self.written is None else self.written.table(self.to_dict())
 
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks."""
+        rows = [
+            ("run", f"{self.run.integrator}, {self.run.dt:g} s to {self.run.duration:g} s"),
+            ("points", ", ".join(f"{point.name} ({point.kind})" for point in self.points[:SHOWN])),
+            *(
+                (f"line {line.name}", f"{line.links} links, {line.total:.4g} m, {float(np.sum(line.mass)):.4g} kg")
+                for line in self.lines[:SHOWN]
+            ),
+            ("effects", ", ".join(self.effects) or "none"),
+        ]
+        return html_table(f"Scene {self.name}: {len(self.lines)} lines, {len(self.points)} points", rows)
+
     def with_values(self, values: Mapping[str, Any]) -> Scene:
         """The scene with some values changed, all at once, validated again.
 
@@ -236,7 +255,7 @@ class Scene(SceneData):
                 `line.leg.length` is that of the full line, `line_type.chain.EA` that of all lines of the type. An
                 effect that the scene lacks is added by its first value.
         """
-        values = {path: copy.deepcopy(plain(value)) for path, value in values.items()}
+        values = {new_path(path): copy.deepcopy(plain(value)) for path, value in values.items()}
         if self.template is not None:
             return self._from_template(values)
         if parameters := [path for path in values if path.startswith("parameters.")]:

@@ -120,7 +120,7 @@ def _describe_distance(record: Record, index: int, distance: float, near: dict[s
         "t_s": float(record.t[near["t"]]),
         "at_m": float(arc(record.written_lines[index].spec.length)[near["at"]]),
         "nearest_at_m": float(arc(record.written_lines[other].spec.length)[near["its"]]),
-        "looked_every_s": looks_every(record) * record.interval,
+        "sampled_every_s": looks_every(record) * record.interval,
         "diameters_m": _touching(record, index, other),
     }
 

@@ -130,7 +130,7 @@ def _holding(anchors: list[dict[str, Any]]) -> str:
                     found["kind"].replace("_", " "),
                     f"{100 * used['mean']:.1f} / {100 * used['max']:.1f}",
                     "no load" if factor is None else f"{factor:.2f}",
-                    f"{found['wanted_factor']:g}: {'yes' if found['holds'] else 'NO'}",
+                    f"{found['required_factor']:g}: {'yes' if found['holds'] else 'NO'}",
                 ]
             )
     head = ["anchor", "kind", "utilisation, mean / max [%]", "factor at the maximum load", "required factor met"]

@@ -130,7 +130,7 @@ def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], loads: dict[st
         "behind": anchor.behind,
         "utilisation": _spread(used[anchor.point]),
         "factor": 1.0 / largest if largest > 0.0 else None,
-        "wanted_factor": anchor.safety_factor,
+        "required_factor": anchor.safety_factor,
         "holds": bool(factored[anchor.behind or anchor.point].max() <= 1.0),
         **({"capacity_n": anchor.screw_capacity} if anchor.kind == "screw" else {}),
     }

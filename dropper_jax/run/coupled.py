@@ -156,9 +156,7 @@ class Coupled:
         self._free = set_free(model, self._indices)
         self._stepper = stepper_of(self._model, here.run)
         if self._stepper.integrator.controls_error or here.run.step_tolerance is not None:
-            raise SceneError(
-                "run: chooses its own steps, which a coupling cannot use; allowed: schemes with equal steps"
-            )
+            raise SceneError("run: chooses its own steps, which a coupling cannot use. Use a scheme of equal steps")
         self._plain = self._stepper.until_converged or not model.laws
         progress = begin(self._stepper, self._model, initial_state(self._model, here.start))
         forces = np.asarray(_forces(self._model, self._free, progress.state, points=self._indices))

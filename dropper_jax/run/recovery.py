@@ -81,7 +81,7 @@ def solution_of_rows(scene: Scene, folder: Path, settings: dict[str, Any]) -> So
     renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
     stepper = stepper_of(model, scene.run, **renamed)
     if stepper.integrator.controls_error:
-        raise SceneError(f"integrator: {stepper.integrator.name} controls its own error; allowed: any other")
+        raise SceneError(f"integrator: {stepper.integrator.name} controls its own error. Use a scheme of equal steps")
     first, since = initial_carry(stepper, model, scene, None)
     s = begin(stepper, model, initial_state(model, scene.start)).state
     beside = None if scene.run.step_tolerance is None else Within(*(0.0,) * len(Within._fields))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, SimulationError
+from dropper_jax.base.html_table import html_table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
@@ -42,6 +44,11 @@ from dropper_jax.stepping.stepper import Stepper
 
 if TYPE_CHECKING:
     import xarray
+
+
+#: The log of the library: warnings of runs, and a line for each run as information.
+LOG = logging.getLogger("dropper_jax")
+LOG.addHandler(logging.NullHandler())  # nothing is printed unless the user configures it
 
 
 class Solution(Samples):
@@ -82,6 +89,19 @@ class Solution(Samples):
     def summary(self) -> dict[str, Any]:
         """The JSON object of a run; NaN and infinity are null."""
         return summary(self)
+
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks."""
+        used = self.settings
+        rows = [
+            ("status", self.failure or self.status),
+            ("scheme", f"{used['integrator']}, solver {used['solver']}"),
+            ("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} saved times"),
+            ("tension", f"{np.min(self.tension):.4g} to {np.max(self.tension):.4g} N"),
+            ("energy balance error", f"{self.energy_drift:.2g} J (reference {self.energy_scale:.3g} J)"),
+            *(("warning", text) for text in self.warnings),
+        ]
+        return html_table(f"Run of {self.scene.name}", rows)
 
     def to_xarray(self) -> xarray.Dataset:
         """The run as an `xarray.Dataset` with names, units and provenance; needs the extra `io`."""
@@ -274,6 +294,9 @@ def simulate(
         solution = _check_tolerance(solution, tolerance, choice)
     if errors and is_finished(solution):
         solution = _with_errors(solution, scene, skip, settings, say)
+    for text in solution.warnings:
+        LOG.warning("%s: %s", scene.name, text)
+    LOG.info("%s: %s at %g s, %.3g s run", scene.name, solution.status, solution.t[-1], solution.run_s)
     say(1.0, solution.status)
     if throw and solution.status != "ok":
         raise SimulationError(solution.failure, solution)

@@ -252,7 +252,7 @@ def write_zarr(solution: Samples, path: str | Path) -> Path:
     path = Path(path)
     zarr_packages()
     if path.exists() and not _is_run_folder(path):
-        raise SceneError(f"{path}: exists and is not a saved run; allowed: a new folder, or a saved run to replace")
+        raise SceneError(f"{path}: exists and is not a saved run. Use a new folder, or a saved run to replace")
     dataset = to_xarray(solution)
     try:
         remove_leftovers(path)

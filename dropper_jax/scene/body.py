@@ -162,13 +162,13 @@ class BodySpec:
             )
         if self.bed_friction and not self.touches_bed:
             raise SceneError(
-                f"{path}.bed_friction: {self.bed_friction:g} of a body that does not touch the seabed; allowed: 0, or "
+                f"{path}.bed_friction: {self.bed_friction:g} of a body that does not touch the seabed. Use 0, or "
                 "`touches_bed = true`"
             )
         if self.pinned and np.any(self.velocity):
             raise SceneError(
-                f"{path}.velocity: {self.velocity.tolist()} of a pinned body, which only rotates; allowed: none, with "
-                "`angular_velocity`"
+                f"{path}.velocity: {self.velocity.tolist()} of a pinned body, which only rotates. Use "
+                "`angular_velocity` alone"
             )
 
     def outside(self) -> dict[str, float]:

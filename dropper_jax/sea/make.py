@@ -269,5 +269,5 @@ def _refuse_blocked(waves: Waves) -> None:
         period = 2 * np.pi / float(waves.omega[stopped[0]])
         raise SceneError(
             f"sea.wave_current: the current stops {stopped.size} of {waves.size} wave components, the first of period "
-            f"{period:.4g} s; allowed: a weaker opposing current or longer waves"
+            f"{period:.4g} s. Use a weaker opposing current or longer waves"
         )

@@ -97,7 +97,7 @@ class Linearised:
         try:
             x = -np.linalg.solve(matrix, push)
         except np.linalg.LinAlgError:
-            raise SceneError(f"omega: {w:g} rad/s is an undamped resonance; allowed: any other") from None
+            raise SceneError(f"omega: {w:g} rad/s is an undamped resonance. Use another frequency") from None
         both = np.concatenate([x, u])
         return x, (self.tension_by_place + 1j * w * self.tension_by_speed) @ both
 

@@ -143,7 +143,7 @@ def tide(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
     hours = [row["t_s"] / 3600.0 for row in rows]
     water.plot(hours, [row["speed_m_per_s"] for row in rows], label="current [m/s]", **marks(0))
     water.plot(hours, [row["level_m"] for row in rows], label="level [m]", **marks(1))
-    moved.plot(hours, [row["moved_m"] for row in rows], **marks(0))
+    moved.plot(hours, [row["displacement_m"] for row in rows], **marks(0))
     moved.set_ylabel("moved [m]")
     for i, point in enumerate(rows[0]["held_load_n"]):
         tension.plot(hours, [np.linalg.norm(row["held_load_n"][point]) / 1e3 for row in rows], label=point, **marks(i))

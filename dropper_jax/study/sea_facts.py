@@ -144,10 +144,10 @@ def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
     """Independent equilibria at times of a cycle: the line is assumed to follow the tide without delay.
 
     Returns:
-        {rows, slack, slack_status}: per time {t_s, level_m, speed_m_per_s, status, moved_m, line_moved_m, held_load_n,
-        anchor_utilisation (of points with an `[[anchor]]`: load over capacity)};
-        `slack` are the positions (nodes, 3) [m] without a current at the mean level, `moved_m` and `line_moved_m` the
-        maximum horizontal displacements from there of all nodes and of the nodes of each line.
+        {rows, slack, slack_status}: per time {t_s, level_m, speed_m_per_s, status, displacement_m, line_moved_m,
+        held_load_n, anchor_utilisation (of points with an `[[anchor]]`: load over capacity)}; `slack` are the positions
+        (nodes, 3) [m] without a current at the mean level, `displacement_m` and `line_moved_m` the maximum horizontal
+        displacements from there of all nodes and of the nodes of each line.
     """
     model = build_model(scene)
     loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
@@ -165,7 +165,7 @@ def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
                 "level_m": 0.0 if model.sea.level is None else float(model.sea.level.at(jnp.asarray(t))),
                 "speed_m_per_s": _speed(model.sea, float(t)),
                 "status": pose.status,
-                "moved_m": float(way.max()),
+                "displacement_m": float(way.max()),
                 "line_moved_m": {line.name: float(way[line.nodes].max()) for line in line_slices(scene)},
                 "held_load_n": held,
                 "anchor_utilisation": {name: float(value) for name, value in used.items()},

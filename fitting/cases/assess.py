@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,11 @@ def _labels(site: Site, storm: Storm) -> dict[str, Any]:
 def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
     """Maximum excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
     found: dict[str, Any] = {"broken": sum(len(run["broken"]) for run in good)}
+    for name in site.quantities:  # a characteristic maximum, or the mean of another statistic
+        own = site.run_of(storm)
+        own = own if name.endswith(".max") else replace(own, characteristic="mean")
+        values = np.array([run[f"quantity:{name}"] for run in good])
+        found.setdefault("quantities", {})[name] = characteristic(values, own)
     index = {line.name: i for i, line in enumerate(runs.lines)}
     if site.exclusion is not None:
         rows = [index[name] for name in site.matching(site.exclusion.lines)]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
@@ -17,6 +19,7 @@ from dropper_jax.run.arrays import breaks
 from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry
 from dropper_jax.run.growth import overgrown
+from dropper_jax.run.quantities import STATISTICS, quantity
 from dropper_jax.run.start import initial_state
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.static_pose import equilibrium
@@ -135,8 +138,9 @@ class Runner:
         self._starts: dict[Any, tuple[State, np.ndarray, np.ndarray]] = {}
 
     def __call__(self, case: Case) -> Found:
-        """Arrays of a run: those of `Tally`, `status`, `failed_at` [s], `message`, `broken` (time [s] of the break),
-        `rest` (n,) [N] and `depth` (lines, 2) [m], the minimum and maximum depth below the level, both at rest."""
+        """Arrays of a run: those of `Tally`, `quantity:NAME` of the site's quantities, `status`, `failed_at` [s],
+        `message`, `broken` (time [s] of the break), `rest` (n,) [N] and `depth` (lines, 2) [m], the minimum and maximum
+        depth below the level, both at rest."""
         try:
             return self._run(case)
         except SceneError as error:
@@ -154,9 +158,12 @@ class Runner:
         model = build_model(scene)
         stepper = stepper_of(model, scene.run, track_work=False)
         start, positions, rest = self._start(scene, model, case.storm)
-        tally = Tally(scene, self.site.run_of(case.storm).skip, positions, self.curved)
+        skip = self.site.run_of(case.storm).skip
+        tally = Tally(scene, skip, positions, self.curved)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run)
         carry, done, info = run.carry, 0, {"status": np.array(0)}
+        signals: list[list[np.ndarray]] = [[] for _ in self.site.quantities]
+        named = [quantity(name, model, "quantities") for name in self.site.quantities]
         retried = 0
         while done < scene.run.saves:
             carry, (rows, within) = run.go_on(carry, scene.run.saves - done)
@@ -165,6 +172,10 @@ class Runner:
             largest = rows.tension if within is None else within.largest
             nodes = np.asarray(_nodes(model, rows.r, t))
             tally.add(t[:good], nodes[:good], np.asarray(rows.tension)[:good], np.asarray(largest)[:good])
+            for one, parts in zip(named, signals, strict=True):
+                now = rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted
+                values = jax.vmap(partial(one.instant, model, start.r))(*now)
+                parts.append(np.asarray(values)[:good][t[:good] > skip])
             done, retried = done + len(t), retried + int(np.sum(rows.retried[:good]))
             if good < len(t):
                 code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
@@ -173,6 +184,8 @@ class Runner:
         broken = [row["time_s"] for row in breaks(scene, carry.state.parted)]
         depth = np.stack([_depth(start, model, line.nodes, case.storm.level) for line in tally.lines])
         more = {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
+        for one, parts in zip(named, signals, strict=True):
+            more[f"quantity:{one.name}"] = np.asarray(STATISTICS[one.statistic](jnp.concatenate(parts)))
         return {**tally.collect(), **info, **more}
 
     def _start(self, scene: Scene, model: Model, storm: Storm) -> tuple[State, np.ndarray, np.ndarray]:

@@ -69,6 +69,7 @@ def page(found: dict[str, Any]) -> str:
             ["point", "held by", "load [N]", "upward [N]", "uplift [deg]", "utilisation", "case"],
             [_anchor_cells(anchor, storms) for anchor in found["anchors"]],
         ),
+        _quantities(found, storms),
         "## Place",
         "\n".join(_position_lines(found, storms)),
         "## Fatigue",
@@ -80,6 +81,17 @@ def page(found: dict[str, Any]) -> str:
         _worst_cases(found, storms),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _quantities(found: dict[str, Any], storms: dict[int, Any]) -> str:
+    """The site's quantities, each in the case with its largest value; empty without any."""
+    rows = []
+    cases = [case for case in found["cases"] if "quantities" in case]
+    for name in dict.fromkeys(name for case in cases for name in case["quantities"]):
+        worst = max(cases, key=lambda case: abs(case["quantities"][name]["value"]))
+        value = worst["quantities"][name]
+        rows.append([name, f"{value['value']:.4g}", _number(value["error"], ".2g"), _label(storms[worst["case"]])])
+    return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows) if rows else ""
 
 
 def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:

@@ -56,6 +56,7 @@ class Store:
             "run": [run.duration, dt, run.skip, run.ramp],
             "exclusion": site.exclusion is not None,
             "curved": curved,
+            **({"quantities": site.quantities} if site.quantities else {}),
         }
         self._shared = hashlib.sha256(json.dumps(shared, sort_keys=True).encode()).hexdigest()
 

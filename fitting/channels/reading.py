@@ -183,7 +183,7 @@ def _recorded_motions(
     return {
         "effects.recorded_motion.points": [point for point, _ in paths],
         "effects.recorded_motion.time": times.tolist(),
-        "effects.recorded_motion.places": np.concatenate([y for _, y in paths], axis=0).tolist(),
+        "effects.recorded_motion.positions": np.concatenate([y for _, y in paths], axis=0).tolist(),
     }
 
 

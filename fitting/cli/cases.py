@@ -9,7 +9,7 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json, add_quiet, output_folder, positive_integer
+from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_folder, positive_integer
 from dropper_jax.cli.output import failure_object, listing, print_json, print_line, print_result, progress
 
 name = "cases"
@@ -17,6 +17,11 @@ help = "run the load cases of a site and report the utilisation of each part"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "cases site.toml --list",
+        "cases site.toml --out results --workers 2",
+    )
     parser.add_argument("site", metavar="SITE.toml", help="the site: scene, sea states, parts; or a packaged one")
     parser.add_argument("--out", metavar="FOLDER", help="runs, and cases.md, cases.csv, cases.json")
     parser.add_argument("--resume", action="store_true", help="resume the runs in the folder")

@@ -6,7 +6,7 @@ import argparse
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json, add_quiet
+from dropper_jax.cli.options import add_examples, add_json, add_quiet
 from dropper_jax.cli.output import done_object, failure_object, listing, print_line, print_result, progress
 from dropper_jax.cli.outputs import picture, plot_folder
 
@@ -15,6 +15,11 @@ help = "draw the paper's and the thesis' figures that show a simulation: runs th
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "figure",
+        "figure paper-6 --plot figures",
+    )
     parser.add_argument(
         "names",
         nargs="*",

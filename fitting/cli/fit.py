@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_allow_outside, add_json, add_quiet, add_set, number, output_folder, read_scene
+from dropper_jax.cli.options import (
+    add_allow_outside,
+    add_examples,
+    add_json,
+    add_quiet,
+    add_set,
+    number,
+    output_folder,
+    read_scene,
+)
 from dropper_jax.cli.output import listing, print_line, print_warnings, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
@@ -24,6 +33,11 @@ SAMPLERS = ("importance", "nuts")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "fit traces.csv --scene dropper-release-a --report report",
+        "fit traces.csv --scene my-dropper.toml --free b_l,b_q --held-out 12:16",
+    )
     parser.add_argument(
         "traces", nargs="+", metavar="DATA", help="one CSV per run: t, theta_1..n; or one TOML file that names channels"
     )

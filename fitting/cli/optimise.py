@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json, add_quiet, output_file
+from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_file
 from dropper_jax.cli.output import print_json, print_line, print_warnings, progress
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -19,6 +19,11 @@ help = "design a farm: minimum material, load or motion within a site's limits"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "optimise site.toml --check",
+        "optimise site.toml --state search.json --plot design",
+    )
     parser.add_argument("site", metavar="SITE.toml", help="the site, with [[variable]] and [objective]")
     parser.add_argument("--state", metavar="FILE.json", help="save the search here; resumes an existing one")
     add_plot(parser, "layout and utilisation, before and after,")

@@ -7,7 +7,7 @@ import argparse
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_json, add_quiet
+from dropper_jax.cli.options import add_examples, add_json, add_quiet
 from dropper_jax.cli.output import progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
@@ -16,6 +16,11 @@ help = "plan an experiment: which release, duration and camera determine the par
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "plan dropper-release-a --free b_l,b_q",
+        "plan dropper-release-a dropper-release-b --free b_l,b_q --duration 8,16 --noise 0.005,0.01",
+    )
     parser.add_argument("scenes", nargs="+", metavar="SCENE", help="packaged names or TOML files, released differently")
     parser.add_argument("--free", required=True, metavar="NAMES", help="parameters that the fit would free")
     parser.add_argument("--for", dest="wanted", metavar="NAMES", help="parameters to rank by (default: all)")

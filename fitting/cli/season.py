@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_json, add_quiet, output_folder
+from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_folder
 from dropper_jax.cli.output import listing, print_result, progress
 from dropper_jax.cli.outputs import add_plot, picture, plot_folder
 
@@ -15,6 +15,11 @@ help = "floats that carry the mussels of each month, and the resulting farm geom
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "season site.toml --report season",
+        "season site.toml --plot floats.png",
+    )
     parser.add_argument("site", metavar="SITE.toml", help="the site, with [season] and [[growth]]")
     parser.add_argument("--report", metavar="DIR", help="write season.md, season.csv, season.json and season.png")
     parser.add_argument("--out", metavar="DIR", help="the same as --report")

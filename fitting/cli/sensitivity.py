@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, output_file, read_scene
+from dropper_jax.cli.options import (
+    QUANTITY_HELP,
+    add_examples,
+    add_quiet,
+    add_run_values,
+    add_scene,
+    output_file,
+    read_scene,
+)
 from dropper_jax.cli.output import print_line, print_warnings, progress
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -19,20 +27,18 @@ if TYPE_CHECKING:
 name = "sensitivity"
 help = "sensitivity of a quantity to parameters: exact derivatives, Sobol indices, Morris screening"
 
-#: Signals and statistics of `fitting.sensitivity`, which imports JAX.
-SIGNALS = ("tension", "angle", "excursion", "x", "y", "z", "period", "energy")
-STATISTICS = ("max", "min", "mean", "final", "start", "std", "fatigue", "peak")
-OF = (
-    f"SIGNAL[.NUMBER].STATISTIC, such as tension.3.max; signals: {', '.join(SIGNALS)}; "
-    f"statistics: {', '.join(STATISTICS)}"
-)
 #: Options that set a value of the scene.
 OVERRIDES = ("integrator", "dt", "duration")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "sensitivity dropper-release-a --duration 1 --of tension.max --to b_l,b_q",
+        "sensitivity paper-case-4 --of anchor.anchor.horizontal.max --to line.chain.EA --duration 20",
+    )
     add_scene(parser)
-    parser.add_argument("--of", required=True, metavar="QUANTITY", help=OF)
+    parser.add_argument("--of", required=True, metavar="QUANTITY", help=QUANTITY_HELP)
     parser.add_argument("--to", required=True, metavar="NAMES", help="parameters, such as b_l,b_q,line.0.mass")
     parser.add_argument("--global", dest="method", choices=("sobol", "morris"), help="indices over ranges instead")
     parser.add_argument(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, output_folder, read_scene
+from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, output_folder, read_scene
 from dropper_jax.cli.output import (
     failure_object,
     listing,
@@ -49,11 +49,17 @@ SPACINGS = {"linear": "linspace", "log": "geomspace"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "sweep dropper-release-a --vary b_l=0.001:0.01:8 --duration 5 --out sweep.zarr",
+        "sweep my-longline.toml --vary sea.current.speed=0:1:5 --vary sea.waves.hs=1,2,3 "
+        "--quantities tension.west-leg.fairlead.max --out sea.zarr",
+    )
     add_scene(parser)
     vary = "values of a path, lo:hi:n, lo:hi:n:log or a,b,c (may be given several times)"
     parser.add_argument("--vary", action="append", default=[], metavar="NAME=LO:HI:N", help=vary)
     parser.add_argument(
-        "--listed", action="store_true", help="pair values row by row instead of combining them in a grid"
+        "--paired", action="store_true", help="pair values row by row instead of combining them in a grid"
     )
     parser.add_argument("--seeds", type=int, default=0, metavar="K", help="K realisations of a random sea")
     parser.add_argument("--out", required=True, metavar="FOLDER.zarr", help="results; an existing part is resumed")
@@ -61,7 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quantities",
         metavar="NAMES",
-        help=f"quantities to save: {', '.join(DEFAULT_QUANTITIES)} (default: all; with --trace none)",
+        help=f"quantities to save: {', '.join(DEFAULT_QUANTITIES)} (default: all; with --trace none), or by "
+        "name as for `dropper sensitivity --of`, such as tension.west-leg.fairlead.max",
     )
     parser.add_argument("--traces", action="store_true", help="also save positions and tensions at every saved time")
     parser.add_argument(
@@ -106,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
         "chunk": args.chunk or (8 if args.trace else 64),
         "scheduler": args.scheduler,
         "mix_versions": args.mix_versions,
-        "listed": args.listed,
+        "listed": args.paired,
         "progress": progress(args.quiet),
     }
     scores = None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json, add_quiet, number, output_file
+from dropper_jax.cli.options import add_examples, add_json, add_quiet, number, output_file
 from dropper_jax.cli.output import listing, print_line, print_result, print_warnings, progress
 
 if TYPE_CHECKING:
@@ -23,6 +23,11 @@ help = "angle traces from a video of a chain with a circle on every node"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "track my-video.mp4 --nodes 8 --overlay check.png --out traces.csv",
+        "track my-video.mp4 --nodes 8 --calibration board-1.jpg board-2.jpg --plane plane.jpg --square 0.025",
+    )
     parser.add_argument("video", metavar="VIDEO", help="a format that OpenCV reads: MP4, AVI, MOV, ...")
     parser.add_argument(
         "--nodes", type=int, required=True, metavar="N", help="markers, both ends included: 8 for a chain of 7 links"
@@ -51,8 +56,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="positions of all nodes in the first frame [pixel], in order",
     )
     parser.add_argument("--fps", type=number, help="frames per second, if the file is wrong")
-    parser.add_argument("--begin", type=number, default=0.0, metavar="T", help="use the video from here [s]")
-    parser.add_argument("--end", type=number, metavar="T", help="use the video up to here [s]")
+    parser.add_argument(
+        "--from", dest="begin", type=number, default=0.0, metavar="T", help="use the video from here [s]"
+    )
+    parser.add_argument("--until", dest="end", type=number, metavar="T", help="use the video up to here [s]")
     add_quiet(parser)
     add_json(parser)
 

@@ -8,8 +8,10 @@ float_price = 8.0               per kg of floats (points with a volume); default
 
 [[constraint]]                  in addition to those of the site's parts, anchors and [backbone], which always apply
 kind = "depth"                  of `points` (patterns) or `lines` at rest: `shallowest`, `deepest` [m]
-kind = "clearance"              of each of `lines` from the next one in storms: `least` [m]
-kind = "motion"                 of `lines` in storms: `most` [m]
+kind = "clearance"              of each of `lines` from the next one in storms: `minimum` [m]
+kind = "motion"                 of `lines` in storms: `maximum` [m]
+kind = "quantity"               `of` = "tension.west-leg.fairlead.max", "anchor.west.horizontal.max" or
+                                "offset.buoy.max" in storms: `maximum` [N] or [m]
 """
 
 from __future__ import annotations
@@ -25,15 +27,26 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import check_keys, read_list, read_number, read_table, read_text
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from fitting.optimise.quantities import Clearance, Motion, Quantity, anchor_loads, line_nodes, part_load
+from dropper_jax.run.arrays import bare_model
+from dropper_jax.run.growth import overgrown
+from fitting.optimise.quantities import (
+    Clearance,
+    Motion,
+    Quantity,
+    anchor_loads,
+    line_nodes,
+    named_quantity,
+    part_load,
+)
 from fitting.site import Site
 from fitting.site.case import match_names
 
 OBJECTIVES = ("material", "load", "motion")
 KINDS = {
     "depth": ("kind", "points", "lines", "shallowest", "deepest"),
-    "clearance": ("kind", "lines", "least"),
-    "motion": ("kind", "lines", "most"),
+    "clearance": ("kind", "lines", "minimum"),
+    "motion": ("kind", "lines", "maximum"),
+    "quantity": ("kind", "of", "maximum"),
 }
 
 
@@ -117,6 +130,7 @@ class Goals:
     depths: tuple[Depth, ...]
     clearances: tuple[tuple[tuple[str, ...], float], ...]
     motions: tuple[tuple[tuple[str, ...], float], ...]
+    named: tuple[tuple[str, str, float], ...] = ()
 
     def quantities(self, site: Site, model: Model, kind: str = "intact") -> tuple[Quantity, ...]:
         """The quantities of storms: all with a limit of 1, and the objective last if it depends on storms.
@@ -131,6 +145,7 @@ class Goals:
             found.append(Clearance(f"clearance {i + 1}", _pairs(model, lines), least))
         for i, (lines, most) in enumerate(self.motions):
             found.append(Motion(f"motion {i + 1}", _nodes(model, lines), 1.0 / most))
+        found += [named_quantity(of, model, path, most) for path, of, most in self.named]
         if self.objective.of == "motion":
             found.append(Motion("largest motion", _nodes(model, self.objective.lines)))
         return tuple(found)
@@ -155,7 +170,7 @@ def read_goals(site: Site) -> Goals:
     """
     names, free = site.lines, [p.name for p in site.scene.points if p.is_free]
     objective = _objective(read_table(site.raw.get("objective", {}), "objective"), site)
-    depths, clearances, motions = [], [], []
+    depths, clearances, motions, named = [], [], [], []
     if site.backbone is not None:
         own = site.backbone
         lines = match_names(own.lines, names, "backbone.lines")
@@ -168,13 +183,19 @@ def read_goals(site: Site) -> Goals:
         if kind == "depth":
             depths.append(_depth(table, path, names, free))
             continue
-        key = "least" if kind == "clearance" else "most"
-        limit = read_number(table.get(key), f"{path}.{key}", {"low": 0.0, "open_low": True, "unit": "m"})
+        key = "minimum" if kind == "clearance" else "maximum"
+        unit = "N or m" if kind == "quantity" else "m"
+        limit = read_number(table.get(key), f"{path}.{key}", {"low": 0.0, "open_low": True, "unit": unit})
+        if kind == "quantity":
+            of = read_text(table.get("of"), f"{path}.of")
+            named_quantity(of, bare_model(overgrown(site.scene)), f"{path}.of", limit)
+            named.append((f"{path}.of", of, limit))
+            continue
         lines = match_names(_patterns(table.get("lines"), f"{path}.lines"), names, f"{path}.lines")
         if kind == "clearance" and len(lines) < 2:
             raise SceneError(f"{path}.lines: matches only {lines[0]!r}. Use patterns of two lines or more")
         (clearances if kind == "clearance" else motions).append((lines, limit))
-    return Goals(objective, tuple(depths), tuple(clearances), tuple(motions))
+    return Goals(objective, tuple(depths), tuple(clearances), tuple(motions), tuple(named))
 
 
 def _objective(table: Mapping[str, Any], site: Site) -> Objective:

@@ -16,9 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.model import Model
 from dropper_jax.report.extremes import EULER, LEAST_RUNS
+from dropper_jax.run import quantities as named
+from dropper_jax.run.quantities import line_links
 from fitting.site import Anchor, Part
 from fitting.site.sections import RunValues
 
@@ -78,12 +80,13 @@ class AnchorLoad(Quantity):
 
     def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
         force = jax.vmap(lambda r, t: self._line_force(model, r, t))(r, tension)
-        horizontal, up = safe_norm(force[:, :2]), jnp.maximum(force[:, 2], 0.0)
+        horizontal, up = horizontal_norm(force), jnp.maximum(force[:, 2], 0.0)
         if self.uplift is not None:
             # V <= H tan(a), as a number that is positive and reaches 1 there
             return (1.0 + (force[:, 2] - self.uplift * horizontal) / self.unit)[:, None]
         across, rising = self.across * horizontal, self.up * up
-        return (safe_norm(jnp.stack([across, rising], axis=-1)) if self.round else across + rising)[:, None]
+        both = jnp.stack([across, jnp.zeros_like(across), rising], axis=-1)
+        return (safe_norm(both) if self.round else across + rising)[:, None]
 
     def _line_force(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
         d = model.links(r, model.ends(jnp.zeros((), r.dtype)))
@@ -121,15 +124,33 @@ class Motion(Quantity):
         return self.scale * safe_norm(own - jnp.mean(own, axis=0))
 
 
-def line_links(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Numbers of the links of each line as specified; pieces `name-1`, `name-2` of a cut one belong to it."""
-    found: dict[str, list[np.ndarray]] = {name: [] for name in names}
-    for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
-        stem, _, piece = member.name.rpartition("-")
-        own = member.name if member.name in found else stem if piece.isdecimal() else member.name
-        if own in found:
-            found[own].append(np.arange(model.line.links)[span])
-    return {name: np.concatenate(parts) for name, parts in found.items()}
+@dataclasses.dataclass(frozen=True)
+class Named(Quantity):
+    """The maximum of a quantity by name, times `scale`."""
+
+    name: str
+    of: named.Quantity
+    scale: float
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        now = jnp.zeros((), r.dtype)
+        return self.scale * jax.vmap(lambda r, tension: self.of.instant(model, r, r, r, tension, now))(r, tension)
+
+
+#: Signals of `Named`: positive ones that positions and tensions determine.
+LIMITED = ("tension", "anchor", "offset")
+
+
+def named_quantity(name: str, model: Model, option: str, limit: float = 1.0) -> Named:
+    """The quantity of a name such as `tension.west-leg.fairlead.max`, relative to its limit.
+
+    Raises:
+        SceneError: an unknown name, or one without a limit in storms.
+    """
+    found = named.quantity(name, model, option)
+    if found.signal not in LIMITED or found.statistic != "max":
+        raise SceneError(f"{option}: {name!r} cannot be limited; allowed: maxima of {', '.join(LIMITED)}")
+    return Named(name, found, 1.0 / limit)
 
 
 def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -207,6 +228,6 @@ def check_seeds(run: RunValues) -> None:
     """
     if run.characteristic == "most_probable" and run.seeds < LEAST_RUNS:
         raise SceneError(
-            f"run.seeds: {run.seeds} for the most probable largest value of a storm; allowed: {LEAST_RUNS} or more, or "
+            f"run.seeds: {run.seeds} for the most probable largest value of a storm. Use {LEAST_RUNS} or more, or "
             'run.characteristic = "mean"'
         )

@@ -176,7 +176,7 @@ def default_free(scene: Scene) -> list[str]:
         if scene.effects.get(name, {}).get(key) is not None
     ]
     if not found:
-        raise SceneError("free: the scene has no damping to fit; allowed: --free with paths such as b_l, b_q")
+        raise SceneError("free: the scene has no damping to fit. Use --free with paths such as b_l, b_q")
     return found
 
 

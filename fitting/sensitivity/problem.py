@@ -16,6 +16,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build, equal_steps
+from dropper_jax.run.quantities import PERIOD, Quantity, quantity
 from dropper_jax.run.start import initial_state
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.static_pose import nodal_loads
@@ -24,7 +25,6 @@ from dropper_jax.stepping.integrate import Trajectory, integrate
 from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.of_scene import find_parameters, full_names
 from fitting.parameters.parameter import Parameter, apply, with_effects
-from fitting.sensitivity.quantities import PERIOD, Quantity, quantity
 
 #: Number of runs advanced together in global studies.
 RUNS_TOGETHER = 64

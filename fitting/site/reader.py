@@ -12,10 +12,14 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_table, read_text, refuse
+from dropper_jax.base.renamed import new_keys
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import plain_values
+from dropper_jax.run.arrays import bare_model
+from dropper_jax.run.growth import overgrown
+from dropper_jax.run.quantities import PERIOD, quantity
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
@@ -38,7 +42,7 @@ from fitting.site.site import Site
 #: Sections that are read here, and those that other modules read.
 SITE_KEYS = (
     *("name", "description", "scene", "unchecked", "parameters", "set", "run", "sea_state", "cases"),
-    *("growth", "factors", "part", "anchor", "exclusion", "backbone", "season"),
+    *("growth", "factors", "part", "anchor", "exclusion", "backbone", "season", "quantities"),
 )
 PASSED = ("variable", "objective", "constraint", "optimise")
 
@@ -53,7 +57,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
         SceneError: one line with the section, the value and the allowed range.
     """
     file = None if isinstance(source, Mapping) else Path(source)
-    table = read_table(source if file is None else _parse(file), "site")
+    table = new_keys(read_table(source if file is None else _parse(file), "site"))
     check_keys(table, (*SITE_KEYS, *PASSED), "")
     scene = _scene(table, Path(folder) if folder is not None else (file or Path()).parent)
     if scene.sea is None:
@@ -99,6 +103,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
         factors=factors,
         parts=_parts(table, scene, lines, factors, kinds, unchecked),
         anchors=_anchors(table, held, factors, kinds),
+        quantities=_quantities(table, scene),
         raw={key: plain(table[key]) for key in PASSED if key in table},
         table=plain(dict(table)),
         file=file,
@@ -108,6 +113,18 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     check_breaking(site)
     site.prepared()
     return site
+
+
+def _quantities(table: Plain, scene: Scene) -> tuple[str, ...]:
+    """Names of the quantities to report, checked with the model of the scene."""
+    names = [read_text(x, "quantities") for x in read_list(table.get("quantities", []), "quantities", None, "names")]
+    if names:
+        model = bare_model(overgrown(scene))
+        for name in names:
+            if quantity(name, model, "quantities").signal == PERIOD:
+                raise SceneError(f"quantities: {name!r} belongs to the static pose. Use `dropper modes`")
+    _unique("quantities", names)
+    return tuple(names)
 
 
 def packaged_sites() -> dict[str, Traversable]:

@@ -25,6 +25,7 @@ class Site:
         scene: the farm with the values of `[parameters]` and `[set]`; its template is kept.
         growth: mussels by month, and by line the table of `[line.growth]`.
         states: the broken line; None for the intact farm.
+        quantities: names of further quantities to report for each case (see `dropper_jax.run.quantities`).
         raw: sections that are passed on (`variable`, `objective`, `constraint`, `optimise`), unchanged.
         table: plain values of the site as specified.
         file: source file; None for plain values.
@@ -44,6 +45,7 @@ class Site:
     exclusion: Exclusion | None = None
     backbone: Backbone | None = None
     season: SeasonValues | None = None
+    quantities: tuple[str, ...] = ()
     raw: dict[str, Any] = dataclasses.field(default_factory=dict)
     table: dict[str, Any] = dataclasses.field(default_factory=dict)
     file: Path | None = None

@@ -31,11 +31,12 @@ def draw_sweep(path: str | Path, folder: str | Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     with open_sweep(path) as found:
-        for name in (name for name in QUANTITIES if name in found):
+        named = [name for name in map(str, found.data_vars) if "." in name]
+        for name in (*(name for name in QUANTITIES if name in found), *named):
             values = found[name].max("link") if "link" in found[name].dims else found[name]
             extra = values.dims[2:]
             mean = values.mean(extra) if extra else values
-            label = f"{QUANTITIES[name][1]} [{QUANTITIES[name][0]}]"
+            label = f"{found[name].attrs['long_name']} [{found[name].attrs['units']}]"
             figure = style.new_figure(7.0, 4.4)
             axes = figure.subplots()
             if mean.ndim == 1:

@@ -21,6 +21,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build, build_model, equal_steps
+from dropper_jax.run.quantities import PERIOD, Quantity, quantity
 from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.of_scene import DAMPING, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
@@ -58,7 +59,7 @@ class Plan:
     Attributes:
         scene: the base case.
         axes: varied inputs; the last one varies fastest.
-        quantities: names from `QUANTITIES`.
+        quantities: names from `QUANTITIES`, or of `dropper_jax.run.quantities`.
         traces: also record nodes' positions and tensions at every saved time.
         chunk: cases advanced together on one device.
         settings: further fields of `Stepper`.
@@ -93,6 +94,11 @@ class Plan:
     @cached_property
     def stepper(self) -> Stepper:
         return equal_steps(self.base[0], self.scene.run, **{"track_work": False, **dict(self.settings)})
+
+    @cached_property
+    def named_quantities(self) -> tuple[Quantity, ...]:
+        """The quantities that are not in `QUANTITIES`."""
+        return tuple(quantity(n, self.base[0], "quantities") for n in self.quantities if n not in QUANTITIES)
 
     def inputs(self, cases: np.ndarray) -> np.ndarray:
         """Values (cases, axes) of case numbers."""
@@ -160,14 +166,27 @@ def make_plan(
         raise SceneError(f"chunk: {chunk}; allowed: a whole number >= 1")
     names = tuple(QUANTITIES) if quantities is None else tuple(quantities)
     for name in names:
-        if name not in QUANTITIES:
-            raise SceneError(f"quantities: {name!r} is unknown; {nearest(name, QUANTITIES)}")
+        if name not in QUANTITIES and "." not in name:
+            known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
+            raise SceneError(f"quantities: {name!r} is unknown; {known}")
     _check_cases({path: values.size for path, values in vary.items()}, len(names), listed)
     paths = _paths(scene, list(vary))
     # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
     base = scene.with_values({path: values[0].item() for path, values in zip(paths, vary.values(), strict=True)})
     axes = tuple(_axis(base, path, values) for path, values in zip(paths, vary.values(), strict=True))
-    return Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
+    found = Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
+    if any(quantity.signal == PERIOD for quantity in found.named_quantities):
+        raise SceneError(
+            "quantities: natural periods belong to a static pose. Use `dropper sensitivity --of period.1.start`"
+        )
+    return found
+
+
+def describe_quantity(plan: Plan, name: str) -> tuple[str, str]:
+    """Unit and meaning of a quantity of a plan."""
+    if name in QUANTITIES:
+        return QUANTITIES[name]
+    return next(one.unit for one in plan.named_quantities if one.name == name), name
 
 
 def _check_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> None:

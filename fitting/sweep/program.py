@@ -17,6 +17,7 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
+from dropper_jax.run.quantities import STATISTICS
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin
 from dropper_jax.stepping.observe import observe
 from fitting.parameters.parameter import apply
@@ -166,13 +167,17 @@ def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.
     zero = jnp.zeros((), model.dtype)
     tally = Tally(zero - jnp.inf, zero + jnp.inf, zero, jnp.ones_like(start.tension), zero, zero)
 
-    def save(carry: Carry, _: None) -> tuple[Carry, tuple[jax.Array, jax.Array] | None]:
+    def save(carry: Carry, _: None) -> tuple[Carry, tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array] | None]]:
         progress, tally = carry
         progress, row = advance(stepper, model, progress, dt, saves=1, save_every=every)
         tally = _count(model, start, progress.state, tally, row)
-        return (progress, tally), ((progress.state.r, progress.state.tension) if plan.traces else None)
+        s = progress.state
+        signals = tuple(
+            one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted) for one in plan.named_quantities
+        )
+        return (progress, tally), (signals, (s.r, s.tension) if plan.traces else None)
 
-    (progress, tally), traces = jax.lax.scan(
+    (progress, tally), (signals, traces) = jax.lax.scan(
         save, (begin(stepper, model, start), tally), None, length=plan.scene.run.saves
     )
     failed = progress.first_bad >= 0
@@ -183,6 +188,7 @@ def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.
         for name, value in _name_quantities(plan, model, progress.state, tally).items()
         if name in plan.quantities
     }
+    found |= {one.name: STATISTICS[one.statistic](x) for one, x in zip(plan.named_quantities, signals, strict=True)}
     if plan.traces:
         found |= {"positions": traces[0], "tension": traces[1]}
     at = jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan)

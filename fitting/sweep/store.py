@@ -15,7 +15,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import PART, Lock, part_prefix, remove, remove_leftovers, unwritable
 from dropper_jax.run.storage import extra
-from fitting.sweep.plan import QUANTITIES, STATUS, Plan, differences
+from fitting.sweep.plan import QUANTITIES, STATUS, Plan, describe_quantity, differences
 
 if TYPE_CHECKING:
     import zarr
@@ -88,7 +88,7 @@ class Store:
         ]
         if other and not mixed:
             raise SceneError(
-                f"{self.path}: was begun with other versions: {'; '.join(other)}; allowed: those versions, a new "
+                f"{self.path}: was started with other versions: {'; '.join(other)}. Use those versions, a new "
                 "folder, or --mix-versions"
             )
         if other:
@@ -149,7 +149,7 @@ class Store:
         found = {}
         for name in plan.quantities:
             inner = ((links,), ("link",)) if name == "angle_max" else ((), ())
-            found[name] = (*inner, *QUANTITIES[name])
+            found[name] = (*inner, *describe_quantity(plan, name))
         if plan.traces:
             found["positions"] = (
                 (plan.scene.run.saves, nodes, 3),

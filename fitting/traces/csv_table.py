@@ -111,7 +111,7 @@ def check_times(name: str, t: np.ndarray) -> None:
         raise SceneError(f"{name}: t: row {int(np.argmin(np.isfinite(t))) + 1} is missing. Use a time in every row")
     step = np.diff(t)
     if len(step) and (step < 0).all():
-        raise SceneError(f"{name}: t: decreases from row to row; allowed: increasing times. Reverse the rows")
+        raise SceneError(f"{name}: t: decreases from row to row. Reverse the rows")
     if (step <= 0).any():
         row = int(np.argmax(step <= 0)) + 2
         what = "is repeated" if step[row - 2] == 0 else "goes back"

@@ -35,7 +35,7 @@ def check_planar(model: Model, start: State) -> None:
     y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + held[0], held])
     if np.ptp(y) > PLANE:
         raise SceneError(
-            "start: leaves the vertical plane; allowed: a motion in the x-z plane, as traces have one angle"
+            "start: leaves the vertical plane. Use a motion in the x-z plane, because traces have one angle"
         )
 
 

@@ -104,7 +104,7 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     if len(found) < FEWEST_PICTURES:
         raise SceneError(
             f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "
-            f"pictures; allowed: at least {FEWEST_PICTURES} (--board names the corners)"
+            f"pictures, fewer than {FEWEST_PICTURES}. Use more pictures, or --board with the number of corners"
         )
     size = images[0][1].shape[::-1]
     lens = _lens(found, board, size)

@@ -10,12 +10,22 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.base import renamed
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.toml_text import jsonable
+from dropper_jax.cli import commands
+from dropper_jax.cli.faults import old_names_in_one_line
+from dropper_jax.effects.recorded_motion import RecordedMotion
 from fitting.tracking import Tracked
 
 ROOT = Path(__file__).parents[2]
 NAMES = [row for row in renamed.RENAMED if row.kind == "name"]
 ATTRIBUTES = [row for row in renamed.RENAMED if row.kind == "attribute"]
 MODULES = [row for row in renamed.RENAMED if row.kind == "module"]
+KEYS = [row for row in renamed.RENAMED if row.kind == "key"]
+OPTIONS = [row for row in renamed.RENAMED if row.kind == "option"]
+JSON = [row for row in renamed.RENAMED if row.kind == "json"]
+#: Arguments that a command needs next to a renamed option, without its value.
+CALLS = {"sweep": ["x", "--out=x.zarr"], "response": ["x", "--periods=1:2:2"], "track": ["x", "--nodes=3"]}
 
 
 def of(rows):
@@ -34,7 +44,8 @@ def things():
     tracked = object.__new__(Tracked)
     for name in ("detected", "appearance"):
         object.__setattr__(tracked, name, np.zeros(2))
-    made = (model, model.ends(0.0), model.instant(s.r, s.v, s.t), tracked)
+    recorded = RecordedMotion(time=np.zeros(2), positions=np.zeros((2, 3)))
+    made = (model, model.ends(0.0), model.instant(s.r, s.v, s.t), tracked, recorded)
     return {f"{type(thing).__module__}.{type(thing).__qualname__}": thing for thing in made}
 
 
@@ -66,8 +77,44 @@ def test_an_old_module_is_the_new_one_and_warns(row, monkeypatch):
     monkeypatch.delitem(sys.modules, old, raising=False)
     with pytest.warns(DeprecationWarning, match=rf"{old} is .*{row.new} since"):
         module = importlib.import_module(old)
-    assert module is importlib.import_module(f"{row.where}.{row.new}")
-    assert module.__name__ == module.__spec__.name == f"{row.where}.{row.new}"
+    assert module is importlib.import_module(row.path)
+    assert module.__name__ == module.__spec__.name == row.path
+
+
+@of(KEYS)
+def test_an_old_key_of_a_scene_or_site_is_the_new_one_and_warns(row):
+    section, *inner = row.where.split(".")
+
+    def inside(table):
+        for name in reversed(inner):
+            table = {name: table}
+        return table
+
+    with pytest.warns(DeprecationWarning, match=rf"{row.where}.{row.old} is {row.where}.{row.new} since") as warned:
+        found = renamed.new_keys({section: [inside({row.old: 1.0, "other": 2.0})] * 2, "name": "x"})
+    assert len(warned) == 1
+    assert found == {section: [inside({row.new: 1.0, "other": 2.0})] * 2, "name": "x"}
+    assert renamed.new_path(f"{row.where}.{row.old}.0") == f"{row.where}.{row.new}.0"
+    with pytest.raises(SceneError, match="is the old name of"):
+        renamed.new_keys({section: inside({row.old: 1.0, row.new: 1.0})})
+
+
+@of(OPTIONS)
+def test_an_old_option_is_the_new_one_with_one_line_on_standard_error(row, capsys):
+    value = [] if row.new in ("--paired", "--no-higher-waves") else ["2.5"]
+    with old_names_in_one_line():
+        old = vars(commands.parse([row.where, *CALLS[row.where], row.old, *value]))
+        new = vars(commands.parse([row.where, *CALLS[row.where], row.new, *value]))
+    assert old == new
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == f"DeprecationWarning: dropper {row.where} {row.old} is {row.new} since version {row.since}\n"
+
+
+@of(JSON)
+def test_json_has_the_old_and_the_new_name_of_a_scalar(row):
+    found = jsonable({"a": [{row.new: np.float64(1.5)}], row.new: [1, 2]})
+    assert found == {"a": [{row.new: 1.5, row.old: 1.5}], row.new: [1, 2]}
 
 
 def test_what_has_no_such_name_says_so_as_before(things):

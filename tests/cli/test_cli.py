@@ -114,7 +114,6 @@ def test_bad_scene_file_is_refused_in_one_line(tmp_path, capsys, command, old, n
         (["run", SCENE, "--colour"], ["unrecognized arguments: --colour"]),
         (["run"], ["SCENE: missing"]),
         (["rnu"], ["'rnu'"]),
-        ([], ["required: COMMAND"]),
     ],
 )
 def test_bad_argument_is_refused_in_one_line(capsys, argv, words):

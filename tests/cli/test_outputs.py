@@ -14,10 +14,10 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main, options
 from dropper_jax.cli.outputs import out_file, picture, plot_folder
 from dropper_jax.integrators import INTEGRATORS
+from dropper_jax.run import quantities
 from dropper_jax.study import source_figures
 from dropper_jax.study.source_figures import PANELS, Run, cases_of, draw_figure, figure_of, figures, scene_of
-from fitting.cli import figure, sensitivity, sweep
-from fitting.sensitivity import quantities
+from fitting.cli import figure, sweep
 from fitting.sweep.plan import QUANTITIES
 
 SHORT = ["double-pendulum-chaotic", "--duration", "0.2", "--dt", "0.01", "--quiet"]
@@ -32,8 +32,8 @@ def parsed(command, *argv):
 def test_names_in_help_texts_are_those_that_there_are():
     assert tuple(INTEGRATORS) == options.SCHEMES
     assert tuple(QUANTITIES) == sweep.DEFAULT_QUANTITIES
-    assert tuple(quantities.SIGNALS) == sensitivity.SIGNALS
-    assert tuple(quantities.STATISTICS) == sensitivity.STATISTICS
+    assert tuple(quantities.SIGNALS) == options.SIGNALS
+    assert tuple(quantities.STATISTICS) == options.STATISTICS
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -15,7 +17,7 @@ import pytest
 
 import dropper_jax
 from dropper_jax.cli import commands, main
-from dropper_jax.load.packaged import scene_names
+from dropper_jax.load.packaged import is_packaged, scene_names, scene_titles, variants_of
 from dropper_jax.scene import run
 from dropper_jax.solvers import SOLVERS
 
@@ -77,7 +79,9 @@ def broken(tmp_path):
         (["report", "missing.npz", "--skip", "-1"], "--skip: -1 is out of range"),
         (["view", "missing.nc", "--out", "view.html"], "missing.nc: cannot be read"),
         (["rnu"], "invalid choice: 'rnu'"),
-        ([], "required: COMMAND"),
+        (["--json"], "required: COMMAND"),
+        (["new", "boat", "boat.toml"], "invalid choice: 'boat'"),
+        (["new", "lab", __file__], "no known suffix; allowed: .toml"),
     ],
 )
 def test_mistakes_that_need_no_scene_are_told_in_one_line_without_jax(broken, argv, words):
@@ -106,6 +110,13 @@ def test_scenes_are_listed_and_printed_without_jax():
         assert tomllib.loads(out)["name"] == name
 
 
+def test_every_packaged_scene_has_a_title_in_one_group(capsys):
+    titled = [name for titles in scene_titles().values() for name in titles]
+    assert sorted(x for name in titled for x in (name, *map(name.__add__, variants_of(name)))) == list(scene_names())
+    assert main(["scenes"]) == 0
+    assert all(len(line) <= 120 for line in capsys.readouterr().out.splitlines())
+
+
 def test_versions_are_those_of_the_installed_packages():
     code, out, lines, imported = started("--version")
     assert (code, lines, imported) == (0, [], [])
@@ -131,10 +142,35 @@ def test_help_names_every_command_with_its_line(capsys):
         assert f" {entry.name} {entry.load().help}" in said
 
 
-def test_help_comes_without_jax():
-    code, out, lines, imported = started("--help")
+@pytest.mark.parametrize("argv", [[], ["--help"]])
+def test_help_comes_without_jax_and_without_any_argument(argv):
+    code, out, lines, imported = started(*argv)
     assert (code, lines, imported) == (0, [], [])
     assert "simulate a scene" in out
+
+
+def test_every_command_is_in_one_group_and_every_group_is_listed_in_order(capsys):
+    named = [name for names in commands.GROUPS.values() for name in names]
+    assert sorted(named) == [entry.name for entry in commands.find_commands()]
+    with pytest.raises(SystemExit):
+        main([])
+    heads = [line for line in capsys.readouterr().out.splitlines() if line in commands.GROUPS]
+    assert heads == list(commands.GROUPS)
+
+
+@pytest.mark.parametrize("entry", commands.find_commands(), ids=lambda entry: entry.name)
+def test_help_of_a_command_ends_with_two_examples_that_it_accepts(entry, capsys):
+    with pytest.raises(SystemExit):
+        main([entry.name, "--help"])
+    head, examples = capsys.readouterr().out.split("\nexamples:\n")
+    assert "usage:" in head
+    found = [shlex.split(line) for line in examples.splitlines()]
+    assert len(found) == 2
+    for words in found:
+        assert words[:2] == ["dropper", entry.name]
+        args = vars(commands.parse(words[1:]))
+        scenes = args.get("scenes") or [args.get("scene")]
+        assert all(is_packaged(scene) or scene.endswith(".toml") for scene in scenes if scene)
 
 
 def test_only_the_command_that_is_asked_for_is_imported():
@@ -186,8 +222,19 @@ def test_the_root_is_imported_without_jax():
 
 
 def test_root_names_are_those_of_their_modules():
-    for name, home in dropper_jax._HOME_OF.items():
-        assert getattr(dropper_jax, name) is getattr(import_module(home), name)
+    for name, home in dropper_jax.PUBLIC.items():
+        assert getattr(dropper_jax, name) is getattr(import_module(f"dropper_jax.{home}"), name)
+
+
+def test_the_stub_of_the_root_offers_the_same_names():
+    stub = ast.parse(Path(dropper_jax.__file__).with_suffix(".pyi").read_text())
+    offered = {name.asname: node.module for node in stub.body[1:] for name in node.names}
+    assert offered == {name: f"dropper_jax.{home}" for name, home in dropper_jax.PUBLIC.items()}
+
+
+def test_the_root_is_imported_without_parsing_a_stub():
+    code = "import sys; before = set(sys.modules); import dropper_jax; print('ast' in set(sys.modules) - before)"
+    assert python(code).stdout == "False\n"
 
 
 def test_a_star_takes_the_public_names_and_dir_shows_them():

@@ -17,6 +17,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.cli import main
+from dropper_jax.cli.new import template
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -26,8 +27,9 @@ SHORTER = {
     "accuracy": "--quick --integrators energy_momentum rattle --dts 0.02 0.01 --span 0.2 --quiet",
     "demo": "",
     "fit": "--method windows --until 2.0 --quiet",
+    "new": "--force",
     "plan": "--duration 1 --quiet",
-    "response": "--no-more --quiet",
+    "response": "--no-higher-waves --quiet",
     "run": "--duration 0.3 --quiet",
     "sensitivity": "--duration 0.2 --samples 4 --quiet",
     "stability": "--short --quiet --cases hanging-kicked",
@@ -41,7 +43,7 @@ ELSEWHERE = {
     "fit RUN.csv --scene measured-single-pendulum": "tests/fitting/calibration/test_measured.py",
     "optimise": "tests/fitting/optimise/test_optimise.py",
     "season": "tests/fitting/season/test_season.py",
-    "sweep dropper-release-a --listed --trace": "tests/fitting/sweep/test_against_trace.py",
+    "sweep dropper-release-a --paired --trace": "tests/fitting/sweep/test_against_trace.py",
     "figure all": "tests/cli/test_outputs.py",
     "figure paper": "tests/cli/test_outputs.py",
     "figure thesis": "tests/cli/test_outputs.py",
@@ -119,6 +121,7 @@ def workshop(tmp_path_factory):
     for page, name in (("quick-start.md", "loop.toml"), ("tutorial-longline.md", "longline.toml")):
         (folder / name).write_text(blocks(ROOT / "docs" / page, "toml")[0])
     (folder / "my_scene.toml").write_text((ROOT / "dropper_jax/data/scenes/dropper-release-a.toml").read_text())
+    (folder / "my-longline.toml").write_text(template("longline"))
     (folder / "SITE.toml").write_bytes(site_text("exposed-bay"))
     long = dj.simulate("paper-case-1", duration=80.0, dt=0.05)
     short = dj.simulate("paper-case-1", duration=1.0, dt=0.05)

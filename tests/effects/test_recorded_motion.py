@@ -24,7 +24,7 @@ def scene(**changes):
     motion = {
         "points": ["left", "right"],
         "time": TIMES.tolist(),
-        "places": np.concatenate([path(TIMES, 0), path(TIMES, 1)]).tolist(),
+        "positions": np.concatenate([path(TIMES, 0), path(TIMES, 1)]).tolist(),
     }
     return {
         "run": {"dt": 0.01, "duration": 1.0},
@@ -67,7 +67,7 @@ def test_a_run_begins_at_the_first_row_and_ends_at_the_last():
         ({"points": []}, "recorded_motion.points: is empty"),
         ({"points": ["left", "left"]}, "'left' is a duplicate point"),
         ({"time": TIMES[::-1].tolist()}, "recorded_motion.time: needs at least 2 increasing times"),
-        ({"places": path(TIMES, 0).tolist()}, "recorded_motion.places: has 11 rows; allowed: 22"),
+        ({"positions": path(TIMES, 0).tolist()}, "recorded_motion.positions: has 11 rows; allowed: 22"),
     ],
 )
 def test_tables_that_fit_nothing_are_refused(change, said):

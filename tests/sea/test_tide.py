@@ -115,7 +115,7 @@ def test_a_float_goes_through_the_cycle_and_scenes_keep_their_tides():
     assert scene.with_values({"sea.level.amplitude.0": 1.0}).sea.level.amplitude[0] == 1.0
     rows = tidal_cycle(scene, 5)["rows"]
     assert all(row["status"] == "ok" for row in rows)
-    moved = [row["moved_m"] for row in rows]
+    moved = [row["displacement_m"] for row in rows]
     # strongest at both ends and in the middle, where it has turned; next to slack in between
     assert min(moved[0], moved[2], moved[4]) > 20 * max(moved[1], moved[3])
     assert rows[2]["speed_m_per_s"] == pytest.approx(-0.7, rel=1e-6)

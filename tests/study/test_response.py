@@ -29,7 +29,7 @@ def test_mean_amplitude_and_phase_are_those_of_scipy(tmp_path, capsys):
     assert found["phase_rad"] == pytest.approx(np.angle(swing / surface), abs=0.02)
     file = tmp_path / "scene.toml"
     file.write_text(as_toml(scene.to_dict()))
-    assert main(["response", str(file), "--periods", "6:6:1", "--no-more", "--json", "--quiet"]) == 0
+    assert main(["response", str(file), "--periods", "6:6:1", "--no-higher-waves", "--json", "--quiet"]) == 0
     assert json.loads(capsys.readouterr().out)["rows"][0]["amplitude_rad"] == found["amplitude_rad"]
 
 

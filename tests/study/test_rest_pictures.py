@@ -48,7 +48,13 @@ def test_curves_are_drawn_from_plain_rows(tmp_path):
         for t in (2.0, 3.0, 4.0)
     ]
     tide = [
-        {"t_s": 3600.0 * t, "speed_m_per_s": t, "level_m": 0.0, "moved_m": t, "held_load_n": {"a": [1.0, 0.0, t]}}
+        {
+            "t_s": 3600.0 * t,
+            "speed_m_per_s": t,
+            "level_m": 0.0,
+            "displacement_m": t,
+            "held_load_n": {"a": [1.0, 0.0, t]},
+        }
         for t in range(3)
     ]
     grown = [

@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import commands, main
 from dropper_jax.cli.codes import INVALID_INPUT, OK
 from dropper_jax.report.record import record
 from dropper_jax.report.tension import anchors
+from dropper_jax.scene import line_slices
 from fitting.cases import assess, run_cases, write_page
 from fitting.cases.flags import characteristic
 from fitting.cases.one import Runner
@@ -59,6 +61,7 @@ SITE = {
         {"points": "west-*", "kind": "dead_weight", "weight": 9e3, "friction": 0.5, "uplift": 80.0},
         {"points": "east-*", "capacity": 6e3},
     ],
+    "quantities": ["tension.east-leg.anchor.max", "anchor.east-anchor.horizontal.max", "z.buoy.mean"],
     "exclusion": {"excursion": 4.0},
     "backbone": {"lines": "west-leg", "shallowest": 0.5, "deepest": 12.0},
 }
@@ -112,6 +115,23 @@ def test_a_run_keeps_the_loads_of_a_plain_simulation_of_its_scene(site, folder):
     # places half a step apart from tensions, in the report and not here
     np.testing.assert_allclose(horizontal.max(), west["horizontal_n"]["max"], rtol=0.02)
     np.testing.assert_allclose(upward.max(), west["vertical_n"]["max"], rtol=0.02)
+    east = {name.partition(":")[2]: float(kept[name]) for name in kept if name.startswith("quantity:")}
+    first = line_slices(solution.scene)[1]
+    np.testing.assert_allclose(
+        east["tension.east-leg.anchor.max"], solution.tension[late, first.links.start].max(), rtol=0.01
+    )
+    assert east["anchor.east-anchor.horizontal.max"] < east["tension.east-leg.anchor.max"]
+    buoy = solution.positions[late, first.nodes.stop - 1, 2]
+    np.testing.assert_allclose(east["z.buoy.mean"], buoy.mean(), rtol=1e-9)
+
+
+def test_quantities_by_name_are_in_the_report_and_wrong_ones_are_refused(found):
+    rows = found["cases"][0]["quantities"]
+    assert set(rows) == set(SITE["quantities"])
+    assert rows["z.buoy.mean"]["kind"] == "mean"
+    assert "| tension.east-leg.anchor.max |" in page(found)
+    with pytest.raises(SceneError, match="'east-lag' is not a line; did you mean 'east-leg'"):
+        small_site(quantities=["tension.east-lag.max"])
 
 
 def test_what_was_run_is_never_run_again_and_other_capacities_need_no_run(site, folder):

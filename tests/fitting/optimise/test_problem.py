@@ -7,6 +7,8 @@ import pytest
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.packaged import packaged_scene
+from dropper_jax.scene import held_loads, line_slices
+from fitting.optimise.goals import read_goals
 from fitting.optimise.models import still, still_model
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import programme
@@ -103,6 +105,32 @@ def test_a_bad_problem_is_refused_before_anything_runs(what):
     sections, told = REFUSED[what]
     with pytest.raises(SceneError, match=told):
         read_problem(changed(**sections))
+
+
+def test_a_constraint_may_limit_a_quantity_by_name():
+    limits = [{"kind": "quantity", "of": "tension.west-leg.fairlead.max", "maximum": 2e4}]
+    limits += [{"kind": "quantity", "of": "offset.p1.max", "maximum": 5.0}]
+    own = changed(constraint=limits, anchor=[{"points": "*", "capacity": 6e3}])
+    variables = read_variables(own.raw["variable"], own.scene)
+    model = still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
+    pose = near_rest(model, None)
+    tension, offset = read_goals(own).quantities(own, model)[-2:]
+    r, loads = pose.r[None], pose.tension[None]
+    leg = line_slices(own.scene)[0].links
+    assert float(tension.hard(model, r, loads)) == pytest.approx(float(pose.tension[leg.stop - 1]) / 2e4)
+    spec = {point.name: np.asarray(point.position) for point in own.scene.points}
+    node = int(model.geometry.point_node[[p.name for p in model.points].index("p1")])
+    assert float(offset.hard(model, r, loads)) == pytest.approx(
+        float(np.linalg.norm(np.asarray(pose.r)[node, :2] - spec["p1"][:2])) / 5.0
+    )
+    # the utilisation of a tested anchor is |load| times factor over capacity
+    load = held_loads(own.scene, np.asarray(model.nodes(pose.r, model.ends(0.0))), np.asarray(pose.tension))
+    anchor = next(q for q in read_goals(own).quantities(own, model) if q.name == "west-anchor")
+    expected = np.linalg.norm(load["west-anchor"]) * own.anchors[0].factor["intact"] / 6e3
+    assert float(anchor.hard(model, r, loads)) == pytest.approx(expected, rel=1e-6)
+    for name, words in (("tension.west-lag.max", "did you mean 'west-leg'"), ("energy.max", "cannot be limited")):
+        with pytest.raises(SceneError, match=words):
+            read_goals(changed(constraint=[{"kind": "quantity", "of": name, "maximum": 1.0}]))
 
 
 def test_a_variable_that_moves_nothing_is_named():

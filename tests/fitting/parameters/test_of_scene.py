@@ -9,11 +9,11 @@ import pytest
 
 from dropper_jax import SceneError, load_scene
 from dropper_jax.run.build import build_model
+from dropper_jax.run.quantities import quantity
 from fitting.parameters.of_scene import find_parameters, scene_parameter
 from fitting.parameters.parameter import apply, resolve
 from fitting.parameters.target import Direction
 from fitting.sensitivity import Study, ranges
-from fitting.sensitivity.quantities import quantity
 
 SCENE = "paper-case-4"
 #: Numbers that the model depends on linearly, and by how much they are changed.

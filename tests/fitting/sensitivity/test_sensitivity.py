@@ -12,11 +12,11 @@ import pytest
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
 from dropper_jax.load.source import load_scene
+from dropper_jax.run.quantities import STATISTICS, quantity
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import local, ranges, study, windows
 from fitting.sensitivity.derivatives import global_indices
-from fitting.sensitivity.quantities import STATISTICS, quantity
 
 SCENE = {
     "name": "pendulum",

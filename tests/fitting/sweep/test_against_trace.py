@@ -111,7 +111,7 @@ def test_the_command_prints_scores_and_draws_them(scene, truth, scored, tmp_path
     found, file = scored(3), write_trace(tmp_path / "truth.csv", truth(3))
     (tmp_path / "scene.toml").write_text(as_toml(scene.as_written()))
     vary = [f"--vary={name}={','.join(map(str, values))}" for name, values in PAIRS.items()]
-    call = ["sweep", str(tmp_path / "scene.toml"), "--listed", *vary, f"--trace={file}", f"--out={found.sweep.path}"]
+    call = ["sweep", str(tmp_path / "scene.toml"), "--paired", *vary, f"--trace={file}", f"--out={found.sweep.path}"]
     assert main([*call, f"--plot={tmp_path / 'p'}", "--json", "--quiet"]) == 0
     trace = json.loads(capsys.readouterr().out)["trace"]
     assert trace["best"]["head"]["angle"] == 3

@@ -81,6 +81,19 @@ def test_sweep_gives_the_numbers_of_single_runs(whole):
             np.testing.assert_allclose(case[name].values, value, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
+def test_quantities_by_name_are_those_of_single_runs(tmp_path):
+    names = ["tension.l.fairlead.max", "anchor.top.horizontal.max", "z.bob.final", "tension_max"]
+    found = sweep(SCENE, {"b_l": [0.1, 0.4]}, tmp_path / "named.zarr", quantities=names, **QUICK).path
+    run = dj.simulate(dj.load_scene(SCENE).with_values({"effects.linear_damping.b_l": 0.4}), **QUICK)
+    case = open_sweep(found).sel({"b_l": 0.4})
+    across = np.linalg.norm(run.positions[1:, 1, :2], axis=-1) / 0.5 * run.tension[1:, 0]
+    # maxima are vertices of parabolas through samples, which are 10 ms apart
+    np.testing.assert_allclose(case["tension.l.fairlead.max"], run.tension[1:, 1].max(), rtol=0.02)
+    np.testing.assert_allclose(case["anchor.top.horizontal.max"], across.max(), rtol=0.02)
+    np.testing.assert_allclose(case["z.bob.final"], run.positions[-1, 2, 2], rtol=1e-9)
+    assert case["tension.l.fairlead.max"].attrs["units"] == "N"
+
+
 def test_plain_xarray_reads_inputs_as_coordinates(whole):
     with xarray.open_zarr(whole) as found:  # its metadata are consolidated: no warning, which here is an error
         assert set(found.coords) == {"b_l", "start.polar.0"}
@@ -182,6 +195,7 @@ def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypa
         ({"b_l": [-1.0]}, {}, "b_l"),
         ({"run.dt": [0.1]}, {}, "vary: 'run.dt' belongs to the compiled program"),
         ({"b_l": [0.1]}, {"quantities": ["tension_mx"]}, "quantities: 'tension_mx' is unknown; did you mean"),
+        ({"b_l": [0.1]}, {"quantities": ["tension.m.max"]}, "quantities: 'tension.m.max': 'm' is not a line; known: l"),
         ({"b_l": [0.1]}, {"seeds": 2}, "seeds: nothing in this scene is random"),
         ({"b_l": [0.1, 0.2], "start.polar.0": [1.0]}, {"listed": True}, "lists of different lengths (b_l 2, start"),
         ({"b_l": [0.1]}, {"listed": True, "seeds": 2}, "listed: seeds, which rows cannot have separately"),

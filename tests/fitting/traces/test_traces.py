@@ -178,7 +178,7 @@ def test_degrees_are_asked_about(dropper):
     in_degrees = Trace("x", trace.t, np.degrees(trace.theta + 0.5 * swing))
     with pytest.raises(SceneError, match="looks like degrees; specify the unit"):
         settle_convention(in_degrees, model, ANY)
-    with pytest.raises(SceneError, match="looks like degrees; the unit is rad; allowed: --unit deg"):
+    with pytest.raises(SceneError, match="looks like degrees; the unit is rad. Use --unit deg"):
         settle_convention(in_degrees, model, Convention(unit="rad"))
 
 

@@ -1,0 +1,113 @@
+"""`dropper check SCENE`: validate a scene and show what a run would compute, without compiling it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from dropper_jax.cli.codes import OK
+from dropper_jax.cli.options import add_examples, add_run_values, add_scene, read_scene
+from dropper_jax.cli.output import done_object, listing, print_warnings, table
+from dropper_jax.cli.outputs import add_out, deliver, out_file, weights_table
+from dropper_jax.cli.run import OVERRIDES
+
+if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
+
+help = "check a scene in seconds: masses, weights in water, densities, periods, time step, and what a run compiles"
+
+#: Names of the periods in the table.
+WORDS = {
+    "swing": "swing of the shortest link",
+    "axial": "axial vibration of the stiffest link",
+    "waves": "waves",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(parser, "check my-longline.toml", "check paper-case-1 --set sea.waves.height=4 --json")
+    add_scene(parser)
+    add_run_values(parser, OVERRIDES)
+    add_out(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    out = out_file(args.out)
+    scene = read_scene(args, OVERRIDES)
+
+    from dropper_jax.load.checks_system import body_warnings
+    from dropper_jax.run.weights import floating_warnings
+
+    found = examine(scene)
+    warnings = [*floating_warnings(scene), *body_warnings(scene)]
+    print_warnings(warnings)
+    deliver(args.json, done_object(scene=scene.name, **found, warnings=warnings), text(scene, args.scene, found), out)
+    return OK
+
+
+def examine(scene: Scene) -> dict[str, Any]:
+    """Facts of a scene that need neither its equilibrium nor a compiled step."""
+    from dropper_jax.run.arrays import bare_model
+    from dropper_jax.run.build import stepper_of
+    from dropper_jax.run.growth import overgrown
+    from dropper_jax.run.resolution import periods, suggest_step
+    from dropper_jax.run.weights import line_weights, wet_weights
+    from dropper_jax.scene import whole_lines
+
+    model, wet = bare_model(overgrown(scene)), wet_weights(scene)  # without wakes, which need equilibria
+    stepper = stepper_of(model, scene.run)
+    lines = [
+        {
+            "line": line.name,
+            "links": line.spec.links,
+            "length_m": float(line.spec.total),
+            "mass_kg": float(line.spec.mass.sum()),
+            "wet_weight_n": float(wet[line.links].sum()),
+        }
+        for line in whole_lines(scene)
+    ]
+    points = [point for point in scene.points if point.kind == "free"]
+    mass, volume = (sum(float(getattr(p, key) or 0.0) for p in points) for key in ("mass", "volume"))
+    lift = 0.0 if scene.sea is None else scene.sea.gravity * (scene.sea.density * volume - mass)
+    return {
+        "lines": lines,
+        "points": {"free": len(points), "mass_kg": mass, "lift_n": lift},
+        "line_weights": line_weights(scene),
+        "periods_s": periods(scene),
+        "dt_s": scene.run.dt,
+        "suggested_dt_s": suggest_step(scene),
+        "compiled": {
+            "integrator": scene.run.integrator,
+            "solver": stepper.solver,
+            "dtype": str(model.dtype),
+            "links": model.line.links,
+            "free_nodes": model.free_nodes,
+            "bodies": len(scene.bodies),
+            "effects": list(scene.effects),
+            "steps": scene.run.steps,
+        },
+    }
+
+
+def text(scene: Scene, source: str, found: dict[str, Any]) -> str:
+    """The facts as text; `source` is the scene as the user named it."""
+    rows = [("line", "links", "length [m]", "mass [kg]", "weight [N]" if scene.sea is None else "weight in water [N]")]
+    for row in found["lines"]:
+        values = (row["length_m"], row["mass_kg"], row["wet_weight_n"])
+        rows.append((row["line"], str(row["links"]), *(f"{value:.5g}" for value in values)))
+    parts, step = found["compiled"], found["suggested_dt_s"]
+    shape = f"{parts['links']} links, {parts['free_nodes']} free nodes, {parts['bodies']} rigid bodies"
+    own, points = found["points"], []
+    if own["mass_kg"] or own["lift_n"]:
+        weighs = f"; lines weigh {sum(row['wet_weight_n'] for row in found['lines']):.4g} N in water"
+        points = [("floats, masses", f"{own['mass_kg']:.4g} kg; submerged they lift {own['lift_n']:.4g} N{weighs}")]
+    pairs = [
+        *points,
+        *((WORDS[name], f"{value:.3g} s") for name, value in found["periods_s"].items()),
+        ("natural periods", f"dropper modes {source}"),
+        ("time step", f"{found['dt_s']:g} s in the scene, {step:g} s suggested (--dt auto)"),
+        ("a run compiles", f"{parts['integrator']}, solver {parts['solver']}, {parts['dtype']}; {shape}"),
+        ("effects", ", ".join(parts["effects"]) or "none"),
+        ("a run takes", f"{parts['steps']} steps to {scene.run.duration:g} s"),
+    ]
+    return "\n".join([table(rows), *weights_table(scene), "", listing(pairs), "", "ok: the scene is valid"])

@@ -1,0 +1,39 @@
+"""`dropper new KIND FILE`: write a commented scene to edit."""
+
+from __future__ import annotations
+
+import argparse
+from importlib import resources
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
+from dropper_jax.cli.codes import OK
+from dropper_jax.cli.options import add_examples, add_json, output_file
+from dropper_jax.cli.output import done_object, print_result
+
+help = "write a commented scene to edit: a lab dropper, a longline in a storm, a farm with parameters"
+
+KINDS = ("lab", "longline", "farm")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(parser, "new lab my-dropper.toml", "new longline my-longline.toml")
+    parser.add_argument("kind", choices=KINDS, metavar="KIND", help=f"what the scene describes: {', '.join(KINDS)}")
+    parser.add_argument("file", metavar="FILE", help="the new file, .toml")
+    parser.add_argument("--force", action="store_true", help="replace an existing file")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    file = output_file(args.file, "FILE", (".toml",))
+    if file.exists() and not args.force:
+        raise SceneError(f"FILE: {args.file!r} exists. Use another name, or --force to replace it")
+    atomic_write(file, template(args.kind))
+    found = done_object(kind=args.kind, file=str(file))
+    print_result(args.json, found, f"ok: {file}\nnext: dropper check {file}\n      dropper run {file} --plot pictures")
+    return OK
+
+
+def template(kind: str) -> str:
+    """The text of a template."""
+    return (resources.files("dropper_jax") / "data" / "templates" / f"{kind}.toml").read_text(encoding="utf-8")

@@ -1,0 +1,326 @@
+"""Scalar quantities of a motion by name: `SIGNAL[.WHERE].STATISTIC`, such as `tension.west-leg.fairlead.max`.
+
+They are differentiable functions of saved states. One table serves all commands: `sensitivity --of`, `sweep
+--quantities`, `design --target`, `cases --of` and the constraints of `optimise`. WHERE is one of
+
+- a number from 1, of a link, a free node or a mode: `tension.3.max`;
+- a line, also with one of its ends: `first`, `last`, `anchor` (at its only fixed point), `fairlead` (the other one), or
+  the name of a point on it: `tension.west-leg.fairlead.max`;
+- a point: `offset.buoy.max`, `z.buoy.mean`;
+- a fixed point and a direction, `horizontal`, `vertical` (upwards) or `total`: `anchor.west.horizontal.max`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.numerics import horizontal_norm, safe_norm
+from dropper_jax.model import Model, Parted, State, state
+from dropper_jax.model.geometry import Member
+from dropper_jax.statics.modes import natural_periods
+from dropper_jax.stepping.integrate import Trajectory
+from dropper_jax.stepping.observe import observe
+
+#: Slope of the S-N curve in `fatigue`; 3 is usual for ropes and chains (DNV-OS-E301).
+SLOPE = 3.0
+
+#: Signals in time: unit, what WHERE names, meaning.
+SIGNALS = {
+    "tension": ("N", "link", "tension of a link; of a line or of all links the highest"),
+    "anchor": ("N", "anchor", "force of the lines on a fixed point"),
+    "angle": ("rad", "link", "angle of a link from the horizontal, positive downwards, -pi/2 to pi/2"),
+    "offset": ("m", "node", "horizontal distance of a point from its position in the scene"),
+    "excursion": ("m", "node", "distance of a free node from its start position; without a number the maximum"),
+    "depth": ("m", "node", "depth of a point below z = 0"),
+    "x": ("m", "node", "position of a node"),
+    "y": ("m", "node", "position of a node"),
+    "z": ("m", "node", "position of a node"),
+    "period": ("s", "mode", "natural period about the static pose, the longest first; of the start alone"),
+    "energy": ("J", None, "kinetic and potential energy"),
+}
+#: Signals of all links or nodes at once.
+OF_ALL = ("tension", "excursion", "energy")
+DIRECTIONS = ("horizontal", "vertical", "total")
+#: Names of the ends of a line; the last two need a line with one fixed end.
+ENDS = ("first", "last", "anchor", "fairlead")
+
+
+def _root(x: jax.Array, power: float = 0.5) -> jax.Array:
+    """`x**power`, with derivative 0 at 0."""
+    return jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** power, 0.0)
+
+
+def _fatigue(x: jax.Array) -> jax.Array:
+    size = jnp.abs(x - jnp.mean(x, axis=0))
+    return _root(jnp.mean(size**SLOPE), 1 / SLOPE)
+
+
+def _peak(x: jax.Array) -> jax.Array:
+    weight = 1 - jnp.cos(2 * jnp.pi * jnp.arange(len(x)) / len(x))
+    lines = jnp.fft.rfft((x - jnp.mean(x, axis=0)) * weight[:, None], axis=0)
+    return 2 * _root(jnp.max(lines.real**2 + lines.imag**2)) / jnp.sum(weight)
+
+
+def _highest(x: jax.Array) -> jax.Array:
+    """The maximum value (times, members): the vertex of the parabola through it and its two neighbours in time.
+
+    The derivative of the largest sample alone is that at a fixed time. Away from the maximum it has an error from the
+    slope there, of first order in the step, and of several hundred per cent for short peaks.
+    """
+    # the member with the highest value, and its time
+    member = jnp.argmax(jnp.max(x, axis=0))
+    x = x[:, member]
+    k = jnp.argmax(x)
+    inside = (k > 0) & (k < len(x) - 1)
+    near = jnp.clip(k, 1, max(len(x) - 2, 1))
+    before, top, after = (x[jnp.clip(near + i, 0, len(x) - 1)] for i in (-1, 0, 1))
+    bend = 2.0 * top - before - after
+    rise = jnp.where(bend > 0, (after - before) ** 2 / (8.0 * jnp.where(bend > 0, bend, 1.0)), 0.0)
+    return jnp.where(inside, top + rise, x[k])
+
+
+def _std(x: jax.Array) -> jax.Array:
+    return _root(jnp.mean((x - jnp.mean(x, axis=0)) ** 2))
+
+
+#: The statistic of the start alone: for a static start only statics is computed, without a run.
+START = "start"
+#: The signal that exists only for a start.
+PERIOD = "period"
+
+#: Statistics of a signal (times, members). `max` and `min` are vertices of parabolas through three samples; `start`
+#: refers to the state at t = 0; `fatigue` is `(mean |x - mean x|^3)^(1/3)`, the amplitude of equal damage at an equal
+#: rate of cycles; `peak` is the height of the highest line of the amplitude spectrum (Hann window).
+STATISTICS: dict[str, Callable[[jax.Array], jax.Array]] = {
+    "max": _highest,
+    "min": lambda x: -_highest(-x),
+    "mean": jnp.mean,
+    "final": lambda x: jnp.mean(x[-1]),
+    START: lambda x: jnp.mean(x[0]),
+    "std": _std,
+    "fatigue": _fatigue,
+    "peak": _peak,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """A named number of a motion.
+
+    Attributes:
+        name: `SIGNAL[.WHERE].STATISTIC`.
+        signal, statistic: its first and last part.
+        members: links, modes, or nodes that it refers to, from 0; None for all. Nodes are free ones, then those of
+            `Model.nodes`. Of an anchor these are its links.
+        signs: of an anchor, 1 for links that start there, -1 for links that end there.
+        direction: of an anchor.
+        point: number of the point, of an offset.
+    """
+
+    name: str
+    signal: str
+    statistic: str
+    members: tuple[int, ...] | None = None
+    signs: tuple[float, ...] = ()
+    direction: str = ""
+    point: int = 0
+
+    @property
+    def unit(self) -> str:
+        return SIGNALS[self.signal][0]
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it depends on the start alone."""
+        return self.statistic == START
+
+    def __call__(self, model: Model, start: jax.Array, run: Trajectory, t: jax.Array) -> jax.Array:
+        """The number for saved states at times t (k,) [s] of a run from the free nodes `start` (nodes, 3)."""
+        if self.signal == PERIOD:
+            pose = state(model, start, tension=run.tension[0], t=t[0])
+            return natural_periods(model, pose, self.members[0] + 1)[-1]
+        values = jax.vmap(lambda *now: self.instant(model, start, *now))(run.r, run.v, run.tension, t, run.parted)
+        return STATISTICS[self.statistic](values)
+
+    def of_pose(self, model: Model, s: State) -> jax.Array:
+        """The number at one instant, a static pose."""
+        if self.signal == PERIOD:
+            return natural_periods(model, s, self.members[0] + 1)[-1]
+        return STATISTICS[self.statistic](self.instant(model, s.r, s.r, s.v, s.tension, s.t, s.parted)[None])
+
+    def instant(
+        self,
+        model: Model,
+        start: jax.Array,
+        r: jax.Array,
+        v: jax.Array,
+        tension: jax.Array,
+        t: jax.Array,
+        parted: Parted | None = None,
+    ) -> jax.Array:
+        """The signal (members,) of one instant: free nodes (nodes, 3) and tensions (n,) at time t [s]."""
+        if self.signal == "energy":
+            seen = observe(model, r, v, t, parted)
+            return (seen.kinetic + seen.potential)[None]
+        if self.signal == "anchor":
+            return self._anchor_load(model, r, tension, t)[None]
+        if self.signal == "tension":
+            found = tension
+        elif self.signal == "angle":
+            links = model.links(r, model.ends(t))
+            found = jnp.arctan2(-links[:, 2], horizontal_norm(links))
+        else:
+            found = self._of_nodes(model, start, r, t)
+        return found if self.members is None else found[np.array(self.members)]
+
+    def _of_nodes(self, model: Model, start: jax.Array, r: jax.Array, t: jax.Array) -> jax.Array:
+        if self.members is not None and max(self.members) >= len(r):
+            r, start = (jnp.concatenate([free, model.nodes(free, model.ends(t))]) for free in (r, start))
+        if self.signal == "excursion":
+            return safe_norm(r - start)
+        if self.signal == "offset":
+            return horizontal_norm(r - model.points[self.point].position)
+        return -r[:, 2] if self.signal == "depth" else r[:, "xyz".index(self.signal)]
+
+    def _anchor_load(self, model: Model, r: jax.Array, tension: jax.Array, t: jax.Array) -> jax.Array:
+        """Force of the lines on a fixed point [N]: the sum of `T d/|d|`, d outwards along each link that ends there."""
+        own = np.array(self.members)
+        d = model.links(r, model.ends(t))[own]
+        force = jnp.sum((np.array(self.signs) * tension[own] / safe_norm(d))[:, None] * d, axis=0)
+        parts = {"horizontal": horizontal_norm(force), "vertical": force[2], "total": safe_norm(force)}
+        return parts[self.direction]
+
+
+def quantity(name: str, model: Model, option: str = "of") -> Quantity:
+    """The quantity of a name such as `tension.3.max`, `tension.west-leg.fairlead.max`, `offset.buoy.max`.
+
+    Args:
+        option: named in messages.
+
+    Raises:
+        SceneError: an unknown signal, statistic, line or point, or a link or node that does not exist.
+    """
+    signal, *middle, statistic = name.split(".") if "." in name else (name, "")
+    for what, word, known in (("signal", signal, SIGNALS), ("statistic", statistic, STATISTICS)):
+        if word not in known:
+            raise SceneError(
+                f"{option}: {name!r}: {word!r} is not a {what}; {nearest(word, known)}; allowed: "
+                "SIGNAL[.WHERE].STATISTIC, such as tension.max"
+            )
+    if signal == PERIOD and statistic != START:
+        raise SceneError(f"{option}: {name!r}: a natural period belongs to the static pose; allowed: period.1.start")
+    return _Parser(name, model, option).quantity(signal, middle, statistic)
+
+
+def static_quantity(name: str, model: Model, option: str) -> Quantity:
+    """The same for a static pose, which needs no statistic: `tension.chain.first`, `depth.buoy`."""
+    last = name.rpartition(".")[2]
+    return quantity(name if last in STATISTICS else f"{name}.{START}", model, option)
+
+
+class _Parser:
+    """Finds what a name refers to in a model."""
+
+    def __init__(self, name: str, model: Model, option: str) -> None:
+        self.name, self.model, self.option = name, model, option
+        self.points = [point.name for point in model.points]
+
+    def quantity(self, signal: str, where: list[str], statistic: str) -> Quantity:
+        counted = SIGNALS[signal][1]
+        if not where:
+            if signal not in OF_ALL:
+                where_ = {"anchor": "west.horizontal", "node": "buoy", "link": "1", "mode": "1"}[counted]
+                raise self._error(f"has no {counted}; allowed: such as {signal}.{where_}.{statistic}")
+            return Quantity(self.name, signal, statistic)
+        if counted == "anchor":
+            return self._anchor(signal, where, statistic)
+        if where[0].isdecimal() or counted in ("mode", None):
+            return Quantity(self.name, signal, statistic, (self._number(where, counted),))
+        if counted == "link":
+            return Quantity(self.name, signal, statistic, self._links(*where))
+        if len(where) > 1:
+            raise self._error(f"{'.'.join(where)!r} is not a point; {nearest(where[0], self.points)}")
+        point = self._number_of(where[0], self.points, "point")
+        return Quantity(self.name, signal, statistic, (self._node(point),), point=point)
+
+    def _number(self, where: list[str], counted: str | None) -> int:
+        model = self.model
+        most = {"link": model.line.links, "node": model.free_nodes, "mode": 3 * model.free_nodes, None: 0}[counted]
+        if len(where) > 1 or not where[0].isdecimal() or not 1 <= int(where[0]) <= most:
+            raise self._error(f"{'.'.join(where)!r} is not a {counted or 'part'}; allowed: 1 to {most}")
+        return int(where[0]) - 1
+
+    def _number_of(self, word: str, names: Sequence[str], what: str) -> int:
+        if word not in names:
+            raise self._error(f"{word!r} is not a {what}; {nearest(word, names)}")
+        return list(names).index(word)
+
+    def _links(self, line: str, end: str | None = None, *more: str) -> tuple[int, ...]:
+        """Links of a line, or those at one of its ends or points."""
+        self._number_of(line, line_names(self.model), "line")
+        own = line_links(self.model, [line])[line]
+        if end is None:
+            return tuple(map(int, own))
+        near = [(member, span) for member, span in self._members() if span.start in own]
+        ends = {self.points[near[0][0].start]: int(own[0]), self.points[near[-1][0].end]: int(own[-1])}
+        held = [name for name in ends if self.model.geometry.held[self.points.index(name)]]
+        named = {"first": int(own[0]), "last": int(own[-1])}
+        if len(held) == 1 and len(ends) == 2:
+            named |= {"anchor": ends[held[0]], "fairlead": next(i for name, i in ends.items() if name != held[0])}
+        inner = {self.points[member.start]: span.start for member, span in near[1:]}
+        by_name = {**inner, **ends, **named}
+        if more or end not in by_name:
+            raise self._error(f"{'.'.join((end, *more))!r} is not an end of line {line!r}; {nearest(end, by_name)}")
+        return (by_name[end],)
+
+    def _members(self) -> list[tuple[Member, slice]]:
+        return list(zip(self.model.geometry.members, self.model.geometry.spans, strict=True))
+
+    def _node(self, point: int) -> int:
+        """Number of a point's node behind the free nodes, in the order of `Model.nodes`."""
+        first = self.model.free_nodes
+        for member, _ in self._members():
+            for end, node in ((member.start, first), (member.end, first + member.links)):
+                if end == point:
+                    return node
+            first += member.links + 1
+        raise self._error(f"point {self.points[point]!r} is not an end of a line")
+
+    def _anchor(self, signal: str, where: list[str], statistic: str) -> Quantity:
+        held = [self.points[i] for i in self.model.geometry.held_points]
+        self._number_of(where[0], held, "fixed point")
+        if len(where) != 2:
+            raise self._error(f"has no direction; allowed: {', '.join(DIRECTIONS)}")
+        self._number_of(where[1], DIRECTIONS, "direction")
+        point = self.points.index(where[0])
+        first = [(span.start, 1.0) for member, span in self._members() if member.start == point]
+        last = [(span.stop - 1, -1.0) for member, span in self._members() if member.end == point]
+        links, signs = zip(*first, *last, strict=True)
+        return Quantity(self.name, signal, statistic, links, signs, where[1])
+
+    def _error(self, reason: str) -> SceneError:
+        return SceneError(f"{self.option}: {self.name!r}: {reason}")
+
+
+def line_names(model: Model) -> list[str]:
+    """Names of lines as specified, and of the pieces of those that are cut at points."""
+    names = [member.name for member in model.geometry.members]
+    stems = [name.rpartition("-")[0] for name in names if name.rpartition("-")[2].isdecimal()]
+    return list(dict.fromkeys(name for name in (*names, *stems) if name))
+
+
+def line_links(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Numbers of the links of each line as specified; pieces `name-1`, `name-2` of a cut one belong to it."""
+    found: dict[str, list[np.ndarray]] = {name: [] for name in names}
+    for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
+        stem, _, piece = member.name.rpartition("-")
+        own = member.name if member.name in found else stem if piece.isdecimal() else member.name
+        if own in found:
+            found[own].append(np.arange(model.line.links)[span])
+    return {name: np.concatenate(parts) for name, parts in found.items()}

@@ -1,0 +1,100 @@
+"""Quantities by name, against the report's own readings of a pose and of a motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.run.design import solve_design
+from dropper_jax.run.quantities import quantity, static_quantity
+from dropper_jax.scene import held_loads, line_slices
+
+SCENE = {
+    "name": "mooring",
+    "run": {"dt": 0.02, "duration": 1.0},
+    "line_type": [{"name": "rope", "mass": 1.2, "diameter": 0.03, "EA": 5e4, "damping_ratio": 0.3}],
+    "point": [
+        {"name": "west", "position": [-8.0, 0.0, -10.0]},
+        {"name": "east", "position": [8.0, 1.0, -10.0]},
+        {"name": "buoy", "kind": "free", "position": [0.5, 0.0, -4.0], "mass": 20.0, "volume": 0.2},
+    ],
+    "line": [
+        {"name": "west-leg", "from": "west", "to": "buoy", "type": "rope", "length": 10.0, "links": 3},
+        {"name": "east-leg", "from": "buoy", "to": "east", "type": "rope", "length": 10.0, "links": 3},
+    ],
+    "sea": {"depth": 10.0},
+    "effects": {"weight": {}, "buoyancy": {}},
+}
+
+
+@pytest.fixture(scope="module")
+def posed():
+    """The scene, its model, the pose as a state and as the report reads it."""
+    scene = dj.load_scene(SCENE)
+    model, _ = dj.build(scene)
+    pose = dj.equilibrium(scene)
+    return scene, model, pose
+
+
+def test_names_of_lines_ends_and_points_are_those_of_the_pose(posed):
+    scene, model, pose = posed
+    west, east = line_slices(scene)
+    loads = held_loads(scene, pose.positions, pose.tension)
+    buoy = pose.positions[west.nodes.stop - 1]
+    expected = {
+        "tension.max": pose.tension.max(),
+        "tension.2.max": pose.tension[1],
+        "tension.west-leg.max": pose.tension[west.links].max(),
+        "tension.west-leg.anchor.max": pose.tension[west.links.start],
+        "tension.west-leg.fairlead.max": pose.tension[west.links.stop - 1],
+        "tension.east-leg.fairlead.max": pose.tension[east.links.start],
+        "tension.east-leg.east.max": pose.tension[east.links.stop - 1],
+        "tension.east-leg.last.max": pose.tension[east.links.stop - 1],
+        "anchor.west.horizontal.max": np.hypot(*loads["west"][:2]),
+        "anchor.east.vertical.max": loads["east"][2],
+        "anchor.east.total.max": np.linalg.norm(loads["east"]),
+        "offset.buoy.max": np.hypot(*(buoy[:2] - [0.5, 0.0])),
+        "depth.buoy.mean": -buoy[2],
+        "z.west.final": -10.0,
+    }
+    for name, value in expected.items():
+        assert float(quantity(name, model).of_pose(model, pose.state)) == pytest.approx(value, rel=1e-9), name
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("tensoin.max", "'tensoin' is not a signal; did you mean 'tension'?"),
+        ("tension.west-leg.maxi", "'maxi' is not a statistic; did you mean 'max'?"),
+        ("tension.west-lag.max", "'west-lag' is not a line; did you mean 'west-leg'?"),
+        ("tension.west-leg.farlead.max", "'farlead' is not an end of line 'west-leg'; did you mean 'fairlead'?"),
+        ("tension.7.max", "'7' is not a link; allowed: 1 to 6"),
+        ("anchor.buoy.total.max", "'buoy' is not a fixed point; known: east, west"),
+        ("anchor.west.horizontl.max", "'horizontl' is not a direction; did you mean 'horizontal'?"),
+        ("anchor.west.max", "has no direction; allowed: horizontal, vertical, total"),
+        ("offset.buo.max", "'buo' is not a point; did you mean 'buoy'?"),
+        ("offset.max", "has no node; allowed: such as offset.buoy.max"),
+        ("energy.1.max", "'1' is not a part"),
+    ],
+)
+def test_a_wrong_name_shows_the_near_ones(posed, name, words):
+    with pytest.raises(SceneError) as caught:
+        quantity(name, posed[1], "to")
+    assert words in str(caught.value)
+    assert str(caught.value).startswith(f"to: {name!r}")
+
+
+def test_a_static_target_needs_no_statistic(posed):
+    _, model, pose = posed
+    for name in ("tension.west-leg.fairlead", "depth.buoy", "anchor.west.horizontal", "tension.west-leg.max"):
+        value = float(static_quantity(name, model, "target").of_pose(model, pose.state))
+        full = name if name.endswith(".max") else f"{name}.start"
+        assert value == pytest.approx(float(quantity(full, model).of_pose(model, pose.state)))
+
+
+def test_design_reaches_a_force_on_an_anchor():
+    found = solve_design(SCENE, "point.buoy.volume", 0.1, 0.3, "anchor.west.vertical", 600.0)
+    pose = dj.equilibrium(found.scene)
+    assert held_loads(found.scene, pose.positions, pose.tension)["west"][2] == pytest.approx(600.0, rel=1e-6)

@@ -75,7 +75,7 @@ def recorded():
         "line": [{"name": "loop", "from": "a", "to": "b", "links": 4, "length": 0.3, "mass": 0.1}],
         "effects": {
             "weight": {},
-            "recorded_motion": {"points": ["a"], "time": TIMES, "places": [[t * t, 0.1 * t, 0] for t in TIMES]},
+            "recorded_motion": {"points": ["a"], "time": TIMES, "positions": [[t * t, 0.1 * t, 0] for t in TIMES]},
         },
     }
 

@@ -26,7 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--periods", required=True, metavar="LO:HI:N", help="periods [s], N from LO to HI")
     parser.add_argument(
         "--no-higher-waves",
-        dest="no_more",
         action="store_true",
         help="leave out the runs with waves of 1.1 times the height",
     )

@@ -76,8 +76,8 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
     if named.unit != "deg" and _specific_energy(trace, model) > 2 * GRAVITY * float(
         np.sum(np.asarray(model.line.length))
     ):
-        fix = "specify the unit: deg or rad" if named.unit is None else "the unit is rad. Use --unit deg"
-        raise SceneError(f"{trace.name}: theta reaches {largest:.3g} and looks like degrees; {fix}")
+        fix = "Use --unit deg or --unit rad" if named.unit is None else "The unit is rad. Use --unit deg"
+        raise SceneError(f"{trace.name}: theta reaches {largest:.3g} and looks like degrees. {fix}")
     rate = np.abs(np.diff(trace.theta, axis=0) / np.diff(trace.t)[:, None])
     if named.unit == "deg" and largest < np.pi and np.nanmax(rate) < fastest:
         raise SceneError(

@@ -79,7 +79,7 @@ def broken(tmp_path):
         (["report", "missing.npz", "--skip", "-1"], "--skip: -1 is out of range"),
         (["view", "missing.nc", "--out", "view.html"], "missing.nc: cannot be read"),
         (["rnu"], "invalid choice: 'rnu'"),
-        (["--json"], "required: COMMAND"),
+        (["--colour"], "required: COMMAND"),
         (["new", "boat", "boat.toml"], "invalid choice: 'boat'"),
         (["new", "lab", __file__], "no known suffix; allowed: .toml"),
     ],

@@ -66,7 +66,7 @@ def test_links_at_rest_have_no_panel(longline):
 
 def test_loads_of_a_point_are_the_pull_of_its_lines_along_them():
     scene = SimpleNamespace(
-        points=[SimpleNamespace(name=n, kind=k) for n, k in (("a", "fixed"), ("b", "free"), ("c", "fixed"))],
+        points=[SimpleNamespace(name=n, is_free=free) for n, free in (("a", False), ("b", True), ("c", False))],
         lines=[SimpleNamespace(name="l", links=1, start="a", end="b", piece_of=None)]
         + [SimpleNamespace(name="m", links=1, start="b", end="a", piece_of=None)],
     )

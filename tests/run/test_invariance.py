@@ -39,7 +39,7 @@ def test_a_current_is_the_same_as_ends_towed_against_it_in_still_water():
     rest = dj.simulate(loop({"current": current(FLOW)}))
     t = np.linspace(-END, 2.0 * END, 7)  # longer than the run: points rest before and after the table
     places = np.concatenate([NODES[i] - np.outer(t, FLOW) for i in (0, -1)])
-    towing = {"points": ["a", "b"], "time": t.tolist(), "places": places.tolist()}
+    towing = {"points": ["a", "b"], "time": t.tolist(), "positions": places.tolist()}
     towed = dj.simulate(loop({}, velocity=-FLOW, recorded_motion=towing))
     assert rest.status == towed.status == "ok"
     back = towed.positions + towed.t[:, None, None] * FLOW

@@ -117,7 +117,7 @@ def test_a_wrong_file_between_hooks_is_refused_or_named_by_its_mistake(tmp_path,
     code, found = fit_file(tmp_path, spoil(held), HELD, capsys)
     if code == 2:
         assert words in found["error"]
-        advice = ("To correct it: ", "Use one file per run", "Reverse the rows", "allowed: ")
+        advice = ("To correct it: ", "Use one file per run", "Reverse the rows", "Use --unit deg", "allowed: ")
         assert any(text in found["error"] for text in advice)
     else:  # frames that open no more than those of a rolled camera are fitted
         assert code == 3

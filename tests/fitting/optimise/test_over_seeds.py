@@ -37,5 +37,5 @@ def test_loads_that_some_seeds_do_not_know_or_that_do_not_vary_take_the_mean():
 def test_too_few_seeds_for_a_distribution_are_refused():
     check_seeds(run("most_probable", 3))
     check_seeds(run("mean", 1))
-    with pytest.raises(SceneError, match="run.seeds: 2 for the most probable .* allowed: 3 or more"):
+    with pytest.raises(SceneError, match="run.seeds: 2 for the most probable .* Use 3 or more"):
         check_seeds(run("most_probable", 2))

@@ -176,9 +176,9 @@ def test_degrees_are_asked_about(dropper):
     trace = still_swinging(model, start)
     swing = np.sin(np.arange(200) * 0.2)[:, None]
     in_degrees = Trace("x", trace.t, np.degrees(trace.theta + 0.5 * swing))
-    with pytest.raises(SceneError, match="looks like degrees; specify the unit"):
+    with pytest.raises(SceneError, match="looks like degrees. Use --unit deg"):
         settle_convention(in_degrees, model, ANY)
-    with pytest.raises(SceneError, match="looks like degrees; the unit is rad. Use --unit deg"):
+    with pytest.raises(SceneError, match="looks like degrees. The unit is rad. Use --unit deg"):
         settle_convention(in_degrees, model, Convention(unit="rad"))
 
 

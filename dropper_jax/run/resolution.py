@@ -235,7 +235,7 @@ def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
     dt = solution.settings["dt"]
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):
         tension = solution.tension[1:, where.links]
-        sharp = _sharpest(tension)
+        sharp = unresolved_peak(tension)
         if sharp is not None:
             when = f"{tension[sharp]:.4g} N at {solution.t_tension[1 + sharp[0]]:.4g} s"
             text = f"{line.name}: the peak tension, {when}, lasts only one or two steps of {dt:g} s and is not resolved"
@@ -272,15 +272,19 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
             yield "snatch loads", worst, text
 
 
-def _sharpest(tension: np.ndarray) -> tuple[int, int] | None:
-    """Index of the maximum tension if it is a peak of one or two steps."""
+#: Fraction by which an unresolved peak may be low.
+PEAK_LOW = 0.13
+
+
+def unresolved_peak(tension: np.ndarray) -> tuple[int, int] | None:
+    """Index (step, link) of the maximum tension (k, n) [N] if it is a peak of one or two steps, else None."""
     step, link = np.unravel_index(np.argmax(tension), tension.shape)
     around = tension[max(step - 1, 0) : step + 2, link]
     if len(around) < 3 or around[1] <= 0.0:
         return None
     # a peak is unresolved if the tension one step before and after is lower by this fraction on average. That is a
-    # half-sine of less than three steps. Its maximum is low by 5 % (tension is a mean over the step) to 13 % (if the
-    # maximum is between two steps).
+    # half-sine of less than three steps. Its maximum is low by 5 % (tension is a mean over the step) to `PEAK_LOW` (if
+    # the maximum is between two steps).
     return (int(step), int(link)) if around[1] - 0.5 * (around[0] + around[2]) > 0.5 * around[1] else None
 
 

@@ -272,10 +272,6 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
             yield "snatch loads", worst, text
 
 
-#: Fraction by which an unresolved peak may be low.
-PEAK_LOW = 0.13
-
-
 def unresolved_peak(tension: np.ndarray) -> tuple[int, int] | None:
     """Index (step, link) of the maximum tension (k, n) [N] if it is a peak of one or two steps, else None."""
     step, link = np.unravel_index(np.argmax(tension), tension.shape)
@@ -283,8 +279,8 @@ def unresolved_peak(tension: np.ndarray) -> tuple[int, int] | None:
     if len(around) < 3 or around[1] <= 0.0:
         return None
     # a peak is unresolved if the tension one step before and after is lower by this fraction on average. That is a
-    # half-sine of less than three steps. Its maximum is low by 5 % (tension is a mean over the step) to `PEAK_LOW` (if
-    # the maximum is between two steps).
+    # half-sine of less than three steps. Its maximum is low by 5 % (tension is a mean over the step) to 13 % (if the
+    # maximum is between two steps).
     return (int(step), int(link)) if around[1] - 0.5 * (around[0] + around[2]) > 0.5 * around[1] else None
 
 

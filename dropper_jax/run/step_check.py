@@ -18,7 +18,7 @@ import numpy as np
 
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.run.chunks import Program, RunOutcome
-from dropper_jax.run.resolution import PEAK_LOW, unresolved_peak
+from dropper_jax.run.resolution import unresolved_peak
 from dropper_jax.run.samples import Kind, Samples, is_finished
 from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.integrate import Progress, Trajectory
@@ -126,7 +126,8 @@ def check_stretches(solution: Samples, run: Program, outcome: RunOutcome) -> dic
         "chaotic_from_s": None,
     }
     if found["window_maxima"] is not None and _peaks_unresolved(solution, trajectory):
-        found["window_maxima"] = max(found["window_maxima"], PEAK_LOW)
+        # fraction by which an unresolved peak may be low
+        found["window_maxima"] = max(found["window_maxima"], 0.13)
     return {**found, "dt_for_1_percent_s": _advise_step(solution, found)}
 
 

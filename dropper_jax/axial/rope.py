@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from dropper_jax.axial.elastic import Elastic, _Step
 from dropper_jax.axial.law import LinkStart
 from dropper_jax.base.fields import component
-from dropper_jax.base.numerics import dot, mean_positive_part, never_more, safe_norm
+from dropper_jax.base.numerics import dot, mean_positive_part, never_more, positive_part, safe_norm
 
 #: Weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1].
 STRETCH_COUNTS = 1e-3
@@ -43,7 +43,7 @@ class Rope(Elastic):
     """
 
     def spring(self, size: jax.Array, length: jax.Array) -> jax.Array:
-        return self.EA / length * jnp.maximum(size - length, 0.0)
+        return self.EA / length * positive_part(size - length)
 
     def _slack(self, length: jax.Array) -> jax.Array:
         """Maximum length (n,) [m] of slack links."""
@@ -51,7 +51,7 @@ class Rope(Elastic):
 
     def _elongation(self, size: jax.Array, length: jax.Array) -> jax.Array:
         """Elongation (n,) [m] of taut links."""
-        return jnp.maximum(size - self._slack(length), 0.0)
+        return positive_part(size - self._slack(length))
 
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array

@@ -62,9 +62,15 @@ def inverse3(m: jax.Array) -> jax.Array:
     return jnp.stack([jnp.stack(row, axis=-1) for row in inverse_rows(m)], axis=-2)
 
 
+def positive_part(x: jax.Array) -> jax.Array:
+    """`max(x, 0)`; its slope at 0 is 1. A link at exactly its natural length has the derivatives of a taut one, not the
+    mean of two."""
+    return jnp.where(x < 0.0, 0.0, x)
+
+
 def mean_positive_part(e0: jax.Array, e1: jax.Array) -> jax.Array:
     """Mean of max(e, 0) between e0 and e1: `(s1^2 - s0^2)/(2 (e1 - e0))`, s = max(e, 0), without cancellation."""
-    pulled, way = jnp.maximum(e0, 0.0) + jnp.maximum(e1, 0.0), jnp.abs(e0) + jnp.abs(e1)
+    pulled, way = positive_part(e0) + positive_part(e1), jnp.abs(e0) + jnp.abs(e1)
     return 0.5 * pulled * (pulled / jnp.where(way > 0.0, way, 1.0))
 
 

@@ -235,7 +235,7 @@ def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
     dt = solution.settings["dt"]
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):
         tension = solution.tension[1:, where.links]
-        sharp = _sharpest(tension)
+        sharp = unresolved_peak(tension)
         if sharp is not None:
             when = f"{tension[sharp]:.4g} N at {solution.t_tension[1 + sharp[0]]:.4g} s"
             text = f"{line.name}: the peak tension, {when}, lasts only one or two steps of {dt:g} s and is not resolved"
@@ -272,8 +272,8 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
             yield "snatch loads", worst, text
 
 
-def _sharpest(tension: np.ndarray) -> tuple[int, int] | None:
-    """Index of the maximum tension if it is a peak of one or two steps."""
+def unresolved_peak(tension: np.ndarray) -> tuple[int, int] | None:
+    """Index (step, link) of the maximum tension (k, n) [N] if it is a peak of one or two steps, else None."""
     step, link = np.unravel_index(np.argmax(tension), tension.shape)
     around = tension[max(step - 1, 0) : step + 2, link]
     if len(around) < 3 or around[1] <= 0.0:

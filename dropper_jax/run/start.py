@@ -44,6 +44,15 @@ def from_angles(
     return state(model, r[: model.free_nodes], v[: model.free_nodes])
 
 
+def with_points_fixed(model: Model) -> Model:
+    """The lines alone, with all points fixed at their positions in the scene."""
+    graph = replace(model.geometry, held=(True,) * len(model.points))
+    carried = ("point_bodies", "spar_buoys")
+    drop = lambda e: e.name in carried or e.bodily or isinstance(e, Displacement)  # noqa: E731
+    effects = tuple(e for e in model.effects if not drop(e))
+    return replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
+
+
 def between_points(model: Model, near: State | None = None) -> State:
     """At rest with all points at their positions in the scene and the lines in equilibrium between them.
 
@@ -52,15 +61,11 @@ def between_points(model: Model, near: State | None = None) -> State:
     Raises:
         SceneError: the lines have no equilibrium.
     """
-    graph = replace(model.geometry, held=(True,) * len(model.points))
-    carried = ("point_bodies", "spar_buoys")
-    drop = lambda e: e.name in carried or e.bodily or isinstance(e, Displacement)  # noqa: E731
-    effects = tuple(e for e in model.effects if not drop(e))
+    held = with_points_fixed(model)
     positions = [model.points[int(i)].position for i in model.geometry.free_points]
-    if not graph.free:
+    if not held.free_nodes:
         return state(model, jnp.stack(positions))
-    held = replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
-    beside = None if near is None else state(held, near.r[: graph.free], tension=near.tension)
+    beside = None if near is None else state(held, near.r[: held.free_nodes], tension=near.tension)
     s = _equilibrium_state(held, None) if beside is None else settle(held, beside)
     r = jnp.concatenate([s.r, jnp.stack(positions)]) if positions else s.r
     return state(model, r, tension=s.tension)

@@ -18,6 +18,7 @@ import numpy as np
 
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.run.chunks import Program, RunOutcome
+from dropper_jax.run.resolution import unresolved_peak
 from dropper_jax.run.samples import Kind, Samples, is_finished
 from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.integrate import Progress, Trajectory
@@ -124,7 +125,19 @@ def check_stretches(solution: Samples, run: Program, outcome: RunOutcome) -> dic
         "positions": off,
         "chaotic_from_s": None,
     }
+    if found["window_maxima"] is not None and _peaks_unresolved(solution, trajectory):
+        # fraction by which an unresolved peak may be low
+        found["window_maxima"] = max(found["window_maxima"], 0.13)
     return {**found, "dt_for_1_percent_s": _advise_step(solution, found)}
+
+
+def _peaks_unresolved(solution: Samples, trajectory: Trajectory) -> bool:
+    """Whether the maximum tension of a line lasts one or two steps: stretches of few steps then miss the peaks."""
+    if solution.settings["save_every"] > 1:
+        return False
+    lines = [trajectory.tension[:, line.links] for line in whole_lines(solution.scene)]
+    least = SMALL_TENSION * np.max(trajectory.tension)
+    return any(np.max(tension) >= least and unresolved_peak(tension) is not None for tension in lines)
 
 
 def _rows(trajectory: Trajectory, first: int, last: int) -> Trajectory:

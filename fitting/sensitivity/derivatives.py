@@ -121,8 +121,8 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     forward, value, reach, extent = map(np.asarray, _forward(problem.plan, problem.model, problem.start, at))
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
         return local(dataclasses.replace(problem, retries=True), say, check)
-    if np.isfinite(value) and not np.isfinite(forward).all():
-        problem.check_held()
+    if np.isfinite(value):
+        problem.check_derivatives(forward)
     run = problem.scene.run
     duration = 0.0 if problem.of.at_rest else run.steps * run.dt
     found = Local(
@@ -139,6 +139,8 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     if check:
         say(0.4, "reverse derivatives")
         reverse = np.asarray(_reverse(problem.plan, problem.model, problem.start, at))
+        if found.finite:
+            problem.check_derivatives(reverse)
         found = dataclasses.replace(found, reverse=reverse)
     moved = reach * [p.scale for p in problem.parameters]
     small = bool(np.all(moved <= 0.1 * CHAOTIC_GROWTH * extent))  # far from chaos

@@ -14,10 +14,10 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.model import Model, State
+from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import SceneLike, build, equal_steps
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
-from dropper_jax.run.start import initial_state
+from dropper_jax.run.start import initial_state, with_points_fixed
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.static_pose import nodal_loads
 from dropper_jax.statics.tangent import free_motion
@@ -123,19 +123,25 @@ class Study:
     def __call__(self, values: jax.Array, checkpoint: bool = False) -> jax.Array:
         return self.plan.evaluate(self.model, self.start, values, checkpoint)[0]
 
-    def check_held(self) -> None:
-        """Reject a static start with an unconstrained direction, for which no derivatives were found.
+    def check_derivatives(self, found: np.ndarray) -> None:
+        """Reject derivatives (p,) that do not exist, such as those of a static pose with an unconstrained direction.
 
         Raises:
-            SceneError: with the name of the node.
+            SceneError: with the names of the node and of the parameters.
         """
-        start = self.scene.start
-        if start.kind != "static":
+        if np.isfinite(found).all():
             return
-        free = free_motion(self.model, self.start, nodal_loads(self.model, start.release_nodes, start.release_force))
-        if free:
-            why = "Use a pose that is constrained in all directions"
-            raise SceneError(f"start: the static pose does not follow the parameters: {free}. {why}")
+        start, model, s = self.scene.start, self.model, self.start
+        if start.kind == "points":
+            model = with_points_fixed(model)
+            s = state(model, s.r[: model.free_nodes], tension=s.tension)
+        if start.kind in ("static", "points") and model.free_nodes:
+            free = free_motion(model, s, nodal_loads(model, start.release_nodes, start.release_force))
+            if free:
+                why = "Use a pose that is constrained in all directions"
+                raise SceneError(f"start: the static pose does not follow the parameters: {free}. {why}")
+        names = ", ".join(name for name, slope in zip(self.names, found, strict=True) if not np.isfinite(slope))
+        raise SceneError(f"to: {self.of.name} has no finite derivative by {names}. Use another start or parameter")
 
     def batch(self, values: np.ndarray) -> np.ndarray:
         """The quantity of many values (cases, p) -> (cases,), `RUNS_TOGETHER` at a time in one compiled program."""

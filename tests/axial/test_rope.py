@@ -94,6 +94,15 @@ def test_a_spring_at_rest_has_the_derivative_of_the_motion_that_follows():
         assert float(slope) == 0.25
 
 
+def test_a_link_at_its_natural_length_has_the_derivatives_of_a_taut_one():
+    """Not the mean of the derivatives of a taut and a slack link, which is that of no motion."""
+    law, one = Rope(EA=jnp.full(1, EA)), jnp.ones(1)
+    assert float(jax.grad(lambda size: law.spring(size, one)[0])(one)[0]) == EA
+    both = jax.grad(mean_positive_part, argnums=(0, 1))
+    assert [float(slope) for slope in both(jnp.array(0.0), jnp.array(2.0))] == [0.5, 0.5]
+    assert [float(slope) for slope in both(jnp.array(2.0), jnp.array(0.0))] == [0.5, 0.5]
+
+
 @pytest.mark.parametrize("law", ["elastic", "rope"])
 def test_a_step_from_rest_has_exact_derivatives_by_stiffness_in_both_modes(law):
     kind = {"name": "rope", "mass": 4.0, "diameter": 0.05, "EA": 8e4, "damping_ratio": 0.1, "law": law}

@@ -56,6 +56,15 @@ def test_stretches_of_a_long_run_find_the_same(pendulum, monkeypatch, dt):
     assert bool(warned(run)) == bool(warned(pendulum[dt]))
 
 
+def test_stretches_warn_of_maxima_that_last_a_step(monkeypatch):
+    """At 30 times its packaged step, maxima in windows of a period are 17 % off a run at a third of that step."""
+    monkeypatch.setattr(step_check, "check_full_run", step_check.check_stretches)
+    run = dj.simulate("dropper-north-sea", dt=0.9, duration=90.0, step_check=True)
+    assert any("lasts only one or two steps" in text for text in run.warnings)
+    (text,) = warned(run)
+    assert "largest tensions" in text
+
+
 def test_stretches_take_their_share_of_the_steps(monkeypatch):
     taken = []
     advance_at_half_step = chunks._EqualSteps.advance_at_half_step

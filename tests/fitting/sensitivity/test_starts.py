@@ -110,6 +110,19 @@ ARM = {
 }
 
 
+def test_a_derivative_of_a_slack_weightless_rope_by_gravity_is_refused_with_its_node():
+    rope = {"length": 4.0, "mass": 1.0, "diameter": 0.02, "links": 2, "axial": {"law": "rope", "EA": 1e4}}
+    scene = {
+        "run": {"dt": 0.01, "duration": 0.02},
+        "point": [{"name": name, "position": [x, 0.0, -5.0]} for name, x in (("a", 0.0), ("b", 3.0), ("c", 6.0))],
+        "line": [{"name": f"{i}{j}", "from": i, "to": j, **rope} for i, j in ("ab", "bc")],
+        "effects": {"weight": {"gravity": 0.0}},
+        "start": {"kind": "points"},
+    }
+    with pytest.raises(SceneError, match="node 1 of line '..' is unconstrained along"):
+        local(study(scene, "z.1.final", ["effects.weight.gravity"]))
+
+
 @pytest.mark.check
 def test_a_turning_body_differentiates_by_its_mass_spin_and_gravity():
     rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}

@@ -1,4 +1,4 @@
-"""Output of commands: one JSON object or a short table on standard output, everything else on standard error."""
+"""Output of commands: one JSON object or a short table on standard output, all else on standard error. Exit codes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,13 @@ from contextlib import suppress
 from typing import Any
 
 from dropper_jax.base.toml_text import SCHEMA, jsonable
+
+OK = 0
+INVALID_INPUT = 2
+#: A run or a search failed; its partial result is kept.
+FAILED = 3
+INTERRUPTED = 130
+
 
 BAR = 30
 #: Maximum length of a word in a message (paths are as long), and the length to which longer words are cut.

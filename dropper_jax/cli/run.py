@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import FAILED, INTERRUPTED, OK
 from dropper_jax.cli.options import (
     add_examples,
     add_quiet,
@@ -21,7 +20,17 @@ from dropper_jax.cli.options import (
     read_scene,
     with_step,
 )
-from dropper_jax.cli.output import listing, print_json, print_line, print_warnings, progress, table
+from dropper_jax.cli.output import (
+    FAILED,
+    INTERRUPTED,
+    OK,
+    listing,
+    print_json,
+    print_line,
+    print_warnings,
+    progress,
+    table,
+)
 from dropper_jax.cli.outputs import weights_table
 
 if TYPE_CHECKING:
@@ -119,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
     before = None if args.start is None else read_run(args.start)
     scene = read_scene(args, OVERRIDES) if before is None else _further(args, before)
 
-    from dropper_jax.cli.keeping import recover_leftovers, save_or_report, scratch_beside
+    from dropper_jax.cli.outputs import recover_leftovers, save_or_report, scratch_beside
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.storage import netcdf_packages, zarr_packages
 
@@ -238,8 +247,7 @@ def _steps(solution: Solution) -> str:
 def draw(solution: Solution, target: Path) -> list[Path]:
     """A snapshot to a PNG file, or all pictures to a folder."""
     from dropper_jax import plots
-    from dropper_jax.plots.moving import anything_moves
-    from dropper_jax.plots.run import readable
+    from dropper_jax.plots.run import anything_moves, readable
 
     if target.suffix.lower() == ".png":
         plots.snapshot(solution, target)

@@ -10,9 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_scene, output_file, read_scene
-from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, print_warnings, table
+from dropper_jax.cli.output import (
+    FAILED,
+    OK,
+    done_object,
+    failure_object,
+    print_json,
+    print_line,
+    print_warnings,
+    table,
+)
 from dropper_jax.cli.outputs import deliver
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from dropper_jax.plots import moving, style
-from dropper_jax.plots.run import Run
+from dropper_jax.plots import style
+from dropper_jax.plots.run import ANGLE, Run, changing
 
 #: Maximum number of links with a trace; more are drawn as a map over time and link (traces) or thinned out (grid).
 MOST = 12
@@ -38,7 +38,7 @@ def traces(
     from their means, since the means differ by more than the motion.
     """
     links = columns[0][1].shape[1]
-    kept = np.flatnonzero(moving.changing([values for _, values in columns], least))
+    kept = np.flatnonzero(changing([values for _, values in columns], least))
     if len(t) > 1 and not len(kept):
         figure = _along(columns, run)
         what = f"{what}, from start to end"
@@ -162,6 +162,6 @@ def grid(
 def _nothing(run: Run, path: str | Path, what: str) -> Path:
     """A picture with a note that there is no motion to show."""
     figure = style.new_figure(6.0, 2.0)
-    figure.text(0.5, 0.45, f"no link turns by more than {moving.ANGLE:g} rad", ha="center", color=style.FAINT)
+    figure.text(0.5, 0.45, f"no link turns by more than {ANGLE:g} rad", ha="center", color=style.FAINT)
     style.title(figure, run, what)
     return style.save(figure, path)

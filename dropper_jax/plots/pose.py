@@ -12,8 +12,8 @@ from matplotlib.collections import LineCollection, PolyCollection
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from dropper_jax.plots import style, system, view
-from dropper_jax.plots.bodies import draw_bodies
 from dropper_jax.plots.run import Run
+from dropper_jax.plots.system import draw_bodies
 
 #: Number of past configurations in a snapshot, and the displacement between two of them as a fraction of the picture's
 #: size.

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.residual.problem import StepProblem
-from dropper_jax.residual.solver import Solver
-from dropper_jax.residual.unknowns import Unknowns, add, norm
+from dropper_jax.residual.problem import StepProblem, Unknowns, add, norm
+from dropper_jax.residual.scheme import Solver
 
 Linear = Callable[[Unknowns], Unknowns]
 #: Fractions of a correction tried by the damped iteration; the residual must fall.

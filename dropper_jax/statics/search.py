@@ -20,16 +20,16 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Effect, Ends, Graph, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.catenary import catenary_guess, hang
-from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance
-from dropper_jax.statics.stability import escape, stable
-from dropper_jax.statics.static_friction import with_static_seabed_friction
+from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance, with_static_seabed_friction
 from dropper_jax.statics.system import (
     ROUNDS,
     describe_unbalance,
+    escape,
     find_rest,
     find_softened,
     guess,
     springy,
+    stable,
 )
 
 #: Minimum load increment (fraction of the loads) of the continuation.

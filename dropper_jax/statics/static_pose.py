@@ -21,11 +21,18 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.scatter import scatter_add
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
-from dropper_jax.residual.unknowns import norm
+from dropper_jax.residual.problem import norm
 from dropper_jax.statics.bodies import moves_of
-from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
+from dropper_jax.statics.rest_problem import (
+    SMALLEST,
+    RestProblem,
+    rest,
+    rest_tolerance,
+    soft_scale,
+    system_tolerance,
+    with_static_seabed_friction,
+)
 from dropper_jax.statics.search import Equilibrium, outward, search
-from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import descend, unbalance
 from dropper_jax.statics.tangent import Linear, solve_linear
 

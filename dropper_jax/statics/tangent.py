@@ -24,8 +24,7 @@ from jax.scipy.linalg import lu_factor, lu_solve
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Geometry, Graph, Model, State, state
 from dropper_jax.solvers.dense import LU
-from dropper_jax.solvers.elimination import Elimination, eliminate, solve
-from dropper_jax.solvers.order import Order, elimination_order
+from dropper_jax.solvers.elimination import Elimination, Order, eliminate, elimination_order, solve
 from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale, unbalanced_at
 
 if TYPE_CHECKING:

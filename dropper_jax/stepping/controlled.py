@@ -21,8 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.integrators.projected import Knot, ProjectedRungeKutta, at_knot, time_just_after
-from dropper_jax.integrators.reduced import moving, on_links
+from dropper_jax.integrators.projected import Knot, ProjectedRungeKutta, at_knot, moving, on_links, time_just_after
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.integrate import Trajectory, begin
 from dropper_jax.stepping.stepper import Stepper

@@ -29,7 +29,7 @@ from dropper_jax.load.source import plain_values
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.series import Curve, Panel, history
-from dropper_jax.plots.units import force_unit
+from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import point_load
 from dropper_jax.run.build import build, build_model
 from dropper_jax.run.simulate import Solution

@@ -21,7 +21,7 @@ import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.advice import WORTH, Candidate, advise, wide
-from fitting.calibration.jumps import SEVERAL, alone, far_off, lost_frames, starts_from_previous_windows
+from fitting.calibration.kicks import SEVERAL, alone, far_off, lost_frames, starts_from_previous_windows
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT

@@ -13,15 +13,21 @@ from dropper_jax import load_scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike, build
-from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
-from fitting.calibration.spans import check_spans, fitted_parts, fitted_spans, without_held_starts
+from fitting.calibration.prepared import (
+    STEPS_PER_PERIOD,
+    Prepared,
+    check_spans,
+    fitted_parts,
+    fitted_spans,
+    without_held_starts,
+)
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate import lyapunov as chaos
+from fitting.estimate.marching import choose_stepper
 from fitting.estimate.release import release_of
 from fitting.estimate.rest import rests
 from fitting.estimate.resting import advice_on_rest
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts, check_step, cut, fewest_frames, fill, first_starts, time_step
 from fitting.parameters.of_scene import default_free, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects

@@ -19,20 +19,18 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.model import Model
 from dropper_jax.run.build import build
 from fitting.calibration.advice import Candidate, joint_information, wide
-from fitting.calibration.heldout import score_held_out, window_length
-from fitting.calibration.law_fits import scene_with_law, substeps_of, without_unused_parts
-from fitting.calibration.laws import OF_JOINTS, PARTS
-from fitting.calibration.prepared import Prepared
-from fitting.calibration.spans import fitted_parts
+from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
+from fitting.calibration.prepared import Prepared, fitted_parts
+from fitting.calibration.result import score_held_out, window_length
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.lyapunov import LONGEST
+from fitting.estimate.marching import choose_stepper
 from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import memory_of
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import degrees_of_freedom
-from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.priors import rig_priors

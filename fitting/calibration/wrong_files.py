@@ -27,8 +27,7 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import wrap_angle
 from fitting.estimate.windows import first_starts
 from fitting.parameters.of_scene import DAMPING
-from fitting.traces.conventions import resting_angles
-from fitting.traces.mistakes import Change, changes, in_model, late_columns, shift, units
+from fitting.traces.conventions import Change, changes, in_model, late_columns, resting_angles, shift, units
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, without_spikes
 
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames

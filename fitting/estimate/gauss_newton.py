@@ -13,9 +13,8 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from dropper_jax.base.progress import Progress, silent
-from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import Joined
-from fitting.estimate.normal_equations import Normal, Step, eliminate, normal_blocks
+from fitting.estimate.normal_equations import Evaluation, Normal, Step, eliminate, normal_blocks
 from fitting.estimate.problem import Problem, Residuals, Solution
 from fitting.estimate.windows import Starts
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.estimate.evaluation import Evaluation
+from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace, smooth
 

@@ -22,8 +22,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.noise import WHITE, Noise, correlates, lag_one, log_volume, rates, whitened
+from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.sandwich import leverage, start_covariances
 from fitting.estimate.shooting import level_of

@@ -21,9 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fitting.estimate.block_tridiagonal import Factor
 from fitting.estimate.gaps import gaps
-from fitting.estimate.normal_equations import Normal, solve_spd
+from fitting.estimate.normal_equations import Factor, Normal, solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
 

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
-from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import Joined, eliminate_joined, gaps, join
 from fitting.estimate.gauss_newton import Separate, descend
-from fitting.estimate.normal_equations import Step
+from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.problem import Problem, Solution
 
 #: Gap weights, in order. Larger ratios lose the neighbourhood of the optimum (measured on the lab dropper).

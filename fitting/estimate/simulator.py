@@ -19,10 +19,9 @@ from dropper_jax.backend.programs import brief_options, lower_cached
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model
 from dropper_jax.stepping.stepper import Stepper
-from fitting.estimate.evaluation import Evaluation, drop_wild
-from fitting.estimate.marching import at_samples, march
+from fitting.estimate.marching import at_samples, choose_stepper, march
+from fitting.estimate.normal_equations import Evaluation, drop_wild
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
-from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import ON_GRID, Starts, Windows
 from fitting.parameters.parameter import Parameter, apply
 from fitting.parameters.target import LostPlace, camera_angles, clock_rate, losses

@@ -242,3 +242,53 @@ def _parts(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]
 def _combine_slopes(weights: jax.Array, slopes: jax.Array) -> jax.Array:
     """The weighted sum of slopes (s, k) with weights (s,), not as a matrix product, which may call a library."""
     return jnp.sum(weights[:, None] * slopes, axis=0)
+
+
+def state_between(model: Model, knots: tuple[Knot, ...], known: jax.Array, t: jax.Array) -> jax.Array:
+    """y at a time t between the last two knots."""
+    size = 3 * model.free_nodes
+    unit = knots[-1].t - knots[-2].t
+    times = jnp.stack([(knot.t - knots[-1].t) / unit for knot in knots])
+    x = (t - knots[-1].t) / unit
+    (position, speed), (work, _) = (_weights(times, x, known, n) for n in (3, 2))
+    y, rate = jnp.stack([k.y for k in knots]), jnp.stack([k.rate for k in knots])
+    r, v, a = y[:, :size], rate[:, :size], rate[:, size : 2 * size]
+    scaled = jnp.concatenate([r, unit * v, unit**2 * a])
+    w, p = y[:, 2 * size :], rate[:, 2 * size :]
+    found = [position @ scaled, speed @ scaled / unit, work @ jnp.concatenate([w, unit * p])]
+    return jnp.concatenate(found)
+
+
+def _weights(times: jax.Array, x: jax.Array, known: jax.Array, derivatives: int) -> tuple[jax.Array, jax.Array]:
+    """Weights at x of values and derivatives at `times` (m,) in a polynomial through them, and their rates.
+
+    Ordered by derivative, (derivatives m,). With fewer than m - 1 known steps, through the last two times.
+    """
+    two = jnp.concatenate([jnp.zeros(len(times) - 2), jnp.ones(2)]).astype(times.dtype)
+    all_ = jnp.ones_like(two)
+
+    def at(x: jax.Array) -> jax.Array:
+        pair = _hermite(times, x, two, derivatives)
+        if len(times) == 2:
+            return pair
+        return jnp.where(known >= len(times) - 1, _hermite(times, x, all_, derivatives), pair)
+
+    return jax.jvp(at, (x,), (jnp.ones_like(x),))
+
+
+def _hermite(times: jax.Array, x: jax.Array, used: jax.Array, derivatives: int) -> jax.Array:
+    """Hermite's basis at x: with Lagrange's L_i, L_i^n times the series of L_i^-n in x - t_i, for n derivatives.
+
+    `used` (m,) is 0 for times that are left out.
+    """
+    u = x - times
+    apart = times[:, None] - times[None, :]
+    others = used[None, :] * (1.0 - jnp.eye(len(times), dtype=times.dtype))
+    inverse = others / jnp.where(apart == 0.0, 1.0, apart)
+    lagrange = used * jnp.prod(jnp.where(others > 0.0, u[None, :] * inverse, 1.0), axis=1)
+    slope = jnp.sum(inverse, axis=1)
+    if derivatives == 2:
+        return jnp.concatenate([lagrange**2 * (1.0 - 2.0 * slope * u), lagrange**2 * u])
+    cube, bend = lagrange**3, slope**2 - jnp.sum(inverse**2, axis=1)
+    value = 1.0 - 3.0 * slope * u + (6.0 * slope**2 - 1.5 * bend) * u**2
+    return jnp.concatenate([cube * value, cube * u * (1.0 - 3.0 * slope * u), 0.5 * cube * u**2])

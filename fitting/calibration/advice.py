@@ -233,3 +233,17 @@ def score_change(
     gain = float(-0.5 * u @ change)
     error = np.sqrt(np.diag(solve_spd(A, np.eye(len(A)))))
     return change, error, -inner @ np.append(change, 1.0), gain, float(chdtrc(len(A), max(2 * gain, 0.0)))
+
+
+#: Separator of the names of indistinguishable candidates in reports.
+OR = " or "
+
+
+def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
+    """By how much candidates indistinguishable from those freed would move the parameters, each (k,).
+
+    A candidate that was freed later in its own right is no longer in doubt.
+    """
+    freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
+    moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
+    return tuple(np.array([move.get(p.name, 0.0) for p in parameters]) for move in moves)

@@ -11,10 +11,10 @@ from typing import Any
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike
-from fitting.calibration.advice import advise
+from fitting.calibration.advice import advise, omitted_parameter_bias
 from fitting.calibration.comparison import compare
 from fitting.calibration.estimating import FIRST, estimate, with_sound_windows
-from fitting.calibration.freeing import free_by_advice, omitted_parameter_bias
+from fitting.calibration.freeing import free_by_advice
 from fitting.calibration.kicks import without_kicks
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.result import FitResult

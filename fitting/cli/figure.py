@@ -35,7 +35,8 @@ def run(args: argparse.Namespace) -> int:
     target = plot_folder(args.plot)
 
     from dropper_jax.effects import register_installed
-    from dropper_jax.study.source_figures import Run, cases_of, draw_figure, figure_of, figures, scene_of
+    from dropper_jax.study.figure_table import Run, cases_of, figure_of, figures, scene_of
+    from dropper_jax.study.source_figures import draw_figure
 
     register_installed()
     known = figures()

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from dropper_jax import plots
-from dropper_jax.cli.run import draw
+from dropper_jax.cli.outputs import draw
 from dropper_jax.plots import series, style
 from dropper_jax.plots.run import chosen_links, readable
 from dropper_jax.plots.style import force_unit

@@ -22,15 +22,13 @@ COMPILE_CACHE, KEEP_TRACES, QUICK, ON = (
 )
 #: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
 XLA_LOG, FATAL = "TF_CPP_MIN_LOG_LEVEL", "3"
-#: Allocations between two garbage collections: tracing makes millions of lasting objects, and with Python's default
-#: (700)
-#: the collector takes 10 % of the time.
-SELDOM = 100_000, 50, 100
 
 
 def prepare() -> None:
     """Cache programs for the next start, and compile short runs quickly, unless the user disables it."""
-    gc.set_threshold(*SELDOM)
+    # allocations between two garbage collections: tracing makes millions of lasting objects, and with Python's default
+    # (700) the collector takes 10 % of the time
+    gc.set_threshold(100_000, 50, 100)
     os.environ.setdefault(XLA_LOG, FATAL)
     os.environ.setdefault(COMPILE_CACHE, ON)
     os.environ.setdefault(KEEP_TRACES, ON)

@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 
 help = "stiffness matrix of points and rigid bodies about the static equilibrium, all else in equilibrium"
 
-#: Maximum number of degrees of freedom of a printed matrix.
-SHOWN = 12
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
@@ -85,7 +82,8 @@ def _names(scene: Scene, given: str | None) -> list[str]:
 
 
 def _text(found: Stiffness) -> str:
-    if len(found.freedoms) <= SHOWN:
+    # maximum number of degrees of freedom of a printed matrix
+    if len(found.freedoms) <= 12:
         rows = [("", *found.freedoms)]
         rows += [(name, *(f"{x:.5g}" for x in line)) for name, line in zip(found.freedoms, found.matrix, strict=True)]
         return f"{table(rows)}\nN/m; N, N m/rad for rotations: minus the force on a row per displacement of a column"

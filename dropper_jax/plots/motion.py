@@ -15,9 +15,6 @@ from dropper_jax.plots.run import ANGLE, TRAVEL, Run, chosen_links, travel
 from dropper_jax.plots.series import Curve, Panel, draw_panel, history, legend
 from dropper_jax.plots.tension import ends_panel
 
-#: Maximum number of points in one picture.
-MOST = 4
-
 
 @style.with_style
 def motion_history(run: Run, path: str | Path) -> Path:
@@ -66,7 +63,8 @@ def tracked_nodes(run: Run) -> dict[str, int]:
     if not wanted:
         node = int(np.argmax(way))
         return {f"node {node}": node}
-    names = sorted(wanted, key=lambda name: -way[wanted[name]])[:MOST]
+    # maximum number of points in one picture
+    names = sorted(wanted, key=lambda name: -way[wanted[name]])[:4]
     return {name: wanted[name] for name in names}
 
 

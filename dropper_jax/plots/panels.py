@@ -16,8 +16,6 @@ from dropper_jax.plots.run import ANGLE, Run, changing
 
 #: Maximum number of links with a trace; more are drawn as a map over time and link (traces) or thinned out (grid).
 MOST = 12
-#: Maximum number of lines that are named along an axis, in smaller letters than up to `MOST`.
-NAMED = 30
 
 Columns = list[tuple[str, np.ndarray]]
 
@@ -115,7 +113,8 @@ def _link_axis(axes: Axes, run: Run, letter: str = "y") -> None:
     edge, colour = (axes.axhline, "white") if letter == "y" else (axes.axvline, "#E3E5E8")
     for line in run.written_lines[1:]:
         edge(line.links.start + 0.5, color=colour, lw=1.0)
-    shown = run.written_lines[:: math.ceil(len(run.written_lines) / NAMED)]
+    # maximum number of lines that are named along an axis, in smaller letters than up to `MOST`
+    shown = run.written_lines[:: math.ceil(len(run.written_lines) / 30)]
     axes.tick_params(axis=letter, labelsize=9 if len(shown) <= MOST else 6)
     axis.set_ticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
     if letter == "x":

@@ -143,10 +143,6 @@ def changing(columns: list[np.ndarray], least: float) -> np.ndarray:
         return np.any([np.nan_to_num(np.ptp(values, axis=0)) > least for values in columns], axis=0)
 
 
-#: A run has diverged if a node is farther out than this many sizes of the first configuration.
-FARTHEST = 100.0
-
-
 class Float(NamedTuple):
     """An upright buoy: the node of its point, diameter and height [m], height of the point above its base [m]."""
 
@@ -242,7 +238,8 @@ def readable(solution: Solution) -> Run:
     work = np.asarray(solution.work, float).reshape(len(solution.t), -1)
     finite = np.all([np.isfinite(a).reshape(len(a), -1).all(axis=1) for a in (*moved, work)], axis=0)
     first = moved[0][0]
-    far = FARTHEST * max(float(np.ptp(first, axis=0).max()), np.finfo(float).tiny)
+    # a run has diverged if a node is farther out than this many sizes of the first configuration
+    far = 100.0 * max(float(np.ptp(first, axis=0).max()), np.finfo(float).tiny)
     with np.errstate(invalid="ignore", over="ignore"):
         near = np.abs(moved[0] - first).max(axis=(1, 2)) <= far
     good = np.append(finite & near, False)

@@ -21,14 +21,12 @@ from dropper_jax.base.renamed import old_names
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.simulate import Solution
 
-#: Maximum tension [N] above which a figure is in kN.
-KILO = 5e3
-
 
 def force_unit(*values: np.ndarray | float | Iterable[float]) -> tuple[str, float]:
     """Unit and its size [N] for all forces [N] of a figure."""
     largest = max((float(np.abs(known).max()) for v in values if (known := _finite(v)).size), default=0.0)
-    return ("kN", 1e3) if largest >= KILO else ("N", 1.0)
+    # maximum tension [N] above which a figure is in kN
+    return ("kN", 1e3) if largest >= 5e3 else ("N", 1.0)
 
 
 def _finite(values: np.ndarray | float | Iterable[float]) -> np.ndarray:

@@ -71,8 +71,6 @@ def body_motion(run: Run, path: str | Path) -> Path:
 
 
 BUOY, WATER, SURFACE, BED = style.CYCLE[4], "#DCEBF5", style.CYCLE[5], "#D8CBB4"
-#: The surface and the seabed are in the picture if they are within this distance of the lines, in sizes of the lines.
-NEAR = 0.5
 #: Points along a surface line, and number of lines of a surface in space per side.
 ALONG, ACROSS = 161, 13
 
@@ -89,7 +87,8 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
     if run.bodies is not None and run.bodies.shapes:
         shown.append(run.bodies.extent_points())
     low, high = nodes.min(axis=0), nodes.max(axis=0)
-    near = NEAR * (high - low).max()
+    # the surface and the seabed are in the picture if they are within this distance of the lines, in sizes of the lines
+    near = 0.5 * (high - low).max()
     middle = 0.5 * (low + high)
     bed = bed_height(run.scene, middle[None])
     for z in ([] if run.scene.sea is None else [0.0]) + ([] if bed is None else [float(bed[0])]):

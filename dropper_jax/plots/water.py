@@ -112,8 +112,6 @@ def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
 WATER, SURFACE = system.WATER, system.SURFACE
 #: Number of points along the surface of a picture.
 POINTS = 240
-#: Ratio of height to length below which both views of a system are drawn one above the other.
-LOW = 0.35
 
 
 def _with_sea(draw: Callable[..., Path]) -> Callable[..., Path]:
@@ -159,7 +157,8 @@ def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = Non
     nodes = run.positions[index]
     low, high = nodes.min(axis=0), nodes.max(axis=0)
     middle, half = 0.5 * (low + high), 0.55 * max((high - low).max(), 1.0)
-    low_and_long = run.scene is not None and np.ptp(nodes[:, 2]) < LOW * 2 * half
+    # ratio of height to length below which both views of a system are drawn one above the other
+    low_and_long = run.scene is not None and np.ptp(nodes[:, 2]) < 0.35 * 2 * half
     flat = run.scene is not None and view.planar(run.positions)
     figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
     shape = (1, 1) if flat else (2, 1) if low_and_long else (1, 2)

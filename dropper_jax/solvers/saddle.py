@@ -118,12 +118,6 @@ def _node_order(graph: Graph, between: tuple[Pair, ...] = ()) -> Order:
     return elimination_order(graph.free, [*pairs, *between], most=WIDER if between else 2)
 
 
-#: Compliance of the last link of a line, relative to that of its points. It has an effect only for a straight line
-#: between
-#: fixed points, which cannot move.
-CLOSING = 1e-10
-
-
 class LinkParts(NamedTuple):
     """Of the links: G (n, 3, 3), p and g (n, 3), c (n,)."""
 
@@ -154,10 +148,12 @@ class Saddle(NamedTuple):
         points = len(graph.free_points)
         point = jnp.zeros((points, 3), node.dtype)
         unit = jnp.broadcast_to(jnp.eye(3, dtype=node.dtype), last.turn.shape)
+        # compliance of the last link of a line, relative to that of its points. It has an effect only for a straight
+        # line between fixed points, which cannot move
         values = [
             _block(diagonal[: graph.inner], before.force, before.gradient, before.compliance),
             _block(diagonal[graph.inner :], point, point, jnp.ones((points,), node.dtype)),
-            _block(unit, bare, bare, last.compliance - CLOSING / size),
+            _block(unit, bare, bare, last.compliance - 1e-10 / size),
             _block(-before.turn, none, -before.gradient, nothing),
             _block(-before.turn, -before.force, none, nothing),
             *(_block(-last.turn, bare, bare, zero),) * 2,

@@ -88,8 +88,6 @@ TOLERANCE, UNITS = 1e-10, 1e4
 PART = 1e-2
 #: Minimum kappa over the weight per length: prevents drift of unconstrained parts (a float in calm water).
 SMALLEST = 1e-9
-#: Maximum number of unknowns for LU of the full Jacobian.
-DENSE_LIMIT = 200
 
 
 def rest(model: Model) -> Model:
@@ -201,7 +199,8 @@ def rest_solver(model: Model) -> Solver:
     """The cheapest solver of the exact Jacobian for the model; the network solver is for systems."""
     if isinstance(model.geometry, Graph):
         return SOLVERS["dense"] if model.node_reach > 0 else SOLVERS["network"]
-    return SOLVERS["dense"] if SOLVERS["dense"].size(model) <= DENSE_LIMIT else SOLVERS["banded"]
+    # maximum number of unknowns for LU of the full Jacobian
+    return SOLVERS["dense"] if SOLVERS["dense"].size(model) <= 200 else SOLVERS["banded"]
 
 
 @cached_jit(static=("iterations", "damped"), brief=True)

@@ -32,8 +32,6 @@ from dropper_jax.statics.tangent import NodeMoves, stiffness_matrix
 #: length)
 #: that is rounding, and the first displacement from an unstable equilibrium, in lengths of a link.
 FEW, ROUNDING, NUDGE = 200, 1e-6, 0.1
-#: Difference of a stiffness from its transpose, over its maximum entry, above which it has no energy.
-TURNING = 1e-8
 
 
 @cached_jit(brief=True)
@@ -86,7 +84,8 @@ def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
     if not k.size:
         return np.inf, np.zeros(s.r.shape)
     values, vectors = np.linalg.eigh(0.5 * (k + k.T))
-    if values[0] < 0.0 and np.max(np.abs(k - k.T)) > TURNING * np.max(np.abs(k)):
+    # difference of a stiffness from its transpose, over its maximum entry, above which it has no energy
+    if values[0] < 0.0 and np.max(np.abs(k - k.T)) > 1e-8 * np.max(np.abs(k)):
         # drag turns with the links: a cycle of displacements may gain or lose energy
         values, vectors = np.linalg.eig(k)
         values, vectors = values.real, vectors.real
@@ -120,18 +119,8 @@ def escape(
 
 #: Maximum number of iterations.
 ROUNDS = 1000
-#: Maximum number of iterations without an improvement over the guess.
-HOPELESS = 500
-#: Maximum displacement of a node in one iteration, in mean link lengths.
-REACH = 1.0
-#: Minimum fraction of a correction that is tried.
-LEAST_SHARE = 2.0**-13
 #: Minimum kappa after a shortened correction, over the weight of a link per its length.
 FIRST = 1e-2
-#: Maximum opposing force along a correction, relative to its initial value.
-OVERSHOOT = 0.5
-#: Fractions of the axial stiffness in the continuation to a stiff system.
-SOFTENING = (1e-5, 1e-3, 1e-1, 1.0)
 #: Stretch of the springs that replace rigid links.
 GIVE = 1e-4
 #: Factors on kappa after a full, a good and a short step.
@@ -142,17 +131,20 @@ def correct_pose(
     moves: NodeMoves | BodyMoves, s: State, loads: jax.Array, kappa: jax.Array
 ) -> tuple[State, jax.Array, jax.Array]:
     """One correction of the configuration s: the next one, its maximum unbalanced force [N], and the next kappa."""
-    soft, reach = soft_scale(moves.model), REACH * jnp.mean(moves.model.line.length)
+    # maximum displacement of a node in one iteration, in mean link lengths
+    soft, reach = soft_scale(moves.model), 1.0 * jnp.mean(moves.model.line.length)
     rows_at = partial(moves.rows, s, loads)
     rows, linear = jax.linearize(rows_at, moves.none)
     dx = -moves.tangent.apply(moves.tangent.factor(linear, kappa, rows), rows)
     farthest = jnp.max(jnp.sum(dx.reshape(-1, 3) ** 2, axis=1), initial=0.0)
     dx = dx * jnp.minimum(1.0, reach / jnp.sqrt(jnp.maximum(farthest, 1e-300)))
-    allowed = OVERSHOOT * jnp.sum(rows * dx)
+    # maximum opposing force along a correction, relative to its initial value
+    allowed = 0.5 * jnp.sum(rows * dx)
 
     def overshoots(trial: tuple[jax.Array, ...]) -> jax.Array:
         share, along, _ = trial
-        return ~(along >= allowed) & (share > LEAST_SHARE)
+        # minimum fraction of a correction that is tried
+        return ~(along >= allowed) & (share > (2.0**-13))
 
     def shorter(trial: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         share = 0.5 * trial[0]
@@ -208,7 +200,8 @@ def descend(
 
     def unfinished(carry: tuple[Any, ...]) -> jax.Array:
         _, size, _, reached, count, (_, least) = carry
-        hopeless = (count > HOPELESS) & ~(least < first)
+        # maximum number of iterations without an improvement over the guess
+        hopeless = (count > 500) & ~(least < first)
         return (reached < 2) & (count < rounds) & (jnp.isfinite(size) | (count == 0)) & ~hopeless
 
     def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -237,7 +230,8 @@ def find_softened(model: Model, s: State, loads: jax.Array, tolerance: float) ->
     continuation.
     """
     residual = np.inf
-    for share in SOFTENING:
+    # fractions of the axial stiffness in the continuation to a stiff system
+    for share in (1e-5, 1e-3, 1e-1, 1.0):
         s, residual = find_rest(with_axial(model, model.line.axial.soften(share)), s, loads, tolerance)
     return s, residual
 

@@ -38,8 +38,6 @@ SAFETY, NOW, BEFORE = 0.9, 0.7, 0.4
 SLOWER, FASTER, REFUSED = 0.2, 6.0, 0.1
 #: Bounds of the relative error of a step in the choice of the next step; the upper one is used for NaN.
 LEAST, MOST = 1e-4, 1e10
-#: First step over `(L/a)^(1/2) tolerance^(1/q)`: short enough for interpolation with two knots.
-FIRST = 0.1
 
 
 class Controlled(NamedTuple):
@@ -233,7 +231,8 @@ def _turn_corner(stepper: Stepper, model: Model, carry: Controlled, tolerance: j
 def _first_step(scheme: ProjectedRungeKutta, model: Model, now: Knot, tolerance: jax.Array) -> jax.Array:
     a = now.rate[3 * model.free_nodes : 6 * model.free_nodes]
     size = jnp.sqrt(jnp.min(model.line.length) / jnp.maximum(jnp.max(jnp.abs(a)), GRAVITY))
-    return jax.lax.stop_gradient(FIRST * tolerance ** (1.0 / scheme.order) * size)
+    # first step over `(L/a)^(1/2) tolerance^(1/q)`: short enough for interpolation with two knots
+    return jax.lax.stop_gradient(0.1 * tolerance ** (1.0 / scheme.order) * size)
 
 
 def _longest(model: Model) -> jax.Array:

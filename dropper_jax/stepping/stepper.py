@@ -17,14 +17,6 @@ from dropper_jax.model import Graph, Model
 from dropper_jax.residual import Explicit, Implicit, Integrator
 from dropper_jax.solvers import SOLVERS
 
-#: Maximum number of Newton corrections of a step of a system of lines; a step that needs more is halved.
-SYSTEM_ITERATIONS = 16
-
-
-#: Number of unknowns below which LU of the full Jacobian is faster than block elimination (measured at 3 compound
-#: links).
-SMALL = 16
-
 
 def make_stepper(
     model: Model,
@@ -52,7 +44,8 @@ def make_stepper(
         raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
     chosen = _choose(model, scheme) if solver == "auto" else solver
     if isinstance(model.geometry, Graph):
-        settings = {"iterations": SYSTEM_ITERATIONS, "until_converged": True, **settings}
+        # maximum number of Newton corrections of a step of a system of lines; a step that needs more is halved
+        settings = {"iterations": 16, "until_converged": True, **settings}
         return Stepper(scheme, chosen, chosen, settings.pop("iterations"), **settings)
     iterations = settings.pop("iterations", None)
     if iterations is None:
@@ -94,7 +87,9 @@ def _choose(model: Model, scheme: Implicit) -> str:
 def _exact(model: Model, scheme: Implicit) -> str:
     if isinstance(model.geometry, Graph):
         return "dense" if SOLVERS["network"].refuse(model, scheme) else "network"
-    if SOLVERS["banded"].refuse(model, scheme) is not None or SOLVERS["dense"].size(model) <= SMALL:
+    # number of unknowns below which LU of the full Jacobian is faster than block elimination (measured at 3 compound
+    # links)
+    if SOLVERS["banded"].refuse(model, scheme) is not None or SOLVERS["dense"].size(model) <= 16:
         return "dense"
     return "banded"
 

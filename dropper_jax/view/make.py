@@ -98,8 +98,6 @@ def even(count: int, most: int) -> np.ndarray:
 FRAMES = 3000
 #: Points per side of the water surface.
 SURFACE_POINTS = 19
-#: Half width of the surface in sizes of the motion of the line.
-SURFACE_REACH = 0.9
 #: Half width of the seabed in the same unit, and its points per side.
 BED_REACH, BED_POINTS = 0.75, 13
 COLOURS = 33
@@ -249,7 +247,8 @@ def _pack(values: np.ndarray) -> str:
 def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
     """Depth, a square grid of positions and the elevation there at times [s], in whole steps of `step` [m]."""
     low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
-    reach = SURFACE_REACH * max(float((high - low).max()), 1.0)
+    # half width of the surface in sizes of the motion of the line
+    reach = 0.9 * max(float((high - low).max()), 1.0)
     x, y = (np.linspace(m - reach, m + reach, SURFACE_POINTS) for m in 0.5 * (low + high)[:2])
     positions = np.stack([*(a.ravel() for a in np.meshgrid(x, y, indexing="ij")), np.zeros(x.size * y.size)], axis=-1)
     eta = np.asarray(elevation(sea, positions, times))

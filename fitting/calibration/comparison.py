@@ -96,10 +96,6 @@ def _onward(inner: Solution, frozen: np.ndarray, weight: float) -> Solution:
     return level.descend(replace(inner, problem=problem), ONWARD)
 
 
-#: Maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all.
-MOST_CORRELATED = 0.999
-#: Cosine of two coefficients' derivatives above which they count as one; drag is weighted within a step, joints not.
-SAME = 1 - 1e-4
 #: Maximum evaluations of a law started from the end of a larger one, which suffices in the same local minimum.
 #: Maximum number of larger laws to start from, as each may have found a better local minimum.
 NEAR, TRIES = 8, 3
@@ -259,7 +255,9 @@ def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dic
     parts = sorted(wanted, key=lambda part: (part not in asked, list(PARTS).index(part)))
     for i, kept in enumerate(parts):
         for other in parts[i + 1 :]:
-            if kept not in found and abs(unit[:, owner.index(kept)] @ unit[:, owner.index(other)]) >= SAME:
+            # cosine of two coefficients' derivatives above which they count as one; drag is weighted within a step,
+            # joints not
+            if kept not in found and abs(unit[:, owner.index(kept)] @ unit[:, owner.index(other)]) >= (1 - 1e-4):
                 found[other] = kept
     return found
 
@@ -301,7 +299,8 @@ def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> 
     """The laws with their BIC, all by the effective number of samples of the law with the smallest chi-square."""
     chi2, samples = np.array([np.sum(r**2) for r in residuals]), windows.samples
     rho = lag_one(residuals[int(np.argmin(chi2))], windows.weight > 0)[0]
-    rho = np.clip(rho, 0.0, MOST_CORRELATED)
+    # maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all
+    rho = np.clip(rho, 0.0, 0.999)
     effective = samples * (1 - rho) / (1 + rho)
     scores = effective * np.log(chi2 / samples) + np.array([row.free for row in rows]) * np.log(effective)
     return [replace(row, bic=float(score)) for row, score in zip(rows, scores, strict=True)]

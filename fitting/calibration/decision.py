@@ -44,8 +44,6 @@ from fitting.estimate.simulator import Simulator
 from fitting.parameters.parameter import apply
 from fitting.traces import planar
 
-#: Half width of the smoother of the measured motion, as a fraction of the shortest link's period.
-SMOOTH_PART = 0.06
 #: Fraction of the lost energy that must be detectable for a part, and normal quantile of its upper limit.
 SHARE, LIMIT = 0.1, float(ndtri(0.95))
 
@@ -66,7 +64,8 @@ def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | No
         if not mine.any():
             continue
         span = float(prepared.windows.begin[mine].min()), float(prepared.windows.ends[mine].max())
-        motion = smooth_stretch(trace, span, SMOOTH_PART * prepared.period)
+        # half width of the smoother of the measured motion, as a fraction of the shortest link's period
+        motion = smooth_stretch(trace, span, 0.06 * prepared.period)
         if motion is None:
             continue
         t, theta, omega = motion
@@ -104,8 +103,6 @@ LACKS, NEEDLESS = 0.001, 0.01
 #: A law that does not contain the better one is refuted if its log score is worse by this many of its standard errors
 #: and by at least this amount, or if its likelihood is that much worse with as many coefficients or more.
 STANDARD_ERRORS, WORSE = 2.5, 3.0
-#: Difference of log likelihood with joined windows at which a law is refuted by another of no more coefficients.
-JOINED = 4.0
 #: Draws of windows for the laws' weights.
 DRAWS = 1000
 
@@ -154,7 +151,9 @@ def decide_joined(rows: list[Law], costs: Mapping[str, float], unseen: Mapping[s
     for i, a in enumerate(some):
         for b in some:
             apart = a.cost - b.cost
-            if not reasons[i] and a.coefficients >= b.coefficients and not contains(a.name, b.name) and apart > JOINED:
+            # difference of log likelihood with joined windows at which a law is refuted by another of no more
+            # coefficients
+            if not reasons[i] and a.coefficients >= b.coefficients and not contains(a.name, b.name) and apart > 4.0:
                 reasons[i] = f"is less likely than {b.name}, by {apart:.1f} in log likelihood"
     for i, reason in zip(left, reasons, strict=True):
         rows[i] = replace(rows[i], refuted=reason)

@@ -39,15 +39,9 @@ from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, firs
 #: Ratio of a window's mean square residual to that of most windows above which it is lost, and the probability of such
 #: a ratio by noise alone.
 FAR, CHANCE = 4.0, 1e-7
-#: Maximum contribution of a sample, as a multiple of the mean square of most windows: one outlier cannot make a window
-#: lost. 10 % of the samples must deviate by more than five standard deviations, as on a wrong branch.
-MOST_OF_ONE = 30.0
 #: RMS error [rad] below which no window is lost, and the same if the model itself misses most windows: a wrong branch
 #: of a link deviates much more, rounding and the friction of a bearing less.
 SMALLEST, BRANCH = 2e-3, 0.05
-#: Noise assumed for the starts of lost windows relative to the true one: polynomials of short reach, of the reach that
-#: the noise allows, and of long reach.
-REACHES = (0.2, 1.0, 5.0)
 #: Ratio of a gap's mean square to its expectation, and of its size to the median gap, above which windows are not
 #: joined; maximum fraction of such gaps, and minimum number of gaps that define what is usual.
 FAR_GAP, LARGE_GAP, MOST_BREAKS, FEWEST_GAPS = 25.0, 5.0, 0.03, 6
@@ -63,7 +57,9 @@ def lost_windows(solution: Solution) -> np.ndarray:
     square = solution.evaluation.residual.reshape(windows.count, -1) ** 2
     usual = lambda size: max(1.0, float(np.median(size[known > 0]))) if known.any() else 1.0  # noqa: E731
     unit = usual(square.sum(axis=1) / freedom)
-    size = np.minimum(square, MOST_OF_ONE * unit).sum(axis=1) / freedom
+    # maximum contribution of a sample, as a multiple of the mean square of most windows: one outlier cannot make a
+    # window lost. 10 % of the samples must deviate by more than five standard deviations, as on a wrong branch
+    size = np.minimum(square, 30.0 * unit).sum(axis=1) / freedom
     size = np.where(np.isfinite(size), size, np.inf)
     typical = usual(size)
     limit = typical * np.maximum(FAR, chdtri(freedom, CHANCE) / freedom)
@@ -142,7 +138,9 @@ def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solutio
     windows, traces = solution.windows.pick(lost), prepared.traces
     model = solution.problem.simulator.model_at(solution.values)
     tried = [Starts(*(part[lost] for part in starts_from_previous_windows(solution, lost)))]
-    for share in REACHES:
+    # noise assumed for the starts of lost windows relative to the true one: polynomials of short reach, of the reach
+    # that the noise allows, and of long reach
+    for share in (0.2, 1.0, 5.0):
         tried.append(first_starts(model, traces, windows, [share * s for s in prepared.sigma]))
     for starts in tried:
         solution = _with_starts(solution, lost, starts)
@@ -244,8 +242,6 @@ def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tupl
 
 #: Maximum iterations of a first fit before links are weighted by their misfit and windows are inspected one by one.
 EARLY, FIRST = 5, 15
-#: Ratio of two links' misfits, in units of their noise, above which links are weighted by misfit.
-UNEVEN = 3.0
 
 
 def with_sound_windows(
@@ -292,7 +288,8 @@ def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
         mine = prepared.windows.run == run
         mean = square[mine].sum(axis=(0, 1)) / np.maximum(known[mine].sum(axis=(0, 1)), 1)
         noise.factor[run] = np.sqrt(np.maximum(mean, 1.0))
-    return noise if (noise.factor.max(axis=1) > UNEVEN * noise.factor.min(axis=1)).any() else None
+    # ratio of two links' misfits, in units of their noise, above which links are weighted by misfit
+    return noise if (noise.factor.max(axis=1) > 3.0 * noise.factor.min(axis=1)).any() else None
 
 
 def estimate(

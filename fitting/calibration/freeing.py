@@ -35,8 +35,6 @@ from fitting.parameters.target import LOST, LostPlace
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED, TRIED = 6, 4
-#: Fraction of the best candidate's gain that another one must promise to be tried as well.
-PROMISING = 0.3
 #: Difference of log likelihoods below which candidates are indistinguishable.
 MARGIN = 3.0
 #: Log of the number of jumps searched, which one gains by chance; minimum size of a jump in frames, below which the
@@ -147,7 +145,8 @@ def promising(found: Sequence[Candidate], refused: Collection[str] = ()) -> list
     """The candidates to try next, the best first: those that promise more than their parameters cost."""
     named = [c for c in found if c.worth_naming and c.worth > 0 and c.name not in refused]
     best = max((c.worth for c in named), default=0.0)
-    return [c for c in named if c.worth > PROMISING * best][:TRIED]
+    # fraction of the best candidate's gain that another one must promise to be tried as well
+    return [c for c in named if c.worth > 0.3 * best][:TRIED]
 
 
 def _one_fault(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> bool:

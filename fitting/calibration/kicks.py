@@ -187,8 +187,6 @@ TRUSTED, ROUNDS, ITERATIONS = 1 / 3, 5, 12
 KICKED = 6.0
 #: Quantile of a window's residuals that measures its misfit regardless of a few outliers, and that of normal noise.
 QUANTILE, NORMAL = 0.9, 1.645
-#: Halvings of the window that locate the time of the kick: to 1 % of the window.
-HALVINGS = 6
 
 
 class Kick(NamedTuple):
@@ -313,7 +311,8 @@ def _fit_following(
     mine, starts = windows.pick(which), Starts(*(part[which] for part in starts))
     elapsed = mine.times() - mine.begin[:, None]
     low, high = np.zeros(len(which)), mine.lengths
-    for _ in range(HALVINGS):
+    # halvings of the window that locate the time of the kick: to 1 % of the window
+    for _ in range(6):
         middle = 0.5 * (low + high)
         early = replace(mine, weight=mine.weight * (elapsed <= middle[:, None])[..., None])
         found = _only_starts(solution, early, starts)

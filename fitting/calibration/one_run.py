@@ -35,8 +35,6 @@ from fitting.parameters.parameter import apply
 from fitting.parameters.target import camera_angles, clock_rate, losses
 from fitting.traces import planar
 
-#: Half width of the smoother as a fraction of the shortest link's period: its cubics lose 1e-4 of a swing's energy.
-SMOOTH = 0.06
 #: Number of stretches of time over which a run is averaged, and of blocks of them.
 STRETCHES, BLOCKS = 60, 10
 
@@ -104,7 +102,8 @@ def _noise(result: FitResult, run: int, omega: np.ndarray, reach: float) -> tupl
 
 
 def _reach(model: Model) -> float:
-    return SMOOTH * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
+    # half width of the smoother as a fraction of the shortest link's period: its cubics lose 1e-4 of a swing's energy
+    return 0.06 * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
 
 
 def _covered_span(result: FitResult, run: int) -> tuple[float, float]:
@@ -137,8 +136,6 @@ def _slope(rows: list[tuple[np.ndarray, np.ndarray]], without: int | None) -> fl
 
 #: RMS over the links [rad] at which two motions count as diverged.
 PARTED = 0.1
-#: Maximum number of steps of a run.
-MOST_STEPS = 200_000
 
 
 @dataclass(frozen=True)
@@ -185,7 +182,8 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
     inside = (trace.t >= begin - 1e-9) & (trace.t <= end + 1e-9)
     t = trace.t[inside]
     steps = int(np.ceil((t[-1] - begin) / windows.dt + 1e-9)) if len(t) > 1 else 0
-    if not 0 < steps * windows.substeps <= MOST_STEPS:
+    # maximum number of steps of a run
+    if not 0 < steps * windows.substeps <= 200_000:
         return None
     values, n = np.asarray(result.values, float), windows.theta.shape[2]
     theta, omega = np.split(solution.evaluation.start[first], 2)

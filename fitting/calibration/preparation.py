@@ -37,9 +37,6 @@ from fitting.traces.conventions import check_sampling, check_unit, resting_angle
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, noise, read_trace
 
-#: Maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them.
-MARGIN = 2.5
-
 #: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
 #: error of a fourth-order scheme over a window is then below the usual noise; otherwise `refine` halves the step.
 TURN, FASTEST = 0.25, 0.98
@@ -138,7 +135,8 @@ def prepare(
     base = max(1, frames // max(1, int(length / base + 1e-6))) * frame
     values = np.array([p.value for p in parameters])
     longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
-    longest_run = longest if length < longest < MARGIN * length else length
+    # maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them
+    longest_run = longest if length < longest < 2.5 * length else length
     simulator.capacity = int(longest_run / dt + 1e-6), int(longest_run / min(trace.interval for trace in runs) + 1.5)
     say(0.02, f"windows of at most {length:.3g} s: compiling")
     windows = cut(runs, base * dt, dt, sigma, spans)

@@ -20,9 +20,6 @@ from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.windows import Windows, first_starts
 from fitting.traces.trace import Trace
 
-#: Fractions of a held-out window whose angles are used in turn to find its start.
-GROWING = (0.2, 0.5, 1.0)
-
 
 def score_held_out(
     prepared: Prepared, values: np.ndarray, span: tuple[float, float], runs: Sequence[int] | None = None
@@ -68,7 +65,8 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterati
         prepared.simulator.model_at(values), _from_first_window(prepared.traces, windows), windows, prepared.sigma
     )
     problem = replace(prepared.problem(frozen=np.ones(len(values), bool)), windows=windows)
-    for part in GROWING:
+    # fractions of a held-out window whose angles are used in turn to find its start
+    for part in (0.2, 0.5, 1.0):
         solution = fit_windows(replace(problem, windows=windows.early(part)), values, starts, iterations=iterations)
         starts = solution.starts
     return solution
@@ -93,8 +91,6 @@ DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 MISFIT, CORRELATED_MISFIT = 2.0, 0.1
 #: Maximum fraction of the samples that may be left out of a fit with status `ok`.
 MOST_LEFT_OUT = 0.03
-#: Deviation of the energy's slope from 1, in combined errors, above which a warning is given.
-BEYOND = 3.0
 
 
 @dataclass(frozen=True)
@@ -135,7 +131,8 @@ class EnergyCheck:
     @property
     def warning(self) -> str | None:
         """One line if the law is contradicted."""
-        if abs(self.off) <= BEYOND:
+        # deviation of the energy's slope from 1, in combined errors, above which a warning is given
+        if abs(self.off) <= 3.0:
             return None
         return f"{self.text}: {abs(self.off):.1f} combined errors from 1; the law or the rig's numbers are wrong"
 

@@ -16,9 +16,6 @@ from fitting.estimate.refinement import LARGEST_BIAS
 from fitting.estimate.sandwich import FEW
 from fitting.estimate.uncertainty import Uncertainty, degrees_of_freedom, uncertainty
 
-#: Absolute correlation of two estimates above which they are reported as hard to distinguish.
-HARD = 0.98
-
 #: Standard deviations beyond which a sample is an outlier (one in 2 million of normal noise), and how many are listed.
 STANDS_OUT, NAMED_SAMPLES = 5.0, 5
 
@@ -41,7 +38,8 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
         text = ", ".join(f"{share:+.2g} {name}" for name, share in direction.items())
         found.append(f"not identifiable from the data: direction ({text}) in relative changes")
     correlation = np.abs(np.triu(u.correlation, 1))
-    for i, j in zip(*np.nonzero(correlation > HARD), strict=True):
+    # absolute correlation of two estimates above which they are reported as hard to distinguish
+    for i, j in zip(*np.nonzero(correlation > 0.98), strict=True):
         found.append(f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})")
     for name, value, error, on in zip(names, solution.values, u.std_error, u.at_bound, strict=True):
         if not on and error > abs(value) and name.startswith("effects."):

@@ -41,8 +41,6 @@ from fitting.parameters.target import CAMERA, CLOCK, MARKER, CameraPlace, ClockP
 WRONG, SMOOTH = 100.0, 0.8
 #: Number of parts of a run, and those that are scored: one between fitted ones, and the end, where damping counts.
 PARTS_OF_RUN, SCORED = 5, (2, 4)
-#: Maximum evaluations of a trial, which starts near its end.
-EVALUATIONS = 12
 #: Relative growth of the score above which a group is needed: a smaller one makes no difference to a user.
 NEEDED = 0.05
 #: Minimum fraction of a number's information that must be its own; below it the number duplicates others. The second
@@ -174,7 +172,8 @@ class Trials:
         problem = replace(at.problem(self.loss), windows=self.windows)
         if problem.rest is not None:
             problem = replace(problem, rest=problem.rest.with_noise(at.noise, at.simulator, values))
-        return fit_windows(problem, values, starts, iterations=EVALUATIONS)
+        # maximum evaluations of a trial, which starts near its end
+        return fit_windows(problem, values, starts, iterations=12)
 
     def score(self, solution: Solution) -> np.ndarray:
         """Logarithms of the RMS errors [rad] of the windows of all scored stretches."""

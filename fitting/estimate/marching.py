@@ -20,9 +20,6 @@ from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import Stepper, make_stepper
 from fitting.traces import planar
 
-#: Newton iterations of a rattle_4 stage: its Jacobian is exact, three reach rounding at 1/60 s (residual 8e-16).
-ITERATIONS = 3
-
 
 def choose_stepper(model: Model, integrator: str | None = None, solver: str = "auto") -> Stepper:
     """The scheme with the best ratio of cost to error: rattle_4 for point masses, otherwise energy_momentum.
@@ -37,7 +34,8 @@ def choose_stepper(model: Model, integrator: str | None = None, solver: str = "a
         if solver != "auto" and (reason := SOLVERS[solver].refuse(model, Rattle4())):
             raise SceneError(f"run.solver: {solver!r} cannot serve this fit: {reason}")
         settings = {"extra": 0, "halvings": 0, "track_work": False, "reverse": False, "batched": True}
-        return Stepper(Rattle4(), "condensed" if solver == "auto" else solver, "banded", ITERATIONS, **settings)
+        # Newton iterations of a rattle_4 stage: its Jacobian is exact, three reach rounding at 1/60 s (residual 8e-16)
+        return Stepper(Rattle4(), "condensed" if solver == "auto" else solver, "banded", 3, **settings)
     # No halving: a window whose steps do not solve means that the fit's step was too long; it then tries a shorter one.
     # Sticking joints are different: only the last fallback finds which of them stick, on the whole step or on half of
     # it, and an unsolved step has an unbounded derivative (measured on three links: 1e20).
@@ -45,11 +43,6 @@ def choose_stepper(model: Model, integrator: str | None = None, solver: str = "a
     return make_stepper(
         model, integrator or "energy_momentum", solver, track_work=False, reverse=False, **settings
     )  # all derivatives of a fit use forward mode
-
-
-#: Permitted step error relative to the shortest link for schemes with error control: on the lab dropper angles are then
-#: within 5e-5 rad after 3 s, 1 % of the noise.
-ERROR = 1e-4
 
 
 def march(
@@ -95,7 +88,9 @@ def _march_controlled(
     stepper: Stepper, model: Model, s: State, dt: jax.Array, steps: int, substeps: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     finer = jnp.asarray(substeps, model.dtype) ** -stepper.integrator.order
-    allowed = jax.lax.stop_gradient(ERROR * jnp.min(model.line.length) * finer)
+    # permitted step error relative to the shortest link for schemes with error control: on the lab dropper angles are
+    # then within 5e-5 rad after 3 s, 1 % of the noise
+    allowed = jax.lax.stop_gradient(1e-4 * jnp.min(model.line.length) * finer)
     carry = start_controlled(stepper, model, s, allowed)
     carry, (found, _) = advance_controlled(stepper, model, carry, dt, allowed, steps)
     return *jax.vmap(partial(planar.from_nodes, model))(found.r, found.v), carry.bad

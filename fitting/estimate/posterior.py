@@ -78,8 +78,6 @@ def quantile(p: np.ndarray, shape: float, scale: float) -> np.ndarray:
     return scale * np.expm1(-shape * np.log1p(-p)) / shape
 
 
-#: Degrees of freedom of the proposal, whose tails must not be shorter than the posterior's.
-DEGREES = 5
 #: Evaluations at a draw, and permitted remaining gain of log pi by the starts.
 EVALUATIONS, LEFT = 5, 0.05
 #: Effective draws below which quantiles are unreliable.
@@ -171,8 +169,9 @@ def importance(solution: Solution, draws: int = 200, seed: int = 0, progress: Pr
         raise SceneError(f"posterior: {draws} draws are too few for quantiles; allowed: at least {2 * FEW}")
     u = uncertainty(solution)
     unit = solution.chi2 / degrees_of_freedom(solution) * max(u.inflation, 1.0) ** 2
+    # degrees of freedom of the proposal, whose tails must not be shorter than the posterior's
     proposal = multivariate_t(
-        solution.values[free], u.covariance[np.ix_(free, free)], df=DEGREES, allow_singular=True, seed=seed
+        solution.values[free], u.covariance[np.ix_(free, free)], df=5, allow_singular=True, seed=seed
     )
     low, high = (end[free] for end in problem.bounds(solution.values))
     points = np.reshape(proposal.rvs(draws), (draws, len(free)))

@@ -22,9 +22,6 @@ from fitting.estimate.uncertainty import Uncertainty, bootstrap, degrees_of_free
 from fitting.parameters.of_scene import full_names
 from fitting.parameters.parameter import Parameter
 
-#: Maximum evaluations at each value.
-EVALUATIONS = 15
-
 
 @dataclass(frozen=True)
 class Profile:
@@ -80,7 +77,8 @@ def profile(
             starts = point.problem.move_starts(point.starts, point.values, along)
             evaluation = level_there.problem.evaluate(values, starts)
             begin = replace(point, values=values, starts=evaluation.starts, evaluation=evaluation, history=[])
-            point = descend(level_there, begin, EVALUATIONS)
+            # maximum evaluations at each value
+            point = descend(level_there, begin, 15)
             converged &= point.status == "ok"
             found[value] = (point.cost - cost) / unit
     at = np.array(sorted(found))

@@ -36,8 +36,6 @@ CHUNK = 8
 COUNTS = 8
 #: Position of a jump of the clock that a window does not have [steps].
 NEVER = 1e9
-#: Fraction of a program's windows that its first, plain steps may leave unsolved before they are no longer tried.
-UNSOLVED = 0.5
 
 
 class Key(NamedTuple):
@@ -157,7 +155,9 @@ class Simulator:
         found = self._run(values, inputs, windows, self._plain)
         if self._plain and found.failed.any():
             again = np.flatnonzero(found.failed)
-            self._plain = len(again) <= UNSOLVED * windows.count
+            # fraction of a program's windows that its first, plain steps may leave unsolved before they are no longer
+            # tried
+            self._plain = len(again) <= 0.5 * windows.count
             better = self._run(values, tuple(a[again] for a in inputs), windows, False)
             for old, new in zip(found, better, strict=True):
                 old[again] = new

@@ -113,10 +113,6 @@ def units(named: Convention) -> Iterator[Change]:
 
 #: Difference of misfit [rad], and its ratio, by which another convention must fit better to reject the specified one.
 WORSE_BY, WORSE_TIMES = 0.3, 2.0
-#: Rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians.
-FASTEST = 15.0
-#: Fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small then.
-UNIT_STEP = 0.05
 #: Minimum number of samples per period of the shortest link as a pendulum.
 SAMPLES_PER_PERIOD = 6
 
@@ -166,7 +162,8 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
     of a motion in radians is slower; degrees make v^2 3300 times larger.
     """
     largest = np.nanmax(np.abs(trace.theta))
-    fastest = FASTEST * np.sqrt(GRAVITY / float(np.mean(np.asarray(model.line.length))))
+    # rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians
+    fastest = 15.0 * np.sqrt(GRAVITY / float(np.mean(np.asarray(model.line.length))))
     if named.unit != "deg" and _specific_energy(trace, model) > 2 * GRAVITY * float(
         np.sum(np.asarray(model.line.length))
     ):
@@ -182,7 +179,9 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
 def _specific_energy(trace: Trace, model: Model) -> float:
     """Kinetic energy per mass [J/kg] of the nodes in the median frame, with angles read as radians."""
     period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / GRAVITY)
-    apart = max(1, round(UNIT_STEP * period / trace.interval))
+    # fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small
+    # then
+    apart = max(1, round(0.05 * period / trace.interval))
     step = trace.t[apart:] - trace.t[:-apart]
     omega = (trace.theta[apart:] - trace.theta[:-apart]) / step[:, None]
     middle = 0.5 * (trace.theta[apart:] + trace.theta[:-apart])

@@ -20,9 +20,8 @@ from moordyn_speed import SMOOTH, driven_chain
 
 from dropper_jax import Scene
 from dropper_jax.run.build import build
-from dropper_jax.stepping.choose import make_stepper
-from dropper_jax.stepping.integrate import integrate
-from dropper_jax.stepping.observe import observe
+from dropper_jax.stepping.integrate import integrate, observe
+from dropper_jax.stepping.stepper import make_stepper
 
 SPAN, SETTLED = 30.0, 10.0  # [s]
 RATIOS = (1.0, 0.1, 0.0)

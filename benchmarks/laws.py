@@ -21,7 +21,7 @@ from study import RESULTS, options, store, stored
 import dropper_jax as dj
 from fitting.calibration.comparison import compare
 from fitting.calibration.decision import verdict
-from fitting.calibration.laws import LADDER, PARTS
+from fitting.calibration.law_fits import LADDER, PARTS
 from fitting.calibration.preparation import prepare
 from fitting.traces.trace import Convention, Trace
 

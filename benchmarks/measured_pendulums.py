@@ -20,7 +20,7 @@ from study import store, stored
 from dropper_jax import load_scene
 from fitting.calibration.comparison import compare
 from fitting.calibration.fit import estimate, prepare, summarise
-from fitting.calibration.heldout import score_held_out
+from fitting.calibration.result import score_held_out
 from fitting.traces.trace import convention, read_trace
 
 DOWN = convention("down", 1, "rad")

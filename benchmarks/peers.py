@@ -21,10 +21,10 @@ from study import RESULTS, describe, store, versions
 from dropper_jax import Scene, load_scene
 from dropper_jax.plots import style
 from dropper_jax.run.build import build
+from dropper_jax.study.march import Scheme, runnable
 from dropper_jax.study.peers import peer_rows
 from dropper_jax.study.pictures import marks, title
 from dropper_jax.study.reference import reference
-from dropper_jax.study.schemes import Scheme, runnable
 from dropper_jax.study.work_precision import measure
 
 REPEATS = 7  # the least of these counts, for everybody: other load on the machine only ever adds

@@ -22,9 +22,9 @@ from closed_chain import Chain
 from scipy.interpolate import CubicSpline
 from study import RESULTS, options, store
 
-from fitting.calibration.advice import wide
+from fitting.calibration.advice import omitted_parameter_bias, wide
 from fitting.calibration.estimating import estimate, with_sound_windows
-from fitting.calibration.freeing import free_by_advice, omitted_parameter_bias, with_freed
+from fitting.calibration.freeing import free_by_advice, with_freed
 from fitting.calibration.preparation import prepare
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.noise import Noise

@@ -41,7 +41,7 @@ PUBLIC = {
     "integrate_along": "stepping.controlled",
     "linearised": "run.build",
     "load_scene": "load.source",
-    "make_stepper": "stepping.choose",
+    "make_stepper": "stepping.stepper",
     "mooring_stiffness": "statics.stiffness",
     "natural_periods": "statics.modes",
     "nearest": "base.errors",

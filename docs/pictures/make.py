@@ -16,7 +16,7 @@ import dropper_jax as dj
 from dropper_jax import plots, statics
 from dropper_jax.cli import main
 from dropper_jax.plots import style
-from dropper_jax.study.source_figures import figures
+from dropper_jax.study.figure_table import figures
 from dropper_jax.view import view_page
 from fitting.sweep import open_sweep, sweep
 from fitting.traces.synthetic import Motion

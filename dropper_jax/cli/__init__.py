@@ -10,9 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from dropper_jax.cli.before_jax import prepare
-from dropper_jax.cli.codes import OK
-from dropper_jax.cli.commands import parse
+from dropper_jax.cli.commands import parse, prepare
 from dropper_jax.cli.faults import (
     close_stdout,
     old_names_in_one_line,
@@ -20,6 +18,7 @@ from dropper_jax.cli.faults import (
     terminated_as_interrupted,
     with_streams,
 )
+from dropper_jax.cli.output import OK
 
 
 def main(argv: Sequence[str] | None = None) -> int:

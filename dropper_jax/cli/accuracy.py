@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_examples, add_quiet, add_scene, number, read_scene
-from dropper_jax.cli.output import done_object, print_line, progress, table
+from dropper_jax.cli.output import OK, done_object, print_line, progress, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
 def report(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
     """Measure the quantities that the options request."""
     from dropper_jax.study.accuracy import REPORT_DTS, accuracy
-    from dropper_jax.study.schemes import parse
+    from dropper_jax.study.march import parse
 
     schemes = [parse(name) for text in args.integrators for name in text.split(",")] if args.integrators else None
     dts = tuple(args.dts) if args.dts else REPORT_DTS

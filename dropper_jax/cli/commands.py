@@ -1,8 +1,10 @@
-"""The commands: found by their entry points and imported when used."""
+"""The commands: found by their entry points and imported when used. Settings of JAX, which it reads when imported."""
 
 from __future__ import annotations
 
 import argparse
+import gc
+import os
 import textwrap
 from collections.abc import Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
@@ -10,6 +12,28 @@ from typing import NoReturn, Protocol
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.renamed import new_option
+
+#: `off` in one of these disables it; other values of the first are the folder, `on` is that of the user.
+COMPILE_CACHE, KEEP_TRACES, QUICK, ON = (
+    "DROPPER_COMPILE_CACHE",
+    "DROPPER_KEEP_TRACES",
+    "DROPPER_QUICK_COMPILATION",
+    "on",
+)
+#: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
+XLA_LOG, FATAL = "TF_CPP_MIN_LOG_LEVEL", "3"
+
+
+def prepare() -> None:
+    """Cache programs for the next start, and compile short runs quickly, unless the user disables it."""
+    # allocations between two garbage collections: tracing makes millions of lasting objects, and with Python's default
+    # (700) the collector takes 10 % of the time
+    gc.set_threshold(100_000, 50, 100)
+    os.environ.setdefault(XLA_LOG, FATAL)
+    os.environ.setdefault(COMPILE_CACHE, ON)
+    os.environ.setdefault(KEEP_TRACES, ON)
+    os.environ.setdefault(QUICK, ON)
+
 
 GROUP = "dropper.commands"
 PACKAGES = ("dropper-jax", "jax")
@@ -40,7 +64,7 @@ class Command(Protocol):
         """Declare the arguments, without heavy imports."""
 
     def run(self, args: argparse.Namespace) -> int:
-        """Run the command; returns an exit code of `dropper_jax.cli.codes`."""
+        """Run the command; returns an exit code of `dropper_jax.cli.output`."""
 
 
 class _Parser(argparse.ArgumentParser):

@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_scene, read_scene
-from dropper_jax.cli.output import done_object, failure_object, print_line, table
+from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "operations, bytes and microseconds per step, with and without each effect"

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.toml_text import literal
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_json
-from dropper_jax.cli.output import print_line, progress
-from dropper_jax.cli.run import PICTURES, draw, report, text
+from dropper_jax.cli.output import FAILED, OK, print_line, progress
+from dropper_jax.cli.outputs import PICTURES, draw
+from dropper_jax.cli.run import report, text
 
 if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution

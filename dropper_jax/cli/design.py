@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_examples, add_scene, number, read_scene
-from dropper_jax.cli.output import done_object, listing
+from dropper_jax.cli.output import OK, done_object, listing
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 help = "solve for a value of the scene that gives a required static tension or depth"

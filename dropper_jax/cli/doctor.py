@@ -6,9 +6,8 @@ import argparse
 from typing import Any
 
 from dropper_jax.base.memory import in_words
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_json
-from dropper_jax.cli.output import done_object, failure_object, listing, print_line, print_result
+from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, listing, print_line, print_result
 
 help = "versions, devices, cache, and checks against known results"
 

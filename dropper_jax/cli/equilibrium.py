@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_scene, positive_integer, read_scene
-from dropper_jax.cli.output import done_object, failure_object, print_line, print_warnings, table
+from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, print_warnings, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder, weights_table
 
 if TYPE_CHECKING:
@@ -60,9 +59,9 @@ def run(args: argparse.Namespace) -> int:
     remarks = (*remarks, *floating_warnings(scene), *body_warnings(scene))
     print_warnings(remarks)
     if plot and not failed:
-        from dropper_jax.study import rest_pictures
+        from dropper_jax.study.pictures import pose
 
-        rest_pictures.pose(scene, found, picture(plot, "pose"))
+        pose(scene, found, picture(plot, "pose"))
     text = _text(lines, found, angles)
     if scene.branched and not failed:
         text += "\n" + _loads(scene, found)
@@ -83,9 +82,9 @@ def _tide(scene: Scene, args: argparse.Namespace, plot: Path | None, out: Path |
     found = tidal_cycle(scene, args.times)
     failed = next((s for s in (found["slack_status"], *(r["status"] for r in found["rows"])) if s != "ok"), None)
     if plot and not failed:
-        from dropper_jax.study import rest_pictures
+        from dropper_jax.study.pictures import tide
 
-        rest_pictures.tide(scene.name, found["rows"], picture(plot, "tide"))
+        tide(scene.name, found["rows"], picture(plot, "tide"))
     head = failure_object(failed, failed) if failed else done_object()
     deliver(args.json, {**head, "scene": scene.name, **found}, _tide_text(found), out)
     if failed:

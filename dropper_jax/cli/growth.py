@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_examples, add_scene, number, read_scene
-from dropper_jax.cli.output import done_object, table
+from dropper_jax.cli.output import OK, done_object, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "mussels of a scene by month and depth: mass, diameter, wet weight"
@@ -47,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         for row in rows
     ]
     if plot:
-        from dropper_jax.study.rest_pictures import mussels
+        from dropper_jax.study.pictures import mussels
 
         mussels(scene.name, rows, picture(plot, "growth"))
     deliver(args.json, done_object(scene=scene.name, growth=rows), table([head, *cells]), out)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.toml_text import as_toml
-from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_examples, add_json
-from dropper_jax.cli.output import done_object, listing, print_json, print_result
+from dropper_jax.cli.output import OK, done_object, listing, print_json, print_result
 
 help = "list ropes, chains, floats and crops, or print one as TOML to paste"
 

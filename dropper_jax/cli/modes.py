@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_scene, number, positive_integer, read_scene
-from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, table
+from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_json, print_line, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         return FAILED
     modes = natural_modes(model, pose.state, args.count)
     if plot:
-        from dropper_jax.study.rest_pictures import mode_shapes
+        from dropper_jax.study.pictures import mode_shapes
 
         mode_shapes(scene, model, pose, modes, picture(plot, "modes"))
     found = {"period_s": modes.period, "frequency_hz": 1.0 / modes.period, "shape": modes.shape}

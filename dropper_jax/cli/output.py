@@ -1,4 +1,4 @@
-"""Output of commands: one JSON object or a short table on standard output, everything else on standard error."""
+"""Output of commands: one JSON object or a short table on standard output, all else on standard error. Exit codes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,16 @@ from typing import Any
 
 from dropper_jax.base.toml_text import SCHEMA, jsonable
 
+OK = 0
+INVALID_INPUT = 2
+#: A run or a search failed; its partial result is kept.
+FAILED = 3
+INTERRUPTED = 130
+
+
 BAR = 30
 #: Maximum length of a word in a message (paths are as long), and the length to which longer words are cut.
 LONGEST, LEFT = 500, 60
-#: Without a terminal a progress line is printed at these fractions of the run.
-MARKS = (0.25, 0.5, 0.75, 1.0)
 
 
 def print_json(found: dict[str, Any]) -> None:
@@ -106,7 +111,8 @@ def _lines() -> Callable[[float, str], None]:
 
     def show(fraction: float, text: str = "") -> None:
         nonlocal reached
-        marks = sum(fraction >= mark for mark in MARKS)
+        # without a terminal a progress line is printed at these fractions of the run
+        marks = sum(fraction >= mark for mark in (0.25, 0.5, 0.75, 1.0))
         if marks > reached:
             print_line(f"{100 * fraction:3.0f} % {text}".rstrip())
         reached = max(marks, reached)

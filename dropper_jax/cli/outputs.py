@@ -7,14 +7,88 @@ from __future__ import annotations
 
 import argparse
 import json
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import atomic_write
+from dropper_jax.base.files import PART, atomic_write, part_prefix, remove, unwritable
 from dropper_jax.base.toml_text import jsonable
+from dropper_jax.cli.faults import defer_signals
 from dropper_jax.cli.options import output_file, output_folder
-from dropper_jax.cli.output import print_result, table
+from dropper_jax.cli.output import print_line, print_result, table
+
+if TYPE_CHECKING:
+    from dropper_jax.run.simulate import Solution
+
+
+PICTURES = {
+    "snapshot": "snapshot",
+    "tension": "tension_history",
+    "motion": "motion_history",
+    "angles": "angle_traces",
+    "phase": "phase_space",
+    "spectrum": "amplitude_spectrum",
+}
+#: Pictures that need motion.
+OF_MOTION = ("motion", "bodies", "phase", "spectrum", "response")
+#: Pictures of the links of a single line; a system's loads and motions are in its other pictures.
+OF_ONE_LINE = ("phase", "response")
+#: Additional pictures of a scene with water.
+WATER_PICTURES = {
+    "surface": "under_surface",
+    "response": "response",
+    "tension_envelope": "tension_envelope",
+}
+
+
+@contextmanager
+def scratch_beside(out: Path | None) -> Iterator[Path | None]:
+    """A temporary empty folder next to the output file of a run; None if the run is not saved."""
+    if out is None:
+        yield None
+        return
+    try:
+        folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=part_prefix(out), suffix=PART))
+    except OSError as error:
+        raise unwritable(out, error) from None
+    try:
+        yield folder
+    finally:
+        remove(folder)
+
+
+def recover_leftovers(out: Path | None) -> None:
+    """Recover and report the files of a killed run next to `out`."""
+    if out is None:
+        return
+    from dropper_jax.run.recovery import recover
+
+    for line in recover(out):
+        print_line(f"warning: {line}")
+
+
+def save_or_report(solution: Solution, out: Path | None) -> str | None:
+    """Save a run; if this fails, save it in the folder for temporary files, and return the error in one line."""
+    if out is None:
+        return None
+    with defer_signals():
+        try:
+            solution.save(out)
+            return None
+        except (SceneError, OSError) as error:
+            reason = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) else str(error)
+        reason = " ".join(reason.split())
+        with suppress(OSError):
+            folder = Path(tempfile.mkdtemp(prefix="dropper-"))
+            try:
+                return f"{reason}; the run was saved to {solution.save(folder / f'{out.stem}.npz')}"
+            except (SceneError, OSError):
+                remove(folder)
+    return f"{reason}; the run could not be saved"
+
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -70,3 +144,56 @@ def weights_table(scene: Scene) -> list[str]:
     for row in line_weights(scene):
         rows.append((lines_in_words(row["lines"]), *(f"{row[key]:.4g}" for key in keys)))
     return ["", table(rows)] if len(rows) > 1 else []
+
+
+def plot_target(text: str | None) -> Path | None:
+    if text is None or Path(text).suffix.lower() == ".png":
+        return output_file(text, "--plot", (".png",))
+    path = Path(text)
+    if path.exists() and not path.is_dir():
+        raise SceneError(f"--plot: {text!r} is neither a folder nor a PNG; allowed: a folder or a file FILE.png")
+    return path
+
+
+def write_run_report(solution: Solution, folder: Path) -> None:
+    """The report of this run, as by `dropper report`."""
+    from dropper_jax.report.build import report_runs
+    from dropper_jax.report.settings import Settings
+    from dropper_jax.report.write import write_report
+
+    runs = {"run": solution}
+    write_report(report_runs(runs, Settings()), runs, folder, Settings())
+
+
+def write_channels(source: str, solution: Solution, path: Path) -> None:
+    """MoorDyn's table: the channels of a MoorDyn input, else tensions at all ends."""
+    from dropper_jax.moordyn.writing.outputs import channels_of, numbers_of, write_out
+
+    wanted = channels_of(source) or None
+    for channel in write_out(solution, path, wanted, skip=True, numbers=numbers_of(source)):
+        print_line(f"warning: output {channel!r} is not available from a run; it is left out")
+
+
+def draw(solution: Solution, target: Path) -> list[Path]:
+    """A snapshot to a PNG file, or all pictures to a folder."""
+    from dropper_jax import plots
+    from dropper_jax.plots.run import anything_moves, readable
+
+    if target.suffix.lower() == ".png":
+        plots.snapshot(solution, target)
+        return [target]
+    target.mkdir(parents=True, exist_ok=True)
+    files = []
+    pictures = dict(PICTURES if solution.scene.sea is None else {**PICTURES, **WATER_PICTURES})
+    if readable(solution).scene is not None:
+        pictures = {name: function for name, function in pictures.items() if name not in OF_ONE_LINE}
+    if solution.scene.bodies:
+        pictures["bodies"] = "body_motion"
+    if not anything_moves(readable(solution)):
+        still = [name for name in pictures if name in OF_MOTION]
+        pictures = {name: function for name, function in pictures.items() if name not in still}
+        print_line(f"pictures: no motion; left out: {', '.join(still)}")
+    for name, function in pictures.items():
+        files.append(target / f"{name}.png")
+        getattr(plots, function)(solution, files[-1])
+    return files

@@ -7,9 +7,8 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_json, number, output_folder, read_run
-from dropper_jax.cli.output import print_line, print_result
+from dropper_jax.cli.output import FAILED, OK, print_line, print_result
 from dropper_jax.report.settings import Settings
 
 if TYPE_CHECKING:

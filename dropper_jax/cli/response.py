@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
-from dropper_jax.cli.output import done_object, failure_object, print_line, progress, table
+from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, progress, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "mean shift, amplitude and phase of the first link in regular waves, over their period"
@@ -44,9 +43,9 @@ def run(args: argparse.Namespace) -> int:
     rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet) or silent)
     failed = next((row["status"] for row in rows if row["status"] != "ok"), None)
     if plot and not failed:
-        from dropper_jax.study import rest_pictures
+        from dropper_jax.study import pictures
 
-        rest_pictures.responses(scene.name, rows, picture(plot, "response"))
+        pictures.responses(scene.name, rows, picture(plot, "response"))
     head = failure_object(failed, f"{failed}: a run did not complete") if failed else done_object()
     deliver(args.json, {**head, "scene": scene.name, "rows": rows}, _text(rows), out)
     if failed:

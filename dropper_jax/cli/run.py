@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import FAILED, INTERRUPTED, OK
 from dropper_jax.cli.options import (
     add_examples,
     add_quiet,
@@ -21,8 +19,18 @@ from dropper_jax.cli.options import (
     read_scene,
     with_step,
 )
-from dropper_jax.cli.output import listing, print_json, print_line, print_warnings, progress, table
-from dropper_jax.cli.outputs import weights_table
+from dropper_jax.cli.output import (
+    FAILED,
+    INTERRUPTED,
+    OK,
+    listing,
+    print_json,
+    print_line,
+    print_warnings,
+    progress,
+    table,
+)
+from dropper_jax.cli.outputs import draw, plot_target, weights_table, write_channels, write_run_report
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -46,24 +54,6 @@ OVERRIDES = (
 )
 #: Maximum number of lines of a system whose tensions are printed.
 MOST_LINES = 12
-PICTURES = {
-    "snapshot": "snapshot",
-    "tension": "tension_history",
-    "motion": "motion_history",
-    "angles": "angle_traces",
-    "phase": "phase_space",
-    "spectrum": "amplitude_spectrum",
-}
-#: Pictures that need motion.
-OF_MOTION = ("motion", "bodies", "phase", "spectrum", "response")
-#: Pictures of the links of a single line; a system's loads and motions are in its other pictures.
-OF_ONE_LINE = ("phase", "response")
-#: Additional pictures of a scene with water.
-WATER_PICTURES = {
-    "surface": "under_surface",
-    "response": "response",
-    "tension_envelope": "tension_envelope",
-}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -114,12 +104,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     out = output_file(args.out, "--out", RUN_SUFFIXES, folders=(".zarr",))
     film = output_file(args.animate, "--animate", (".gif", ".mp4"))
-    plot = _plot_target(args.plot)
+    plot = plot_target(args.plot)
     tables, report_folder = output_folder(args.tables, "--tables"), output_folder(args.report, "--report")
     before = None if args.start is None else read_run(args.start)
     scene = read_scene(args, OVERRIDES) if before is None else _further(args, before)
 
-    from dropper_jax.cli.keeping import recover_leftovers, save_or_report, scratch_beside
+    from dropper_jax.cli.outputs import recover_leftovers, save_or_report, scratch_beside
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.storage import netcdf_packages, zarr_packages
 
@@ -176,11 +166,11 @@ def _write_outputs(
         if scene.bodies:
             write_bodies(solution, tables / "bodies.csv")
         if scene.branched:
-            _write_channels(args.scene or "", solution, tables / "moordyn.out")
+            write_channels(args.scene or "", solution, tables / "moordyn.out")
     if plot:
         draw(solution, plot)
     if report_folder:
-        _write_report(solution, report_folder)
+        write_run_report(solution, report_folder)
     if film:
         from dropper_jax import plots
 
@@ -196,34 +186,6 @@ def _further(args: argparse.Namespace, before: Solution) -> Scene:
     return read_scene(args, OVERRIDES).with_values({"run.duration": values["run.duration"]})
 
 
-def _plot_target(text: str | None) -> Path | None:
-    if text is None or Path(text).suffix.lower() == ".png":
-        return output_file(text, "--plot", (".png",))
-    path = Path(text)
-    if path.exists() and not path.is_dir():
-        raise SceneError(f"--plot: {text!r} is neither a folder nor a PNG; allowed: a folder or a file FILE.png")
-    return path
-
-
-def _write_report(solution: Solution, folder: Path) -> None:
-    """The report of this run, as by `dropper report`."""
-    from dropper_jax.report.build import report_runs
-    from dropper_jax.report.settings import Settings
-    from dropper_jax.report.write import write_report
-
-    runs = {"run": solution}
-    write_report(report_runs(runs, Settings()), runs, folder, Settings())
-
-
-def _write_channels(source: str, solution: Solution, path: Path) -> None:
-    """MoorDyn's table: the channels of a MoorDyn input, else tensions at all ends."""
-    from dropper_jax.moordyn.writing.outputs import channels_of, numbers_of, write_out
-
-    wanted = channels_of(source) or None
-    for channel in write_out(solution, path, wanted, skip=True, numbers=numbers_of(source)):
-        print_line(f"warning: output {channel!r} is not available from a run; it is left out")
-
-
 def _steps(solution: Solution) -> str:
     used, end = solution.settings, f"{solution.t[-1]:g} s"
     if "refused_steps" not in used:
@@ -233,32 +195,6 @@ def _steps(solution: Solution) -> str:
         held = f"{used['steps']} steps with an error tolerance of {used['error_tolerance']:g} to {end}"
         return f"{held}, {refused}; saved every {used['dt'] * used['save_every']:g} s"
     return f"{used['steps']} snap-adaptive steps to {end}, {refused}; saved every {used['dt']:g} s"
-
-
-def draw(solution: Solution, target: Path) -> list[Path]:
-    """A snapshot to a PNG file, or all pictures to a folder."""
-    from dropper_jax import plots
-    from dropper_jax.plots.moving import anything_moves
-    from dropper_jax.plots.run import readable
-
-    if target.suffix.lower() == ".png":
-        plots.snapshot(solution, target)
-        return [target]
-    target.mkdir(parents=True, exist_ok=True)
-    files = []
-    pictures = dict(PICTURES if solution.scene.sea is None else {**PICTURES, **WATER_PICTURES})
-    if readable(solution).scene is not None:
-        pictures = {name: function for name, function in pictures.items() if name not in OF_ONE_LINE}
-    if solution.scene.bodies:
-        pictures["bodies"] = "body_motion"
-    if not anything_moves(readable(solution)):
-        still = [name for name in pictures if name in OF_MOTION]
-        pictures = {name: function for name, function in pictures.items() if name not in still}
-        print_line(f"pictures: no motion; left out: {', '.join(still)}")
-    for name, function in pictures.items():
-        files.append(target / f"{name}.png")
-        getattr(plots, function)(solution, files[-1])
-    return files
 
 
 def report(solution: Solution, as_json: bool, more: Mapping[str, Any] | None = None) -> int:

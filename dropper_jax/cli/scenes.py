@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_text import as_toml
-from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import (
     add_allow_outside,
     add_examples,
@@ -19,7 +18,7 @@ from dropper_jax.cli.options import (
     number,
     output_file,
 )
-from dropper_jax.cli.output import done_object, listing, print_json, print_result, print_warnings
+from dropper_jax.cli.output import OK, done_object, listing, print_json, print_result, print_warnings
 from dropper_jax.load.packaged import find_scene, is_packaged, packaged_scene, scene_names, scene_titles, variants_of
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_examples, add_scene, output_file, read_scene
-from dropper_jax.cli.output import done_object, listing, print_warnings, table
+from dropper_jax.cli.output import OK, done_object, listing, print_warnings, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
@@ -74,7 +73,7 @@ def _wakes(scene: Scene, picture: Any) -> dict[str, Any]:
 
     solved = scene_wakes(with_flow_coefficients(overgrown(scene)))
     if picture:
-        from dropper_jax.plots.flow import flow_map
+        from dropper_jax.plots.water import flow_map
 
         flow_map(scene.name, solved, picture)
     return wake_facts(solved)
@@ -94,7 +93,7 @@ def _wake_lines(found: dict[str, Any]) -> list[str]:
 
 
 def _draw(name: str, found: dict[str, Any], gravity: float, picture: Any) -> None:
-    from dropper_jax.plots.regimes import regimes
+    from dropper_jax.plots.water import regimes
 
     waves = found["waves"]
     if waves is None:

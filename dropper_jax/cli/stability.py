@@ -8,9 +8,8 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import silent
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_json, add_quiet
-from dropper_jax.cli.output import done_object, failure_object, print_line, progress, table
+from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 help = "run a catalogue of hard cases, each against its limit, with the thesis' schemes and MoorDyn for comparison"

@@ -10,9 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_scene, output_file, read_scene
-from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, print_warnings, table
+from dropper_jax.cli.output import (
+    FAILED,
+    OK,
+    done_object,
+    failure_object,
+    print_json,
+    print_line,
+    print_warnings,
+    table,
+)
 from dropper_jax.cli.outputs import deliver
 
 if TYPE_CHECKING:
@@ -20,9 +28,6 @@ if TYPE_CHECKING:
     from dropper_jax.statics.stiffness import Stiffness
 
 help = "stiffness matrix of points and rigid bodies about the static equilibrium, all else in equilibrium"
-
-#: Maximum number of degrees of freedom of a printed matrix.
-SHOWN = 12
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -77,7 +82,8 @@ def _names(scene: Scene, given: str | None) -> list[str]:
 
 
 def _text(found: Stiffness) -> str:
-    if len(found.freedoms) <= SHOWN:
+    # maximum number of degrees of freedom of a printed matrix
+    if len(found.freedoms) <= 12:
         rows = [("", *found.freedoms)]
         rows += [(name, *(f"{x:.5g}" for x in line)) for name, line in zip(found.freedoms, found.matrix, strict=True)]
         return f"{table(rows)}\nN/m; N, N m/rad for rotations: minus the force on a row per displacement of a column"

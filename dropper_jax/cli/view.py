@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_examples, add_json, output_file, read_run
-from dropper_jax.cli.output import done_object, print_result
+from dropper_jax.cli.output import OK, done_object, print_result
 
 help = "make an interactive 3D page of a saved run"
 

@@ -19,10 +19,6 @@ from dropper_jax.model import AddedMass, Graph, Kinematics, Model
 from dropper_jax.residual import CondensedParts, StepProblem, Unknowns, couples_inertia, node_blocks
 from dropper_jax.solvers import SOLVERS
 
-#: Step [s] over which the inertia of added mass is evaluated at an instant, because it is a difference over a step. The
-#: truncation error is of second order, the rounding error is 1e-12 of its inverse.
-BRIEF = 1e-4
-
 
 class ProjectionProblem(StepProblem):
     """Unknowns: x, the change of velocities (nodes, 3) [m/s], and impulses y (n,) [N s]; linear."""
@@ -31,7 +27,9 @@ class ProjectionProblem(StepProblem):
 
     def __init__(self, k: Kinematics, added: bool) -> None:
         self.model, self.h = k.model, jnp.ones((), k.r.dtype)
-        self.k, self.added = k.over(BRIEF) if added else k, added
+        # step [s] over which the inertia of added mass is evaluated at an instant, because it is a difference over a
+        # step. The truncation error is of second order, the rounding error is 1e-12 of its inverse
+        self.k, self.added = k.over(1e-4) if added else k, added
         self.link_direction = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)
         #: Target rate of stretch per length of rigid links, and impulses of others.

@@ -26,12 +26,6 @@ from dropper_jax.residual import Unknowns
 
 #: One array per law.
 Joints = tuple[jax.Array, ...]
-#: Newton corrections: the first is exact if no impulse reaches its bound. A joint that reaches its bound in the last
-#: one keeps more than its part of one step. That affects the accuracy of this event, never the energy.
-PASSES = 3
-#: Relative compliance of the impulses: there may be more stuck joints than motions that they stop (8 joints, 5 motions
-#: of a plane loop of 7 links), and the distribution of the load is then arbitrary.
-SHARING = 1e-10
 
 
 def stop_held_joints(
@@ -93,7 +87,9 @@ def _solve(
 
     none = lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), tuple(jnp.zeros_like(one) for one in held), zero.z
     start = (flat, *none)
-    x, factor, over, aim = jax.lax.scan(correct, start, None, length=PASSES)[0]
+    # Newton corrections: the first is exact if no impulse reaches its bound. A joint that reaches its bound in the last
+    # one keeps more than its part of one step. That affects the accuracy of this event, never the energy
+    x, factor, over, aim = jax.lax.scan(correct, start, None, length=3)[0]
     return unravel(x), factor, over, aim
 
 
@@ -130,7 +126,9 @@ def _rows(
         change = model.rates(u.x, None)
         rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, change)
         along = jnp.mean(line.mass) * dot(after.tangents, rate)
-    rest = tuple(scale * law.rates(moved) + SHARING * p for law, p in zip(model.laws, u.z, strict=True))
+    # relative compliance of the impulses: there may be more stuck joints than motions that they stop (8 joints, 5
+    # motions of a plane loop of 7 links), and the distribution of the load is then arbitrary
+    rest = tuple(scale * law.rates(moved) + 1e-10 * p for law, p in zip(model.laws, u.z, strict=True))
     bound = tuple(p - h * (law.admissible(a) - q) for law, p, q, a in zip(model.laws, u.z, z, aim, strict=True))
     joints = tuple(
         jnp.where(one & ~o, a, jnp.where(o, b, p)) for one, o, a, b, p in zip(held, over, rest, bound, u.z, strict=True)

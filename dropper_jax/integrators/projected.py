@@ -2,9 +2,20 @@
 
     k_i = f(t + c_i h, y + h sum_j a_ij k_j),    y1 = P(y + h sum_i b_i k_i),    error = h sum_i e_i k_i
 
-y contains positions, velocities and the work done. f is the motion with reduced index (`reduced.moving`). P projects
-positions and velocities back onto the lengths of the links (`reduced.on_links`); without it these drift and errors
+y contains positions, velocities and the work done. f is the motion with reduced index (`moving`). P projects
+positions and velocities back onto the lengths of the links (`on_links`); without it these drift and errors
 grow. Stable while h b/m stays below `stable`, b/m the rate at which damping would stop a node.
+
+A rigid line of point masses as an ordinary differential equation: tensions from zero acceleration of link lengths.
+
+    M a = F(r, v, t) + G' T,    d . d'' + |d'|^2 = 0 of every link
+
+With u = d/L the tensions follow from one symmetric tridiagonal system with a row per link (index reduction):
+
+    (G M^-1 G') T = u . (difference of F/m over the link, of prescribed points their acceleration) + |d'|^2/L
+
+Lengths and their rates are then invariants of the motion, from which a scheme drifts by its error. `on_links` restores
+both, each by the smallest change in the mass metric.
 """
 
 from __future__ import annotations
@@ -16,10 +27,72 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.integrators.reduced import apply_jump, moving, on_links
-from dropper_jax.model import Graph, Model, State, book_works
+from dropper_jax.backend.tridiagonal import cyclic_reduction
+from dropper_jax.base.numerics import dot
+from dropper_jax.model import Graph, Kinematics, Model, State, book_works, work_names
 from dropper_jax.model.model import MOVING_ENDS
 from dropper_jax.residual import Explicit, point_masses_only
+
+
+class Moving(NamedTuple):
+    """One instant: accelerations (nodes, 3) [m/s^2], tensions (n,) [N], powers (w,) [W] in the order of
+    `work_names`."""
+
+    acceleration: jax.Array
+    tension: jax.Array
+    power: jax.Array
+
+
+def moving(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -> Moving:
+    """Accelerations and tensions of the line at one instant, and powers (empty unless `track`)."""
+    k = model.instant(r, v, t)
+    unit, inverse = k.links / model.line.length[:, None], 1.0 / model.node_mass
+    loose = model.force(k) * inverse[:, None]
+    ends = model.end_acceleration(t) if model.moving else None
+    rate = k.link_velocities
+    rhs = dot(unit, model.geometry.differences(loose, ends)) + dot(rate, rate) / model.line.length
+    tension = _solve_multipliers(model, unit, inverse, rhs)
+    power = _powers(model, k, tension[:, None] * unit) if track and work_names(model) else jnp.zeros(0, r.dtype)
+    return Moving(loose + model.tension_force(tension, unit) * inverse[:, None], tension, power)
+
+
+def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Positions after one Newton correction of the lengths, and velocities (nodes, 3) that stretch no link there."""
+    ends, length, inverse = model.ends(t), model.line.length, 1.0 / model.node_mass
+    unit = model.links(r, ends) / length[:, None]
+    gap = 0.5 * length * (dot(unit, unit) - 1.0)
+    r = r + model.tension_force(_solve_multipliers(model, unit, inverse, gap), unit) * inverse[:, None]
+    return r, v + _impact_change(model, r, v, t)[0]
+
+
+def apply_jump(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Velocities (nodes, 3) after prescribed points take their velocities at t, and impulses in the links (n, 3) [N
+    s]."""
+    change, impulse = _impact_change(model, r, v, t)
+    return v + change, impulse
+
+
+def _impact_change(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
+    ends, inverse = model.ends(t), 1.0 / model.node_mass
+    unit = model.links(r, ends) / model.line.length[:, None]
+    impulse = _solve_multipliers(model, unit, inverse, dot(unit, model.rates(v, ends)))
+    return model.tension_force(impulse, unit) * inverse[:, None], impulse[:, None] * unit
+
+
+def _solve_multipliers(model: Model, unit: jax.Array, inverse: jax.Array, rhs: jax.Array) -> jax.Array:
+    """y of `(G M^-1 G') y = rhs`, the rows of G the vectors `unit` (n, 3); `inverse` are 1/m of the free nodes."""
+    zero = jnp.zeros_like(inverse[:1])
+    held = [zero] if model.end_held else []
+    near = jnp.concatenate([zero, inverse])[: model.line.links]
+    far = jnp.concatenate([inverse, *held])
+    off = -dot(unit[:-1], unit[1:]) * near[1:]
+    diagonal = (near + far) * dot(unit, unit)
+    return cyclic_reduction(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), rhs)
+
+
+def _powers(model: Model, k: Kinematics, force: jax.Array) -> jax.Array:
+    forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
+    return book_works(model, forces, model.end_powers(force, k.ends, k))
 
 
 class Knot(NamedTuple):
@@ -169,3 +242,53 @@ def _parts(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]
 def _combine_slopes(weights: jax.Array, slopes: jax.Array) -> jax.Array:
     """The weighted sum of slopes (s, k) with weights (s,), not as a matrix product, which may call a library."""
     return jnp.sum(weights[:, None] * slopes, axis=0)
+
+
+def state_between(model: Model, knots: tuple[Knot, ...], known: jax.Array, t: jax.Array) -> jax.Array:
+    """y at a time t between the last two knots."""
+    size = 3 * model.free_nodes
+    unit = knots[-1].t - knots[-2].t
+    times = jnp.stack([(knot.t - knots[-1].t) / unit for knot in knots])
+    x = (t - knots[-1].t) / unit
+    (position, speed), (work, _) = (_weights(times, x, known, n) for n in (3, 2))
+    y, rate = jnp.stack([k.y for k in knots]), jnp.stack([k.rate for k in knots])
+    r, v, a = y[:, :size], rate[:, :size], rate[:, size : 2 * size]
+    scaled = jnp.concatenate([r, unit * v, unit**2 * a])
+    w, p = y[:, 2 * size :], rate[:, 2 * size :]
+    found = [position @ scaled, speed @ scaled / unit, work @ jnp.concatenate([w, unit * p])]
+    return jnp.concatenate(found)
+
+
+def _weights(times: jax.Array, x: jax.Array, known: jax.Array, derivatives: int) -> tuple[jax.Array, jax.Array]:
+    """Weights at x of values and derivatives at `times` (m,) in a polynomial through them, and their rates.
+
+    Ordered by derivative, (derivatives m,). With fewer than m - 1 known steps, through the last two times.
+    """
+    two = jnp.concatenate([jnp.zeros(len(times) - 2), jnp.ones(2)]).astype(times.dtype)
+    all_ = jnp.ones_like(two)
+
+    def at(x: jax.Array) -> jax.Array:
+        pair = _hermite(times, x, two, derivatives)
+        if len(times) == 2:
+            return pair
+        return jnp.where(known >= len(times) - 1, _hermite(times, x, all_, derivatives), pair)
+
+    return jax.jvp(at, (x,), (jnp.ones_like(x),))
+
+
+def _hermite(times: jax.Array, x: jax.Array, used: jax.Array, derivatives: int) -> jax.Array:
+    """Hermite's basis at x: with Lagrange's L_i, L_i^n times the series of L_i^-n in x - t_i, for n derivatives.
+
+    `used` (m,) is 0 for times that are left out.
+    """
+    u = x - times
+    apart = times[:, None] - times[None, :]
+    others = used[None, :] * (1.0 - jnp.eye(len(times), dtype=times.dtype))
+    inverse = others / jnp.where(apart == 0.0, 1.0, apart)
+    lagrange = used * jnp.prod(jnp.where(others > 0.0, u[None, :] * inverse, 1.0), axis=1)
+    slope = jnp.sum(inverse, axis=1)
+    if derivatives == 2:
+        return jnp.concatenate([lagrange**2 * (1.0 - 2.0 * slope * u), lagrange**2 * u])
+    cube, bend = lagrange**3, slope**2 - jnp.sum(inverse**2, axis=1)
+    value = 1.0 - 3.0 * slope * u + (6.0 * slope**2 - 1.5 * bend) * u**2
+    return jnp.concatenate([cube * value, cube * u * (1.0 - 3.0 * slope * u), 0.5 * cube * u**2])

@@ -1,16 +1,80 @@
-"""Explicit Runge-Kutta schemes for lines that stretch: each is a tableau."""
+"""Explicit Runge-Kutta schemes for lines that stretch: each is a tableau; the rates of change at one instant."""
 
 from __future__ import annotations
 
 import operator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import jax
+import jax.numpy as jnp
 
-from dropper_jax.integrators.rates import combine, rates
-from dropper_jax.model import Model, State
-from dropper_jax.residual import Explicit
+from dropper_jax.backend.tridiagonal import solve_tridiagonal
+from dropper_jax.base.numerics import inverse3
+from dropper_jax.model import AddedMass, Kinematics, Model, State, Works, book_works, turning
+from dropper_jax.residual import Explicit, node_blocks
+
+Rates = tuple[jax.Array, jax.Array, jax.Array]
+
+
+def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -> tuple[Rates, jax.Array]:
+    """(r', v', work') and the tensions (n,) [N] at one instant."""
+    line = model.line
+    k = model.instant(r, v, t)
+    tension = line.axial.tension(k.links, k.link_velocities, line.length)
+    laws = {law.name: law.law_force(k, law.at(k)) for law in model.laws}
+    force = model.force(k) + model.tension_force(tension, k.tangents) + sum(laws.values())
+    a = accelerations(model, k, force, t)
+    works = {name: jnp.sum(force * v) for name, force in laws.items()}
+    power = powers(model, k, tension, a, works) if track else jnp.zeros(0, r.dtype)
+    return (v, a, power), tension
+
+
+def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -> jax.Array:
+    """Accelerations (nodes, 3) [m/s^2] under nodal forces (nodes, 3) [N]; not where `couples_inertia`."""
+    line, free = model.line, model.free_nodes
+    if model.having(AddedMass):  # each node has its own mass matrix
+        blocks = node_blocks(lambda a: model.inertia(k, a), free, force.dtype)
+        return jnp.sum(inverse3(blocks) * force[:, None, :], axis=-1)
+    diagonal = model.node_mass
+    if not line.compound:
+        return force / diagonal[:, None]
+    if model.moving:
+        force = force - line.inertia_force(jnp.zeros_like(force), model.end_acceleration(t))
+    off = line.blocks()[1][1:free]
+    zero = jnp.zeros_like(diagonal[:1])
+    return solve_tridiagonal(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)
+
+
+def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array, laws: Works | None = None) -> jax.Array:
+    """Power (k,) [W] in the order of `work_names`; `laws` are those of set-valued laws."""
+    line = model.line
+    forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
+    turned = {turning(e): _turning(model, e, k, a) for e in model.having(AddedMass)}
+    axial = line.axial.powers(k.links, k.link_velocities, tension, line.length)
+    return book_works(
+        model, forces, laws or {}, turned, axial, model.end_powers(tension[:, None] * k.tangents, k.ends, k)
+    )
+
+
+def _turning(model: Model, effect: AddedMass, k: Kinematics, a: jax.Array) -> jax.Array:
+    """Power [W] that added mass gains by turning: rate of its kinetic energy minus the power of its inertia."""
+
+    def energy(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+        return effect.kinetic(model.kinematics(r, v, t))
+
+    rate = jax.jvp(energy, (k.r, k.v, k.t), (k.v, a, jnp.ones_like(k.t)))[1]
+    return rate - jnp.sum(k.v * effect.inertia(k, a))
+
+
+def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:
+    """The state after moving from s along the combined slope."""
+    r, v, work = (now + h * rate for now, rate in zip((s.r, s.v, s.work), slope, strict=True))
+    k = model.kinematics(r, v, s.t + h)
+    tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+    own = model.advance_internal_state(model.kinematics(s.r, s.v, s.t), k, tension, h) if s.own else s.own
+    after = {"r": r, "v": v, "tension": tension, "t": s.t + h, "acceleration": slope[1], "work": work, "own": own}
+    return replace(s, angles=None, **after)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.integrators.rates import combine, rates
+from dropper_jax.integrators.runge_kutta import combine, rates
 from dropper_jax.model import Model, State, book_works
 from dropper_jax.residual import (
     CondensedParts,

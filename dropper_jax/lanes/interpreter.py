@@ -1,20 +1,154 @@
-"""Evaluating a traced function on arrays whose member axis comes last."""
+"""Many members of one function side by side: `jax.vmap` with the member axis last in memory, for batches on the CPU.
+
+`vmap` puts members first, and the loops over 3 components and a few nodes innermost, which is too short for vector
+registers. Here members come last, so that every kernel runs over them. A function is traced once for one member; its
+operations are then evaluated on arrays (..., members). Operations without a rule (`rules`) use JAX's own batching rule
+between two moves of the axis. That is slower, still correct, and recorded in `Fallbacks`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.extend import core
 
+from dropper_jax.backend import is_plain
 from dropper_jax.backend.one_kernel import ELEMENTWISE
-from dropper_jax.lanes.members import CALLS, Atom, close_jaxpr, scan_parts, which_branched, which_looped, which_scanned
 from dropper_jax.lanes.rules import STRUCTURAL, Value, lined_up, spread
+
+#: A pytree of arrays.
+Tree = TypeVar("Tree")
+#: Mapped, or shared by all members.
+Axis = Literal[0] | None
+
+
+def lanes(
+    f: Callable[..., Tree], in_axes: Axis | tuple[Axis, ...] = 0, fallbacks: Fallbacks | None = None
+) -> Callable[..., Tree]:
+    """Map `f` over the first axis of its arguments, as `jax.vmap(f, in_axes)` does, to rounding.
+
+    Args:
+        f: a pure function of pytrees of arrays.
+        in_axes: 0 (mapped) or None (shared) for all arguments, or one of them for each.
+        fallbacks: records the operations without a rule whenever the function is traced.
+
+    Returns:
+        A function whose results have the members first, all of them mapped.
+    """
+
+    recorded = Fallbacks() if fallbacks is None else fallbacks
+
+    if is_plain():
+        return jax.vmap(f, in_axes)
+
+    def run_batch(*args: Any) -> Tree:
+        axes = in_axes if isinstance(in_axes, tuple) else (in_axes,) * len(args)
+        values, tree = jax.tree.flatten(args)
+        many = [axis == 0 for arg, axis in zip(args, axes, strict=True) for _ in jax.tree.leaves(arg)]
+        members = next(jnp.shape(x)[0] for x, m in zip(values, many, strict=True) if m)
+        shapes = [jnp.shape(x)[1:] if m else jnp.shape(x) for x, m in zip(values, many, strict=True)]
+        one = [jax.ShapeDtypeStruct(s, jnp.result_type(x)) for s, x in zip(shapes, values, strict=True)]
+        program, shape = jax.make_jaxpr(lambda *leaves: f(*jax.tree.unflatten(tree, leaves)), return_shape=True)(*one)
+        inputs = [Value(jnp.moveaxis(x, 0, -1) if m else x, m) for x, m in zip(values, many, strict=True)]
+        try:
+            done = Interpreter(members, recorded).run(program, inputs)
+        except Unreadable as error:
+            recorded.operation = str(error)
+            return jax.vmap(f, in_axes)(*args)
+        found = [jnp.moveaxis(spread(v, members), -1, 0) for v in done]
+        return jax.tree.unflatten(jax.tree.structure(shape), found)
+
+    return run_batch
+
+
+Atom = core.Var | core.Literal
+
+#: Operations that call a function once, and which parameter holds it.
+CALLS = {
+    "jit": "jaxpr",
+    "pjit": "jaxpr",
+    "closed_call": "call_jaxpr",
+    "custom_jvp_call": "call_jaxpr",
+    "custom_vjp_call": "call_jaxpr",
+    "checkpoint": "jaxpr",
+    "remat2": "jaxpr",
+}
+
+
+def close_jaxpr(program: core.Jaxpr | core.ClosedJaxpr) -> core.ClosedJaxpr:
+    """The function of a call, with its constants."""
+    return program if hasattr(program, "consts") else core.ClosedJaxpr(program, ())
+
+
+def _which(program: core.ClosedJaxpr, many: Sequence[bool]) -> list[bool]:
+    jaxpr = program.jaxpr
+    known = dict.fromkeys(jaxpr.constvars, False) | dict(zip(jaxpr.invars, many, strict=True))
+
+    def read(atom: Atom) -> bool:
+        return not isinstance(atom, core.Literal) and known[atom]
+
+    for eqn in jaxpr.eqns:
+        known.update(zip(eqn.outvars, _which_of(eqn, [read(a) for a in eqn.invars]), strict=True))
+    return [read(a) for a in jaxpr.outvars]
+
+
+def _which_of(eqn: core.JaxprEqn, many: list[bool]) -> list[bool]:
+    name, p = eqn.primitive.name, eqn.params
+    if not any(many):
+        return [False] * len(eqn.outvars)
+    if name in CALLS:
+        return _which(close_jaxpr(p[CALLS[name]]), many)
+    if name == "scan":
+        return which_scanned(p, many)
+    if name == "while":
+        return which_looped(p, many)[0]
+    if name == "cond" and not many[0]:
+        return which_branched(p, many[1:])
+    return [True] * len(eqn.outvars)
+
+
+def scan_parts(p: dict[str, Any]) -> tuple[int, int]:
+    """Number of constants and of carried values among the inputs of a scan."""
+    if "num_consts" in p:
+        return p["num_consts"], p["num_carry"]
+    consts, carry, _ = p["ft_in"].unpack()  # JAX 0.12
+    return len(consts), len(carry)
+
+
+def which_scanned(p: dict[str, Any], many: list[bool]) -> list[bool]:
+    """For the carry and the saved values: a carry that gets members in one iteration has them from the start."""
+    consts, carried = scan_parts(p)
+    carry = many[consts : consts + carried]
+    while True:
+        out = _which(p["jaxpr"], [*many[:consts], *carry, *many[consts + carried :]])
+        grown = [a or b for a, b in zip(carry, out, strict=False)]
+        if grown == carry:
+            return [*carry, *out[carried:]]
+        carry = grown
+
+
+def which_looped(p: dict[str, Any], many: list[bool]) -> tuple[list[bool], bool]:
+    """For the carry and the test: if members disagree on when to stop, the whole carry has members."""
+    tests, bodies = p["cond_nconsts"], p["body_nconsts"]
+    carry = many[tests + bodies :]
+    while True:
+        test = _which(p["cond_jaxpr"], [*many[:tests], *carry])[0]
+        out = _which(p["body_jaxpr"], [*many[tests : tests + bodies], *carry])
+        grown = [test or a or b for a, b in zip(carry, out, strict=True)]
+        if grown == carry:
+            return carry, test
+        carry = grown
+
+
+def which_branched(p: dict[str, Any], many: list[bool]) -> list[bool]:
+    """For the results: those for which any branch has members."""
+    return [any(found) for found in zip(*(_which(b, many) for b in p["branches"]), strict=True)]
 
 
 @dataclass

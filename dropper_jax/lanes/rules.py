@@ -13,12 +13,6 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-#: Maximum size of a tridiagonal system that is eliminated row by row inline; larger ones use LAPACK, one member at a
-#: time.
-UNROLLED_ROWS = 32
-#: Maximum length of a reduction done as a tree of elementwise operations.
-UNROLLED_REDUCTION = 128
-
 
 class Value(NamedTuple):
     """An array, and whether it has the member axis (the last one)."""
@@ -86,7 +80,8 @@ def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
         kept = [i for i in range(x.ndim) if i not in axes]
         x = lax.transpose(x, (*axes, *kept))
         x = x.reshape(-1, *x.shape[len(axes) :])
-        if not 0 < x.shape[0] <= UNROLLED_REDUCTION:
+        # maximum length of a reduction done as a tree of elementwise operations
+        if not 0 < x.shape[0] <= 128:
             return None
         while x.shape[0] > 1:
             half = x.shape[0] // 2
@@ -101,7 +96,9 @@ def _tridiagonal(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Ar
     """Elimination without pivoting, row by row: the systems of rods have no small pivots, and every step is checked."""
     lower, diagonal, upper, b = (spread(v, members) for v in inputs)
     rows = diagonal.shape[0]
-    if b.shape[1] != 1 or diagonal.ndim != 2 or rows > UNROLLED_ROWS:
+    # maximum size of a tridiagonal system that is eliminated row by row inline; larger ones use LAPACK, one member at a
+    # time
+    if b.shape[1] != 1 or diagonal.ndim != 2 or rows > 32:
         return None
     # divided, not multiplied by an inverse: the compiler keeps quotients but recomputes products at every use
     ahead, y = [upper[0] / diagonal[0]], [b[0, 0] / diagonal[0]]

@@ -26,10 +26,6 @@ from dropper_jax.base.progress import Progress
 from dropper_jax.plots import style, system, view
 from dropper_jax.plots.run import Run
 
-#: Maximum number of frames: 240 frames of about 700 x 470 pixels take 1.5 s and 1 to 3 MB.
-MOST_FRAMES = 240
-#: Length of the trace of the middle node in frames.
-TRACE = 10
 #: Longest side of the drawn box [inch].
 LONGEST = 4.2
 #: Number of points on a cut through the surface.
@@ -140,7 +136,8 @@ def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndar
     """Samples to draw and the playback speed (1 = real time) for frames `delay` [s] apart."""
     span = float(t[-1] - t[0])
     span = span if seconds is None else min(span, seconds)
-    count = max(1, min(MOST_FRAMES - 1, round(span / delay), len(t)))
+    # maximum number of frames: 240 frames of about 700 x 470 pixels take 1.5 s and 1 to 3 MB
+    count = max(1, min(240 - 1, round(span / delay), len(t)))
     times = t[0] + np.linspace(0.0, span, count + 1)
     frames = np.searchsorted(t, times - 1e-9 * max(span, 1.0)).clip(0, len(t) - 1)
     return np.unique(frames), span / (count * delay) if span > 0 else 1.0
@@ -219,7 +216,8 @@ class _Stage:
         """One frame (height, width, 3) of bytes."""
         nodes = self.screen[frame]
         self.canvas.restore_region(self.background)
-        middle = self.screen[max(0, frame - TRACE * self.step) : frame + 1, self.traced]
+        # length of the trace of the middle node in frames
+        middle = self.screen[max(0, frame - 10 * self.step) : frame + 1, self.traced]
         self.trace.set_data(*middle.T)
         self.links.set_segments(self.run.segments(nodes))
         self.links.set_array(self.tension[frame])

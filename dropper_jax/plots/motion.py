@@ -1,4 +1,4 @@
-"""Angles of the links: against time, against their rates, and their spectra."""
+"""Motion over time: angles of the links, their rates and spectra; buoys, bodies, free points or nodes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,81 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
-from dropper_jax.plots import moving, panels, style, view
-from dropper_jax.plots.motion_histories import motion_panels
-from dropper_jax.plots.run import Run
-from dropper_jax.plots.series import Curve, Panel, draw_panel, legend
+from dropper_jax.load.checks_water import surface_over
+from dropper_jax.plots import panels, style, system, view
+from dropper_jax.plots.run import ANGLE, TRAVEL, Run, chosen_links, travel
+from dropper_jax.plots.series import Curve, Panel, draw_panel, history, legend
 from dropper_jax.plots.tension import ends_panel
+
+
+@style.with_style
+def motion_history(run: Run, path: str | Path) -> Path:
+    """x, y and z [m] of buoys, else of free points or nodes, against time, and the surface over the first of them.
+
+    Of several, those with the largest motion, each from its initial position. Directions without motion are left out. A
+    long record is drawn as its envelope, with a zoom.
+    """
+    names = list(tracked_nodes(run))
+    return history(run, path, f"motion of {names[0]}" if len(names) == 1 else "motion", motion_panels(run))
+
+
+def motion_panels(run: Run) -> list[Panel]:
+    """The directions that move, and the surface."""
+    tracked = tracked_nodes(run)
+    paths = {name: run.positions[:, node] for name, node in tracked.items()}
+    alone = len(paths) == 1
+    least = TRAVEL * max(view.size(run.positions[:1]), 1e-300)
+    panels = []
+    for axis, letter in enumerate("xyz"):
+        curves = [
+            Curve("" if alone else name, run.t, path[:, axis] - (0.0 if alone else path[0, axis]))
+            for name, path in paths.items()
+        ]
+        if any(np.ptp(curve.values) > least for curve in curves):
+            panels.append(Panel(f"{letter} [m]" if alone else f"{letter} from its start [m]", curves))
+    if not panels:  # without motion the picture shows the position
+        panels = [Panel("z [m]", [Curve(name, run.t, path[:, 2]) for name, path in paths.items()], "nothing moves")]
+    surface = _surface(run, next(iter(paths.values())), next(iter(paths)))
+    return [*panels, *([surface] if surface else [])]
+
+
+def tracked_nodes(run: Run) -> dict[str, int]:
+    """Nodes to draw, by name: the buoys with the largest motion, else free points; of a single line its end and the
+    node that moves most."""
+    way = travel(run)
+    if run.scene is None:
+        last, lively = run.positions.shape[1] - 1, int(np.argmax(way))
+        found = {f"node {lively}": lively}
+        if way[last] > 0.0 and last != lively:
+            found["free end"] = last
+        return found
+    nodes = {name: node for name, node in run.point_names.items() if node in run.joints}
+    buoys = {buoy.node for buoy in run.buoys}
+    wanted = {name: node for name, node in nodes.items() if node in buoys} or nodes
+    if not wanted:
+        node = int(np.argmax(way))
+        return {f"node {node}": node}
+    # maximum number of points in one picture
+    names = sorted(wanted, key=lambda name: -way[wanted[name]])[:4]
+    return {name: wanted[name] for name in names}
+
+
+def _surface(run: Run, path: np.ndarray, name: str) -> Panel | None:
+    """Elevation [m] over the mean position of a path (k, 3); None without waves."""
+    position = path.mean(axis=0)
+    title = f"surface elevation above the mean position of {name}"
+    if run.scene is None:
+        if run.surface is None:
+            return None
+        eta = run.surface(position[None], run.t)[:, 0]
+    elif run.scene.sea is None or run.scene.sea.waves is None:
+        return None
+    else:
+        eta = surface_over(run.scene, np.broadcast_to(position, (len(run.t), 1, 3)), run.t)[:, 0]
+    if np.ptp(eta) == 0:
+        return None
+    return Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True)
+
 
 #: Height of the axis of a spectrum [decades], and the fraction of the power that its frequency axis shows.
 DECADES, SHOWN = 4, 0.999
@@ -27,7 +97,7 @@ def angle_traces(run: Run, path: str | Path) -> Path:
     columns = [("polar angle [rad]", polar)]
     if not view.planar(positions):
         columns.append(("azimuth [rad]", azimuth))
-    return panels.traces(run, path, "link angles", t, columns, moving.ANGLE, centred=True)
+    return panels.traces(run, path, "link angles", t, columns, ANGLE, centred=True)
 
 
 @style.with_style
@@ -49,9 +119,7 @@ def phase_space(run: Run, path: str | Path) -> Path:
         axes.xaxis.set_major_locator(MaxNLocator(5))
 
     labels = ("polar angle [rad]", "rate [rad/s]")
-    return panels.grid(
-        run, path, "phase space of the links", moving.chosen_links(run, panels.MOST), draw, labels, False
-    )
+    return panels.grid(run, path, "phase space of the links", chosen_links(run, panels.MOST), draw, labels, False)
 
 
 @style.with_style
@@ -74,7 +142,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     else:
         spectra = {name: spectrum.amplitude_spectrum(t[:uniform], values[:uniform]) for name, values in series.items()}
     amplitudes = np.array([a for _, a in spectra.values()])
-    top = max(amplitudes.max(), moving.ANGLE)
+    top = max(amplitudes.max(), ANGLE)
     floor = top * 10.0**-DECADES
     last = _last_frequency(next(iter(spectra.values()))[0], amplitudes)
 
@@ -91,7 +159,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
 
     labels = ("frequency [Hz]", "amplitude [rad]" if flat else "amplitude [-]")
     what = "amplitude spectrum of the link angles" if flat else "amplitude spectrum of the link directions"
-    return panels.grid(run, path, what, moving.chosen_links(run, panels.MOST), draw, labels, share=True)
+    return panels.grid(run, path, what, chosen_links(run, panels.MOST), draw, labels, share=True)
 
 
 def _system_spectra(run: Run, path: str | Path) -> Path:

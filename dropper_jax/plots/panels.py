@@ -11,13 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from dropper_jax.plots import moving, style
-from dropper_jax.plots.run import Run
+from dropper_jax.plots import style
+from dropper_jax.plots.run import ANGLE, Run, changing
 
 #: Maximum number of links with a trace; more are drawn as a map over time and link (traces) or thinned out (grid).
 MOST = 12
-#: Maximum number of lines that are named along an axis, in smaller letters than up to `MOST`.
-NAMED = 30
 
 Columns = list[tuple[str, np.ndarray]]
 
@@ -38,7 +36,7 @@ def traces(
     from their means, since the means differ by more than the motion.
     """
     links = columns[0][1].shape[1]
-    kept = np.flatnonzero(moving.changing([values for _, values in columns], least))
+    kept = np.flatnonzero(changing([values for _, values in columns], least))
     if len(t) > 1 and not len(kept):
         figure = _along(columns, run)
         what = f"{what}, from start to end"
@@ -115,7 +113,8 @@ def _link_axis(axes: Axes, run: Run, letter: str = "y") -> None:
     edge, colour = (axes.axhline, "white") if letter == "y" else (axes.axvline, "#E3E5E8")
     for line in run.written_lines[1:]:
         edge(line.links.start + 0.5, color=colour, lw=1.0)
-    shown = run.written_lines[:: math.ceil(len(run.written_lines) / NAMED)]
+    # maximum number of lines that are named along an axis, in smaller letters than up to `MOST`
+    shown = run.written_lines[:: math.ceil(len(run.written_lines) / 30)]
     axes.tick_params(axis=letter, labelsize=9 if len(shown) <= MOST else 6)
     axis.set_ticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
     if letter == "x":
@@ -162,6 +161,6 @@ def grid(
 def _nothing(run: Run, path: str | Path, what: str) -> Path:
     """A picture with a note that there is no motion to show."""
     figure = style.new_figure(6.0, 2.0)
-    figure.text(0.5, 0.45, f"no link turns by more than {moving.ANGLE:g} rad", ha="center", color=style.FAINT)
+    figure.text(0.5, 0.45, f"no link turns by more than {ANGLE:g} rad", ha="center", color=style.FAINT)
     style.title(figure, run, what)
     return style.save(figure, path)

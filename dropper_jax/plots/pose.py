@@ -12,14 +12,12 @@ from matplotlib.collections import LineCollection, PolyCollection
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from dropper_jax.plots import style, system, view
-from dropper_jax.plots.bodies import draw_bodies
 from dropper_jax.plots.run import Run
+from dropper_jax.plots.system import draw_bodies
 
 #: Number of past configurations in a snapshot, and the displacement between two of them as a fraction of the picture's
 #: size.
 PAST, STRIDE = 8, 0.07
-#: With more lines than this, only one configuration is drawn, since more could not be distinguished.
-CROWD = 12
 
 
 @style.with_style
@@ -35,7 +33,8 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     t, positions = run.t, run.positions
     now = len(t) - 1 if time is None else int(np.argmin(np.abs(t - time)))
     flat = view.planar(positions)
-    crowded = len(run.lines) > CROWD
+    # with more lines than this, only one configuration is drawn, since more could not be distinguished
+    crowded = len(run.lines) > 12
     past = [] if crowded else _past(positions, now)
     limits = system.limits(run, positions[[0, *past, now]])
     figure = style.new_figure(*view.figure_size(limits), layout="constrained" if flat else None)

@@ -1,4 +1,4 @@
-"""The data of a solution for pictures, without samples that cannot be drawn."""
+"""The data of a solution for pictures: valid samples, links and nodes that move, bodies as shapes in space."""
 
 from __future__ import annotations
 
@@ -10,17 +10,137 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.load.scene import Scene
-from dropper_jax.plots.shapes import Bodies, bodies_of
+from dropper_jax.plots import view
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
+from dropper_jax.scene.body import BodySpec, rotation
 from dropper_jax.scene.data import point_nodes
 
-#: A run has diverged if a node is farther out than this many sizes of the first configuration.
-FARTHEST = 100.0
+#: Number of corners of a circle.
+SIDES = 28
+
+
+class Shape(NamedTuple):
+    """A cylinder of a body between two positions in its axes [m], or a sphere with two equal positions."""
+
+    body: int
+    start: tuple[float, ...]
+    end: tuple[float, ...]
+    diameter: float
+
+    def rings(self) -> np.ndarray:
+        """Circles (rings, SIDES, 3) [m] in the body's axes whose hull is the shape."""
+        start, end = np.array(self.start), np.array(self.end)
+        along = end - start
+        length = float(np.linalg.norm(along))
+        along = along / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+        side = np.eye(3)[int(np.argmin(np.abs(along)))]
+        one = np.cross(along, side)
+        one /= np.linalg.norm(one)
+        other = np.cross(along, one)
+        angle = np.linspace(0.0, 2 * np.pi, SIDES, endpoint=False)[:, None]
+        circle = 0.5 * self.diameter * (np.cos(angle) * one + np.sin(angle) * other)
+        if length > 0.0:
+            return np.stack([start + circle, end + circle])
+        tilt = np.linspace(-0.5 * np.pi, 0.5 * np.pi, SIDES // 2 + 1)
+        return np.stack([start + np.cos(t) * circle + 0.5 * self.diameter * np.sin(t) * along for t in tilt])
+
+
+class Bodies(NamedTuple):
+    """Rigid bodies of a run: shapes, reference points (k, bodies, 3) [m], roll, pitch and yaw (k, bodies, 3) [rad]."""
+
+    names: tuple[str, ...]
+    shapes: tuple[Shape, ...]
+    position: np.ndarray
+    attitude: np.ndarray
+
+    def rings(self, index: int) -> list[np.ndarray]:
+        """Rings of each shape in the scene [m] at a sample."""
+        found = []
+        for shape in self.shapes:
+            axes = rotation(self.attitude[index, shape.body])
+            found.append(self.position[index, shape.body] + shape.rings() @ axes.T)
+        return found
+
+    def outlines(self, index: int, project: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
+        """Outline (corners, 2) of each shape in a projection of positions (n, 3) to (n, 2)."""
+        found = []
+        for rings in self.rings(index):
+            points = project(rings.reshape(-1, 3))
+            try:
+                found.append(points[ConvexHull(points).vertices])
+            except QhullError:  # edge on
+                found.append(points)
+        return found
+
+    def extent_points(self) -> np.ndarray:
+        """Ends and widths of all shapes over the run (n, 3) [m], for limits of pictures."""
+        some = np.unique(np.linspace(0, len(self.position) - 1, 200).astype(int))
+        return np.concatenate([ring.reshape(-1, 3)[::7] for i in some for ring in self.rings(i)])
+
+
+def bodies_of(solution: Solution, last: int) -> Bodies | None:
+    """The rigid bodies of a run up to a sample; None without any."""
+    specs: tuple[BodySpec, ...] = getattr(solution.scene, "bodies", ())
+    if not specs or solution.body_position is None:
+        return None
+    shapes = [
+        Shape(i, tuple(c.start), tuple(c.end), float(c.diameter))
+        for i, body in enumerate(specs)
+        for c in body.cylinders
+    ]
+    shapes += [
+        Shape(i, tuple(s.centre), tuple(s.centre), float(s.diameter))
+        for i, body in enumerate(specs)
+        for s in body.spheres
+    ]
+    position, attitude = (np.asarray(a, float)[:last] for a in (solution.body_position, solution.body_attitude))
+    return Bodies(tuple(body.name for body in specs), tuple(shapes), position, attitude)
+
+
+#: Limits of rounding: angles [rad]; tensions relative to the maximum; displacements relative to the size of the scene.
+ANGLE, TENSION, TRAVEL = 1e-7, 1e-6, 1e-7
+
+
+def swing(run: Run) -> np.ndarray:
+    """Rotation of each link (n,) [rad]: the range of the components of its direction, which does not depend on its
+    angles."""
+    links = run.positions[:, run.first + 1] - run.positions[:, run.first]
+    length = np.linalg.norm(links, axis=-1, keepdims=True)
+    return np.ptp(links / np.where(length > 0, length, 1.0), axis=0).max(axis=-1)
+
+
+def travel(run: Run) -> np.ndarray:
+    """Displacement of each node (nodes,) [m]: the longest side of the box around its path."""
+    return np.ptp(run.positions, axis=0).max(axis=-1)
+
+
+def anything_moves(run: Run) -> bool:
+    """Whether any node moves by more than rounding."""
+    return bool(travel(run).max() > TRAVEL * max(view.size(run.positions[:1]), 1e-300))
+
+
+def chosen_links(run: Run, most: int) -> np.ndarray:
+    """Links that have a panel, at most `most`, in order: evenly spaced in a single line; of many lines the links that
+    move most."""
+    size = swing(run)
+    moving = np.flatnonzero(size > ANGLE)
+    if len(run.written_lines) == 1 or len(moving) <= most:
+        return moving[np.unique(np.linspace(0, len(moving) - 1, min(len(moving), most)).round().astype(int))]
+    best = [line.links.start + int(np.argmax(size[line.links])) for line in run.written_lines]
+    best = [link for link in best if size[link] > ANGLE]
+    return np.sort(np.array(sorted(best, key=lambda link: -size[link])[:most], dtype=int))
+
+
+def changing(columns: list[np.ndarray], least: float) -> np.ndarray:
+    """Which of n series (k, n) change by more than their limit in any of the columns (n,)."""
+    with np.errstate(invalid="ignore"):
+        return np.any([np.nan_to_num(np.ptp(values, axis=0)) > least for values in columns], axis=0)
 
 
 class Float(NamedTuple):
@@ -118,7 +238,8 @@ def readable(solution: Solution) -> Run:
     work = np.asarray(solution.work, float).reshape(len(solution.t), -1)
     finite = np.all([np.isfinite(a).reshape(len(a), -1).all(axis=1) for a in (*moved, work)], axis=0)
     first = moved[0][0]
-    far = FARTHEST * max(float(np.ptp(first, axis=0).max()), np.finfo(float).tiny)
+    # a run has diverged if a node is farther out than this many sizes of the first configuration
+    far = 100.0 * max(float(np.ptp(first, axis=0).max()), np.finfo(float).tiny)
     with np.errstate(invalid="ignore", over="ignore"):
         near = np.abs(moved[0] - first).max(axis=(1, 2)) <= far
     good = np.append(finite & near, False)

@@ -12,12 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run
 
-#: Number of turning points above which a panel shows an envelope: 200 waves of five pixels each are still visible.
-TURNS = 400
 #: Intervals of an envelope, and cycles of a zoom.
 INTERVALS, CYCLES = 320, 8
-#: Relative change of a series below which it is rounding.
-ROUNDING = 1e-6
 #: Two curves closer than this fraction of the maximum range look like one: the later is dashed, so that both are
 #: visible.
 ALIKE, DASHES = 0.01, (0.0, (4.0, 4.0))
@@ -45,7 +41,8 @@ class Panel(NamedTuple):
 
 def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     """Panels one above the other; a long record is an envelope on the left, and a part of it is on the right."""
-    zoom = None if sum(turns(c.values) > TURNS for p in panels for c in p.curves) == 0 else zoom_of(panels)
+    # number of turning points above which a panel shows an envelope: 200 waves of five pixels each are still visible
+    zoom = None if sum(turns(c.values) > 400 for p in panels for c in p.curves) == 0 else zoom_of(panels)
     figure = style.new_figure(8.5 if zoom is None else 11.5, 1.2 + 1.75 * len(panels))
     columns = 1 if zoom is None else 2
     ratios = [1.0] if zoom is None else [1.55, 1.0]
@@ -163,7 +160,8 @@ def _without_beat(t: np.ndarray, mean: np.ndarray, period: float) -> np.ndarray:
 def turns(values: np.ndarray) -> int:
     """Number of reversals of a series (k,) by more than about 3 % of its range."""
     known = values[np.isfinite(values)]
-    if known.size < 3 or np.ptp(known) <= ROUNDING * np.abs(known).max():
+    # relative change of a series below which it is rounding
+    if known.size < 3 or np.ptp(known) <= 1e-6 * np.abs(known).max():
         return 0
     steps = np.rint((known - known.min()) / (0.03 * np.ptp(known)))
     way = np.diff(steps)

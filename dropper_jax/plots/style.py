@@ -1,9 +1,9 @@
-"""Common style of all pictures, and writing them to disk."""
+"""Common style and units of all pictures, and writing them to disk."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ContextDecorator
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,20 @@ from matplotlib.figure import Figure
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.renamed import old_names
 from dropper_jax.plots.run import Run, readable
-from dropper_jax.plots.units import force_unit
 from dropper_jax.run.simulate import Solution
+
+
+def force_unit(*values: np.ndarray | float | Iterable[float]) -> tuple[str, float]:
+    """Unit and its size [N] for all forces [N] of a figure."""
+    largest = max((float(np.abs(known).max()) for v in values if (known := _finite(v)).size), default=0.0)
+    # maximum tension [N] above which a figure is in kN
+    return ("kN", 1e3) if largest >= 5e3 else ("N", 1.0)
+
+
+def _finite(values: np.ndarray | float | Iterable[float]) -> np.ndarray:
+    found = np.asarray(values, float)
+    return found[np.isfinite(found)]
+
 
 #: Palette of Okabe and Ito, which colour-blind readers can distinguish.
 CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6B6B6B")

@@ -1,8 +1,10 @@
-"""Pictures of lines in water: elevation at a point, line and surface, response of a link, tension envelope."""
+"""Pictures of water and of lines in it: elevation, line and surface, response of a link, tension envelope, the current
+from above, and the range of validity of the wave theories.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -16,19 +18,100 @@ from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.checks_water import bed_height
-from dropper_jax.plots import moving, panels, style, system, view
-from dropper_jax.plots.bodies import draw_bodies
-from dropper_jax.plots.run import Run, readable
-from dropper_jax.plots.units import force_unit
+from dropper_jax.plots import panels, style, system, view
+from dropper_jax.plots.run import ANGLE, Run, readable, swing
+from dropper_jax.plots.style import force_unit
+from dropper_jax.plots.system import draw_bodies
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution
+from dropper_jax.run.wakes import SceneWakes
 from dropper_jax.sea import Sea
+from dropper_jax.sea.spectrum import wave_number
+from dropper_jax.sea.steady import LINEAR, STOKES_HEIGHT, STOKES_LENGTH, highest, second_harmonic
+
+#: Drawn range of d/(g T^2).
+DEPTHS = np.geomspace(4e-4, 0.3, 300)
+#: Depth over wavelength above which water is deep, and below which it is shallow.
+DEEP, SHALLOW = 0.5, 0.05
+
+
+@style.plot_style()
+def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, path: str | Path) -> Path:
+    """Areas of linear, Stokes V and stream function waves up to breaking.
+
+    Lengths along the lines are those of linear waves; the theory of a wave is chosen by its own length.
+
+    Args:
+        waves: marked ones: label, height [m], period [s], depth [m].
+    """
+    length = _length(DEPTHS)
+    limit = np.array([highest(x, d) for x, d in zip(length, DEPTHS, strict=True)])
+    linear = np.array([LINEAR / second_harmonic(1.0, x, d) for x, d in zip(length, DEPTHS, strict=True)])
+    stokes = np.where(length < STOKES_LENGTH * DEPTHS, STOKES_HEIGHT * limit, linear)
+    figure = style.new_figure(7.6, 6.2)
+    axes = figure.subplots()
+    low = min([1e-5, *(0.5 * h / (gravity * t**2) for _, h, t, _ in waves)])
+    axes.fill_between(DEPTHS, low, linear, color=style.CYCLE[5], alpha=0.25, label="linear", lw=0)
+    axes.fill_between(DEPTHS, linear, stokes, color=style.CYCLE[2], alpha=0.25, label="Stokes V", lw=0)
+    axes.fill_between(DEPTHS, stokes, limit, color=style.CYCLE[4], alpha=0.3, label="stream function", lw=0)
+    axes.plot(DEPTHS, limit, color=style.ALERT, lw=1.8, label="breaking (Williams 1981)")
+    for share, name in ((DEEP, "deep"), (SHALLOW, "shallow")):
+        _line(axes, float(np.interp(-share, -DEPTHS[::-1] / length[::-1], DEPTHS[::-1])), f"d/L = {share:g}, {name}")
+    for i, (label, height, period, depth) in enumerate(waves):
+        scale = gravity * period**2
+        axes.plot(depth / scale, height / scale, "o", color=style.CYCLE[1 - i % 2], ms=8, label=label, zorder=5)
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="depth d/(g T²)",
+        ylabel="height H/(g T²)",
+        xlim=(DEPTHS[0], DEPTHS[-1]),
+        ylim=(low, 0.05),
+    )
+    figure.legend(loc="outside lower center", ncols=3)
+    figure.suptitle("theories of regular waves", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    return style.save(figure, path)
+
+
+def _length(depth: np.ndarray) -> np.ndarray:
+    """Length of linear waves over g T^2."""
+    return 2.0 * np.pi / np.asarray(wave_number(jnp.full(depth.shape, 2.0 * np.pi), jnp.asarray(depth), 1.0))
+
+
+def _line(axes: Axes, at: float, text: str) -> None:
+    axes.axvline(at, color=style.FAINT, lw=0.9, ls="--")
+    axes.annotate(text, (at, 0.03), (4, 0), ("data", "axes fraction"), "offset points", fontsize=8, rotation=90)
+
+
+#: Number of points along and across the current.
+ALONG, ACROSS = 90, 160
+
+
+@style.plot_style()
+def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
+    """Current [m/s] at the mean height of the lines, along and across it, with the lines' links [m]."""
+    wakes, e = found.wakes, found.wakes.elements
+    weight = e.drag * e.area + 1e-12
+    height = float(np.sum(weight * e.z) / np.sum(weight))
+    size = max(float(np.ptp(e.x)), float(np.ptp(e.y)), 10.0)
+    x = np.linspace(e.x.min() - 0.1 * size, e.x.max() + 0.8 * size, ALONG)
+    y = np.linspace(e.y.min() - 0.25 * size, e.y.max() + 0.25 * size, ACROSS)
+    speed = wakes.velocity(x, y, height)
+    figure = style.new_figure(9.0, 5.6)
+    axes = figure.subplots()
+    shown = axes.pcolormesh(x, y, speed.T, cmap="viridis", vmin=0.0, vmax=wakes.speed, shading="gouraud")
+    axes.plot(e.x, e.y, ".", color="white", ms=2.5, mec=style.DARK, mew=0.3, label="links")
+    axes.set(xlabel="along the current [m]", ylabel="across it [m]", aspect="equal")
+    axes.grid(False)
+    figure.colorbar(shown, ax=axes, label=f"current at z = {height:.1f} m [m/s]", shrink=0.8)
+    text = f"{name}: {wakes.speed:.2f} m/s towards {np.degrees(found.direction):.0f} degrees from x"
+    figure.suptitle(text, fontsize=12, fontweight="bold", x=0.01, ha="left")
+    return style.save(figure, path)
+
 
 WATER, SURFACE = system.WATER, system.SURFACE
 #: Number of points along the surface of a picture.
 POINTS = 240
-#: Ratio of height to length below which both views of a system are drawn one above the other.
-LOW = 0.35
 
 
 def _with_sea(draw: Callable[..., Path]) -> Callable[..., Path]:
@@ -74,7 +157,8 @@ def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = Non
     nodes = run.positions[index]
     low, high = nodes.min(axis=0), nodes.max(axis=0)
     middle, half = 0.5 * (low + high), 0.55 * max((high - low).max(), 1.0)
-    low_and_long = run.scene is not None and np.ptp(nodes[:, 2]) < LOW * 2 * half
+    # ratio of height to length below which both views of a system are drawn one above the other
+    low_and_long = run.scene is not None and np.ptp(nodes[:, 2]) < 0.35 * 2 * half
     flat = run.scene is not None and view.planar(run.positions)
     figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
     shape = (1, 1) if flat else (2, 1) if low_and_long else (1, 2)
@@ -129,7 +213,7 @@ def response(run: Run, sea: Sea, path: str | Path, link: int | None = None) -> P
     angles = run.angles()
     index = _lively(run) if link is None else min(link, run.tension.shape[1]) - 1
     eta = _surface(sea, np.zeros((1, 3)), run.t)[:, 0]
-    turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > moving.ANGLE] or [0]
+    turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > ANGLE] or [0]
     figure = style.new_figure(9.5, 7.6)
     grid = figure.add_gridspec(3, len(turning), height_ratios=(1.0, 1.3, 1.6))
     top = figure.add_subplot(grid[0, :])
@@ -152,8 +236,8 @@ def response(run: Run, sea: Sea, path: str | Path, link: int | None = None) -> P
 
 def _lively(run: Run) -> int:
     """The link whose response is drawn."""
-    swing, tenth = moving.swing(run), min(10, run.tension.shape[1]) - 1
-    return tenth if len(run.written_lines) == 1 and swing[tenth] > moving.ANGLE else int(np.argmax(swing))
+    swings, tenth = swing(run), min(10, run.tension.shape[1]) - 1
+    return tenth if len(run.written_lines) == 1 and swings[tenth] > ANGLE else int(np.argmax(swings))
 
 
 @_with_sea

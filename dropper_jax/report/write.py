@@ -16,7 +16,7 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.series import DASHES, Curve, hides
-from dropper_jax.plots.units import force_unit
+from dropper_jax.plots.style import force_unit
 from dropper_jax.report.extremes import Gumbel
 from dropper_jax.report.record import Record, record
 from dropper_jax.report.settings import Settings

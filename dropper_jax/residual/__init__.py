@@ -1,10 +1,8 @@
 """The residual of a step: unknowns, rows, and Newton's method on them."""
 
 from dropper_jax.residual.newton import CONVERGED, damped_newton, newton, newton_until, refine
-from dropper_jax.residual.problem import GRAVITY_SCALE, CondensedParts, StepProblem, node_blocks
-from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, couples_inertia, point_masses_only
-from dropper_jax.residual.solver import Solver
-from dropper_jax.residual.unknowns import Unknowns, add
+from dropper_jax.residual.problem import GRAVITY_SCALE, CondensedParts, StepProblem, Unknowns, add, node_blocks
+from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, Solver, couples_inertia, point_masses_only
 
 __all__ = [
     "CondensedParts",

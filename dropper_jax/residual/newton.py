@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.residual.problem import StepProblem
-from dropper_jax.residual.solver import Solver
-from dropper_jax.residual.unknowns import Unknowns, add, norm
+from dropper_jax.residual.problem import StepProblem, Unknowns, add, norm
+from dropper_jax.residual.scheme import Solver
 
 Linear = Callable[[Unknowns], Unknowns]
 #: Fractions of a correction tried by the damped iteration; the residual must fall.
@@ -25,15 +24,8 @@ EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
 CONVERGED = 1e-3
 #: If many iterations are allowed they stop at this fraction of the tolerance, at rounding, to conserve energy.
 ROUNDED = 1e-5
-#: Rows within the tolerance that decrease by less than this factor are rounding.
-STALLED = 0.3
-#: Minimum number of iterations.
-FEW = 2
 #: Minimum number of corrections of a step: in float32 a guess may be within the tolerance, and a line would not move.
 LEAST = {"float32": 2}
-#: Maximum number of preconditioned corrections of a derivative solve. The condensed solver needs about as many
-#: as Newton.
-REFINEMENTS = 200
 
 
 def newton(
@@ -49,7 +41,8 @@ def newton(
     def apply_correction(u: Unknowns, rows: Unknowns) -> Unknowns:
         return add(u, solver.apply(solver.factor(problem, u, prepared), rows), -1.0)
 
-    if limit is None or iterations <= FEW:
+    # minimum number of iterations
+    if limit is None or iterations <= 2:
         u, _ = jax.lax.scan(lambda u, _: (apply_correction(u, problem.residual(u)), None), u, None, length=iterations)
         return u, norm(problem.residual(u), scale)
     enough = ROUNDED * limit
@@ -63,7 +56,8 @@ def newton(
         u = apply_correction(u, rows)
         rows = problem.residual(u)
         after = norm(rows, scale)
-        return u, rows, after, (after <= enough) | ((after <= limit) & (after > STALLED * size)), count + 1
+        # rows within the tolerance that decrease by less than this factor are rounding
+        return u, rows, after, (after <= enough) | ((after <= limit) & (after > 0.3 * size)), count + 1
 
     rows = problem.residual(u)
     # A good guess is corrected as well: its error would otherwise accumulate over the steps. Under `vmap` a loop ends
@@ -193,7 +187,9 @@ def refine(matvec: Linear, apply: Linear, b: Unknowns, column_scale: Unknowns) -
 
     def keep_iterating(carry: tuple[Any, ...]) -> jax.Array:
         _, _, change, before, size, count = carry
-        return (change > enough * size) & (count < REFINEMENTS) & ((change < before) | (count < 8))
+        # maximum number of preconditioned corrections of a derivative solve. The condensed solver needs about as many
+        # as Newton
+        return (change > enough * size) & (count < 200) & ((change < before) | (count < 8))
 
     def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         x, _, change, _, _, count = carry

@@ -1,17 +1,41 @@
-"""Interface of time integrators: supported models, and an implicit or explicit step."""
+"""Interfaces of time integrators (supported models, an implicit or explicit step) and of their linear solvers."""
 
 from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import jax
 
 from dropper_jax.base.read import read_number
 from dropper_jax.model import AddedMass, Graph, Model, State
-from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.problem import StepProblem, Unknowns
+
+Factors = TypeVar("Factors")
+Prepared = TypeVar("Prepared")
+
+
+class Solver(Protocol[Prepared, Factors]):
+    """The matrix may be approximate; Newton and derivatives are refined to the exact rows."""
+
+    name: str
+
+    def refuse(self, model: Model, integrator: Implicit) -> str | None:
+        """Why it cannot solve the model with a scheme, or None."""
+
+    def prepare(self, problem: StepProblem, u: Unknowns) -> Prepared:
+        """Data reused in the iterations of a step."""
+
+    def factor(self, problem: StepProblem, u: Unknowns, prepared: Prepared | None = None) -> Factors:
+        """The factored matrix at the unknowns."""
+
+    def apply(self, factor: Factors, rows: Unknowns) -> Unknowns:
+        """The correction for given rows."""
+
+    def apply_transposed(self, factor: Factors, rows: Unknowns) -> Unknowns:
+        """The solution with the transposed matrix."""
 
 
 @dataclasses.dataclass(frozen=True)

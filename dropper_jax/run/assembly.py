@@ -31,8 +31,7 @@ from dropper_jax.run.samples import Kind
 from dropper_jax.run.weights import floating_warnings
 from dropper_jax.stepping.adaptive import Within
 from dropper_jax.stepping.controlled import Controlled
-from dropper_jax.stepping.integrate import DRIFT_LIMIT, Trajectory
-from dropper_jax.stepping.observe import Observed, observe
+from dropper_jax.stepping.integrate import DRIFT_LIMIT, Observed, Trajectory, observe
 from dropper_jax.stepping.stepper import TOO_FAR, Stepper
 
 

@@ -19,12 +19,11 @@ from dropper_jax.run.growth import overgrown
 from dropper_jax.run.start import initial_state
 from dropper_jax.run.wakes import with_wakes
 from dropper_jax.scene import RunSpec
-from dropper_jax.statics.linear import Linearised, linearised_about
+from dropper_jax.statics.modes import Linearised, linearised_about
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium as model_equilibrium
 from dropper_jax.statics.static_pose import nodal_loads
-from dropper_jax.stepping.choose import make_stepper
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.stepping.stepper import Stepper, make_stepper
 
 #: Minimum error tolerance in units of rounding.
 TOLERANCE_ROUNDING = 100.0
@@ -114,7 +113,7 @@ def linearised(scene: SceneLike) -> Linearised:
     """Small motions of a scene about its equilibrium: M, C, K, and the effect of moving ends on the tensions.
 
     Raises:
-        SceneError: no equilibrium, or a scene that is not smooth there (see `statics.linear`).
+        SceneError: no equilibrium, or a scene that is not smooth there (see `statics.modes`).
     """
     scene = load_scene(scene)
     model = build_model(scene)

@@ -24,8 +24,7 @@ from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.model import Model, Parted, State, state
 from dropper_jax.model.geometry import Member
 from dropper_jax.statics.modes import natural_periods
-from dropper_jax.stepping.integrate import Trajectory
-from dropper_jax.stepping.observe import observe
+from dropper_jax.stepping.integrate import Trajectory, observe
 
 #: Slope of the S-N curve in `fatigue`; 3 is usual for ropes and chains (DNV-OS-E301).
 SLOPE = 3.0

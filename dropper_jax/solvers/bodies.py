@@ -21,10 +21,8 @@ from jax.scipy.linalg import lu_factor, lu_solve
 from dropper_jax.base.scatter import scatter_add, scatter_add_many
 from dropper_jax.model import Graph, HolonomicConstraint
 from dropper_jax.residual import StepProblem, Unknowns
-from dropper_jax.solvers.blocks import optimization_barrier
-from dropper_jax.solvers.pieces import Coupling
-from dropper_jax.solvers.saddle import LinkParts, Saddle
-from dropper_jax.solvers.stretching import Stretching
+from dropper_jax.solvers.elimination import optimization_barrier
+from dropper_jax.solvers.saddle import Coupling, LinkParts, Saddle, Stretching
 
 #: Unknowns of a body: positions of its corners, multipliers of its edges, and of its pin.
 BODY_COORDINATES, EDGES, PIN = 12, 6, 3

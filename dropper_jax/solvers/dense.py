@@ -13,8 +13,6 @@ from dropper_jax.model import Model
 from dropper_jax.residual import Implicit, StepProblem, Unknowns
 
 LU = tuple[jax.Array, jax.Array]
-#: Diagonal added for laws, far below their unknowns and rows, which have the same size.
-SHARING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,8 @@ class Dense:
 def _sharing(u: Unknowns) -> jax.Array:
     """A small diagonal on the unknowns of laws, which are undetermined if several joints stick; Newton still converges
     to one of the solutions."""
-    mark = Unknowns(jnp.zeros_like(u.x), jnp.zeros_like(u.y), tuple(jnp.full_like(z, SHARING) for z in u.z))
+    # diagonal added for laws, far below their unknowns and rows, which have the same size
+    mark = Unknowns(jnp.zeros_like(u.x), jnp.zeros_like(u.y), tuple(jnp.full_like(z, 1e-9) for z in u.z))
     return jnp.diag(ravel_pytree(mark)[0])
 
 

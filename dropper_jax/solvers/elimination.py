@@ -1,4 +1,4 @@
-"""Sparse systems of small blocks, solved by rounds of nodes that are not neighbours (see `order`).
+"""Sparse systems of small blocks, solved by rounds of nodes that are not neighbours.
 
 With D the blocks of the nodes of a round, L their rows for their neighbours and U the rows of the neighbours for them,
 
@@ -7,18 +7,220 @@ With D the blocks of the nodes of a round, L their rows for their neighbours and
 The operations are gathers by static tables and elementwise products, without library calls or scatters, so a loop
 around them can be one kernel. A longline of 99 nodes takes 23 us, compared with 174 us for padded lines and a dense
 matrix of their points. There is no pivoting between blocks: the method is for matrices like inertia plus stiffness.
+
+Elimination order of nodes that are coupled as a graph, in rounds of nodes that are not neighbours.
+
+A chain of m nodes takes log2(m) rounds (every other node, which is cyclic reduction), and lines that hang on a line are
+eliminated in the same rounds: a longline of 99 nodes takes 7 rounds, one of 234 takes 10.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.solvers.blocks import inverse, multiply, optimization_barrier
-from dropper_jax.solvers.order import Order, Round
+Pair = tuple[int, int]
+#: Maximum number of neighbours of nodes in one round if second neighbours are coupled, as by bending. A chain of 200
+#: then
+#: takes 15 rounds; 69 with 4, and 101 with 2, which eliminate it from its ends.
+WIDER = 5
+
+
+@dataclass(frozen=True)
+class Round:
+    """Nodes eliminated at once, and indices of their blocks and those of the others: static tables.
+
+    Blocks are in one array: `width` diagonal blocks of these nodes, their rows for up to `degree` neighbours (degree,
+    width), the rows of the neighbours for them (degree, width), then all other blocks. Right sides: these nodes, then
+    the others. An index one past the end is a block or row of zeros.
+
+    Attributes:
+        nodes: their indices (width,).
+        degree: maximum number of neighbours.
+        neighbours: of each (degree, width), as indices of the right sides of the next round.
+        keep: index of each block of the next round.
+        change: products that are subtracted from these blocks, (most, blocks), as indices of (degree, degree, width).
+        change_rows: the same for right sides, (most, rows), as indices of (degree, width).
+    """
+
+    nodes: np.ndarray
+    degree: int
+    neighbours: np.ndarray
+    keep: np.ndarray
+    change: np.ndarray
+    change_rows: np.ndarray
+
+    @property
+    def width(self) -> int:
+        return len(self.nodes)
+
+
+@dataclass(frozen=True)
+class Order:
+    """The rounds; `slot` contains the source of each block (row, column), (most, blocks), see `Round`.
+
+    `nodes` lists all nodes in the order of the rounds, `position` is the index of each in this list.
+    """
+
+    rounds: tuple[Round, ...]
+    slot: np.ndarray
+    nodes: np.ndarray
+    position: np.ndarray
+
+
+def elimination_order(
+    count: int, blocks: list[Pair], after: dict[int, Iterable[int]] | None = None, most: int = 2
+) -> Order:
+    """The order for `count` nodes whose matrix is the sum of `blocks`, listed by (row, column).
+
+    Args:
+        blocks: several may have the same position; a row or column index >= count is not a node and is left out.
+        after: for some nodes, those that must be eliminated before them.
+        most: maximum number of neighbours of a node that is eliminated together with others of fewer neighbours.
+    """
+    kept = {pair for pair in blocks if max(pair) < count}
+    taken = _rounds(count, kept, after or {}, most)
+    lists = [_list_blocks(neighbours, degree) for neighbours, degree in taken]
+    present = kept | {(i, i) for i in range(count)}
+    following: list[list[Pair | None]] = []
+    rests = []
+    for (neighbours, _), listed in zip(taken, lists, strict=True):
+        eliminated = set(neighbours)
+        rest = {pair for pair in present if eliminated.isdisjoint(pair)}
+        following.append(listed + sorted(rest))
+        rests.append(rest | {(a, b) for near in neighbours.values() for a in near for b in near})
+        present = rests[-1]
+    rounds = []
+    nodes = [i for neighbours, _ in taken for i in neighbours]
+    done = 0
+    for k, (neighbours, degree) in enumerate(taken):
+        done += len(neighbours)
+        then = following[k + 1] if k + 1 < len(taken) else []
+        rounds.append(_round(neighbours, degree, following[k], then, nodes[done:]))
+    position = np.empty(count, int)
+    position[nodes] = np.arange(count)
+    where: dict[Pair, list[int]] = {}
+    for number, pair in enumerate(blocks):
+        where.setdefault(pair, []).append(number)
+    slot = _table([where.get(pair, []) if pair else [] for pair in (following[0] if taken else [])], len(blocks))
+    return Order(tuple(rounds), slot, np.array(nodes, int), position)
+
+
+def _rounds(
+    count: int, pairs: set[Pair], after: dict[int, Iterable[int]], few: int
+) -> list[tuple[dict[int, list[int]], int]]:
+    """Nodes of each round with their neighbours, and the maximum number of neighbours."""
+    near: list[set[int]] = [set() for _ in range(count)]
+    for a, b in pairs:
+        if a != b:
+            near[a].add(b)
+            near[b].add(a)
+    waiting = {i: set(others) for i, others in after.items()}
+    left, rounds = list(range(count)), []
+    while left:
+        ready = [i for i in left if not waiting.get(i)]
+        # two neighbours do not add blocks; more neighbours add new blocks and are used only if nothing else remains
+        most = max(few, min(len(near[i]) for i in ready))
+        found: dict[int, list[int]] = {}
+        beside: set[int] = set()
+        for i in sorted(ready, key=lambda i: max(few, len(near[i]))):
+            if len(near[i]) <= most and i not in beside:
+                found[i] = sorted(near[i])
+                beside |= near[i]
+        for i, others in found.items():
+            for a in others:
+                near[a] |= near[i]
+                near[a] -= {a, i}
+        for others in waiting.values():
+            others.difference_update(found)
+        left = [i for i in left if i not in found]
+        rounds.append((found, max(len(others) for others in found.values())))
+    return rounds
+
+
+def _list_blocks(neighbours: dict[int, list[int]], degree: int) -> list[Pair | None]:
+    """The blocks of the nodes of a round in the order of `Round`; None if a node has fewer neighbours."""
+    slots = [(i, others[c] if c < len(others) else None) for c in range(degree) for i, others in neighbours.items()]
+    rows = [None if a is None else (i, a) for i, a in slots]
+    columns = [None if a is None else (a, i) for i, a in slots]
+    return [*((i, i) for i in neighbours), *rows, *columns]
+
+
+def _round(
+    neighbours: dict[int, list[int]], degree: int, now: list[Pair | None], then: list[Pair | None], later: list[int]
+) -> Round:
+    width = len(neighbours)
+    slot_of = {pair: number for number, pair in enumerate(now) if pair}
+    products: dict[Pair, list[int]] = {}
+    rows: dict[int, list[int]] = {}
+    number = {node: at for at, node in enumerate(later)}
+    ends = np.full((degree, width), len(later))
+    for k, others in enumerate(neighbours.values()):
+        for c, a in enumerate(others):
+            ends[c, k] = number[a]
+            rows.setdefault(a, []).append(c * width + k)
+            for d, b in enumerate(others):
+                products.setdefault((a, b), []).append((c * degree + d) * width + k)
+    return Round(
+        nodes=np.array(list(neighbours), int),
+        degree=degree,
+        neighbours=ends,
+        keep=np.array([slot_of.get(pair, len(now)) if pair else len(now) for pair in then], int),
+        change=_table([products.get(pair, []) if pair else [] for pair in then], degree * degree * width),
+        change_rows=_table([rows.get(node, []) for node in later], degree * width),
+    )
+
+
+def _table(lists: list[list[int]], none: int) -> np.ndarray:
+    """Lists of unequal length as columns (most, lists), filled with `none`."""
+    table = np.full((max(map(len, lists), default=0), len(lists)), none)
+    for column, numbers in zip(table.T, lists, strict=True):
+        column[: len(numbers)] = numbers
+    return table
+
+
+Tree = TypeVar("Tree")
+
+
+def optimization_barrier(tree: Tree) -> Tree:
+    """The same arrays, computed once: a loop without iterations, into which the compiler does not fuse.
+
+    Without it each block is recomputed for each element that reads it: a correction of a longline of 99 nodes takes 285
+    us without and 132 us with it. (XLA's CPU compiler removes its optimization barriers before fusion.)
+    """
+    first = jax.tree.leaves(tree)[0]
+    # true only for a NaN matrix, whose result is NaN anyway; not known at compile time
+    never = jnp.isnan(jnp.ravel(first)[0]) if first.size else jnp.zeros((), bool)
+    changed = lambda c: (jnp.zeros((), bool), jax.tree.map(jnp.negative, c[1]))  # noqa: E731
+    return jax.lax.while_loop(lambda c: c[0], changed, (never, tree))[1]
+
+
+def multiply(a: jax.Array, b: jax.Array) -> jax.Array:
+    """Products of blocks (..., k, k) with columns (..., k, c) as one fused reduction: 8 against 60 us in a solve of 11
+    rows with a library product.
+    """
+    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
+
+
+def inverse(m: jax.Array) -> jax.Array:
+    """Inverses of blocks (..., k, k), row by row without pivoting: inertia and stiffness first, a constraint last.
+
+    Cofactors are not used, since they lose twice as many
+    digits. A chain of links 1e6 times as stiff as inertia is solved to 4e-6
+    (LAPACK's inverses: 4e-6; cofactors: 7e-3).
+    """
+    k = m.shape[-1]
+    wide = jnp.concatenate([m, jnp.broadcast_to(jnp.eye(k, dtype=m.dtype), m.shape)], axis=-1)
+    rows = [wide[..., i, :] for i in range(k)]
+    for i in range(k):
+        rows[i] = rows[i] / rows[i][..., i, None]
+        rows = [row if j == i else row - row[..., i, None] * rows[i] for j, row in enumerate(rows)]
+    return jnp.stack(rows, axis=-2)[..., k:]
 
 
 class Eliminated(NamedTuple):

@@ -18,12 +18,9 @@ import jax.numpy as jnp
 
 from dropper_jax.model import ElementForce, Graph, Model
 from dropper_jax.residual import Implicit, StepProblem, Unknowns, node_blocks
-from dropper_jax.solvers.blocks import multiply, optimization_barrier
 from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
-from dropper_jax.solvers.elimination import apply
-from dropper_jax.solvers.pieces import coupling
-from dropper_jax.solvers.saddle import LinkParts, Saddle
-from dropper_jax.solvers.stretching import Stretching
+from dropper_jax.solvers.elimination import apply, multiply, optimization_barrier
+from dropper_jax.solvers.saddle import LinkParts, Saddle, Stretching, coupling
 
 #: Compliance of the friction of a sticking node relative to its inertia.
 SOFT = 1e-8

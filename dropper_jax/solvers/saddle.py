@@ -1,4 +1,4 @@
-"""Elimination of a system of lines with inextensible links: tensions remain unknowns in addition to positions.
+"""Elimination of a system of lines: with elastic links tensions first, with inextensible links tensions and positions.
 
     A x + D'(G D x + p y) = r_x,    g . D x + c y = r_y        (c = 0 of rigid links; D takes differences over links)
 
@@ -16,16 +16,106 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.model import Graph
-from dropper_jax.solvers.blocks import optimization_barrier
-from dropper_jax.solvers.elimination import Elimination, eliminate, solve
-from dropper_jax.solvers.order import WIDER, Order, Pair, elimination_order
-from dropper_jax.solvers.pieces import Coupling
+from dropper_jax.base.scatter import scatter_add_many
+from dropper_jax.model import ElementForce, Graph, at_pieces
+from dropper_jax.residual import StepProblem, Unknowns
+from dropper_jax.solvers.elimination import (
+    WIDER,
+    Elimination,
+    Order,
+    Pair,
+    eliminate,
+    elimination_order,
+    optimization_barrier,
+    solve,
+)
 
-#: Compliance of the last link of a line, relative to that of its points. It has an effect only for a straight line
-#: between
-#: fixed points, which cannot move.
-CLOSING = 1e-10
+
+class Coupling(NamedTuple):
+    """Blocks (k, 3, 3) of the rows of one node by the unknowns of another, and their (row, column)."""
+
+    pairs: tuple[Pair, ...]
+    blocks: jax.Array
+
+
+def coupling(problem: StepProblem, u: Unknowns) -> Coupling | None:
+    """Exact, from three directions of forward mode for each node of an element; None without elements."""
+    found = [_of(problem, u, effect) for effect in problem.pieces]
+    if not found:
+        return None
+    return Coupling(sum((c.pairs for c in found), ()), jnp.concatenate([c.blocks for c in found]))
+
+
+def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
+    model, k = problem.model, problem.instant(u.x)
+    graph, nodes = model.geometry, effect.piece_nodes(model)
+
+    def where(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        at = problem.instant(x)
+        return at.r, at.v
+
+    follows = jax.jvp(where, (u.x,), (jnp.ones_like(u.x),))[
+        1
+    ]  # derivatives of positions and velocities by the unknowns
+    (r, v), (turn_r, turn_v) = at_pieces(k, nodes), (graph.everywhere(part, None)[nodes] for part in follows)
+
+    def rows(x: jax.Array) -> jax.Array:
+        return -effect.piece_force(k, r + turn_r * x, v + turn_v * x)
+
+    each = nodes.shape[1]
+    unit = jnp.eye(3 * each, dtype=r.dtype).reshape(-1, 1, each, 3)
+    zero = jnp.zeros_like(r)
+    columns = jax.vmap(lambda e: jax.jvp(rows, (zero,), (jnp.broadcast_to(e, r.shape),))[1], out_axes=-1)(unit)
+    blocks = jnp.moveaxis(columns.reshape(len(nodes), each, 3, each, 3), 3, 2).reshape(-1, 3, 3)
+    return _sum_blocks(nodes, blocks, graph.free)
+
+
+def _sum_blocks(nodes: np.ndarray, blocks: jax.Array, free: int) -> Coupling:
+    """Sum of blocks of the same two nodes; those of fixed points are left out."""
+    each = nodes.shape[1]
+    row = np.broadcast_to(nodes[:, :, None], (len(nodes), each, each)).ravel()
+    column = np.broadcast_to(nodes[:, None, :], (len(nodes), each, each)).ravel()
+    kept = np.flatnonzero((row < free) & (column < free))
+    codes, where = np.unique(row[kept] * free + column[kept], return_inverse=True)
+    pairs = tuple(zip((codes // free).tolist(), (codes % free).tolist(), strict=True))
+    return Coupling(pairs, scatter_add_many(where, blocks[kept], len(codes)))
+
+
+class Stretching(NamedTuple):
+    """The factored matrix for elastic links only: tensions are eliminated first."""
+
+    graph: Graph
+    links: LinkParts
+    nodes: Elimination
+
+    @classmethod
+    def of(cls, graph: Graph, node: jax.Array, links: LinkParts, between: Coupling | None = None) -> Stretching:
+        """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
+        ratio = links.force / links.compliance[:, None]
+        stiffness = links.turn - ratio[..., None] * links.gradient[:, None, :]
+        diagonal = node + graph.from_first(stiffness) + graph.from_last(stiffness)
+        blocks = jnp.concatenate([diagonal, -stiffness, -stiffness])
+        if between is None:
+            return cls(graph, links, eliminate(_node_order(graph), blocks))
+        blocks = jnp.concatenate([blocks, optimization_barrier(between.blocks)])
+        return cls(graph, links, eliminate(_node_order(graph, between.pairs), blocks))
+
+    def transpose(self) -> Stretching:
+        return self._replace(links=self.links.transpose(), nodes=self.nodes.transpose())
+
+    def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Displacements (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
+        graph, (_, link_force, gradient, compliance) = self.graph, self.links
+        x = solve(self.nodes, force + graph.gather((stretch / compliance)[:, None] * link_force))
+        return x, (stretch - jnp.sum(gradient * graph.differences(x, None), axis=-1)) / compliance
+
+
+@lru_cache(maxsize=64)
+def _node_order(graph: Graph, between: tuple[Pair, ...] = ()) -> Order:
+    """The order for the blocks of the free nodes, of links from first to last node, and from last to first."""
+    own, first, last = range(graph.free), graph.first.tolist(), graph.last.tolist()
+    pairs = [*zip(own, own, strict=True), *zip(first, last, strict=True), *zip(last, first, strict=True)]
+    return elimination_order(graph.free, [*pairs, *between], most=WIDER if between else 2)
 
 
 class LinkParts(NamedTuple):
@@ -58,10 +148,12 @@ class Saddle(NamedTuple):
         points = len(graph.free_points)
         point = jnp.zeros((points, 3), node.dtype)
         unit = jnp.broadcast_to(jnp.eye(3, dtype=node.dtype), last.turn.shape)
+        # compliance of the last link of a line, relative to that of its points. It has an effect only for a straight
+        # line between fixed points, which cannot move
         values = [
             _block(diagonal[: graph.inner], before.force, before.gradient, before.compliance),
             _block(diagonal[graph.inner :], point, point, jnp.ones((points,), node.dtype)),
-            _block(unit, bare, bare, last.compliance - CLOSING / size),
+            _block(unit, bare, bare, last.compliance - 1e-10 / size),
             _block(-before.turn, none, -before.gradient, nothing),
             _block(-before.turn, -before.force, none, nothing),
             *(_block(-last.turn, bare, bare, zero),) * 2,

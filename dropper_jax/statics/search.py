@@ -20,22 +20,17 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Effect, Ends, Graph, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.catenary import catenary_guess, hang
-from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance
-from dropper_jax.statics.stability import escape, stable
-from dropper_jax.statics.static_friction import with_static_seabed_friction
+from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance, with_static_seabed_friction
 from dropper_jax.statics.system import (
     ROUNDS,
     describe_unbalance,
+    escape,
     find_rest,
     find_softened,
     guess,
     springy,
+    stable,
 )
-
-#: Minimum load increment (fraction of the loads) of the continuation.
-SMALLEST_INCREMENT = 1.0 / 1024
-#: Corrections of the descent from an unstable equilibrium.
-FALL_STEPS = 80
 
 
 @partial(
@@ -120,7 +115,8 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
 def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[State, float]:
     """The equilibrium reached by descent from `s`, next to one with a (negative) stiffness [N/m]."""
     drag = jnp.asarray(4.0 * abs(stiffness), model.dtype)
-    fallen, _ = polish(model, s, loads, drag, iterations=FALL_STEPS, damped=False)
+    # corrections of the descent from an unstable equilibrium
+    fallen, _ = polish(model, s, loads, drag, iterations=80, damped=False)
     return solve_statics(model, fallen, loads)
 
 
@@ -181,7 +177,8 @@ def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, f
     if not np.any(np.asarray(loads)):
         return s, residual, 1.0
     share, increment = 0.0, 0.125
-    while residual <= system_tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
+    # minimum load increment (fraction of the loads) of the continuation
+    while residual <= system_tolerance(model) and share < 1.0 and increment >= (1.0 / 1024):
         step = min(increment, 1.0 - share)
         trial, trial_residual = solve_statics(model, s, (share + step) * loads)
         if trial_residual <= system_tolerance(model) and _on_same_branch(s.r, trial.r, model):

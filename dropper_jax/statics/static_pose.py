@@ -21,18 +21,20 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.scatter import scatter_add
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
-from dropper_jax.residual.unknowns import norm
+from dropper_jax.residual.problem import norm
 from dropper_jax.statics.bodies import moves_of
-from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
+from dropper_jax.statics.rest_problem import (
+    SMALLEST,
+    RestProblem,
+    rest,
+    rest_tolerance,
+    soft_scale,
+    system_tolerance,
+    with_static_seabed_friction,
+)
 from dropper_jax.statics.search import Equilibrium, outward, search
-from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import descend, unbalance
 from dropper_jax.statics.tangent import Linear, solve_linear
-
-#: Maximum number of corrections.
-CORRECTIONS = 100
-#: Number of corrections of rigid lines.
-RIGID = 12
 
 
 def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
@@ -134,7 +136,8 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
         return ravel_pytree(problem.residual(unravel(x)))[0]
 
     def find(rows: Linear, x: jax.Array) -> jax.Array:
-        return jax.lax.fori_loop(0, RIGID, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y)), x)
+        # number of corrections of rigid lines
+        return jax.lax.fori_loop(0, 12, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y)), x)
 
     def tangent(linear: Linear, b: jax.Array) -> jax.Array:
         return jnp.linalg.solve(jax.jacfwd(linear)(jnp.zeros_like(b)), b)
@@ -152,7 +155,8 @@ def equilibrium_near(model: Model, near: State, loads: jax.Array, there: bool = 
     if not there:
         held, acting = jax.lax.stop_gradient((model, loads))
         tolerance, soft = rest_tolerance(held), SMALLEST * soft_scale(held)
-        found, size = descend(held, near, acting, tolerance, soft, CORRECTIONS)
+        # maximum number of corrections
+        found, size = descend(held, near, acting, tolerance, soft, 100)
         near = replace(near, r=jnp.where(size <= tolerance, found.r, jnp.nan))
     moves, near = moves_of(model), replace(near, t=t)
     rows = partial(moves.rows, near, loads)

@@ -1,4 +1,4 @@
-"""Statics of a system of lines: damped Newton descent from an approximate guess to the stable equilibrium.
+"""Statics of a system of lines: damped Newton descent from an approximate guess, and the path away from unstable poses.
 
     (K + kappa) dx = F(r),    r <- r + a dx
 
@@ -10,6 +10,7 @@ increases after shortened ones: descent far from equilibrium, Newton near it. De
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -22,24 +23,104 @@ from dropper_jax.axial import AxialLaw
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
+from dropper_jax.solvers.dense import residual_matrix
 from dropper_jax.statics.bodies import BodyMoves, moves_of
 from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, balanced, force_scale, name_of, soft_scale
-from dropper_jax.statics.tangent import NodeMoves
+from dropper_jax.statics.tangent import NodeMoves, stiffness_matrix
+
+#: Maximum number of free nodes for the stability check, the negative stiffness (over the weight of a link per its
+#: length)
+#: that is rounding, and the first displacement from an unstable equilibrium, in lengths of a link.
+FEW, ROUNDING, NUDGE = 200, 1e-6, 0.1
+
+
+@cached_jit(brief=True)
+def stiffness_and_motions(model: Model, s: State) -> tuple[jax.Array, jax.Array]:
+    """K (k, k) [N/m] of the motions (3 free, k) of lines that stretch and of rigid bodies, and these motions."""
+    moves, loads = moves_of(model), jnp.zeros_like(s.r)
+    motions = jax.jacfwd(lambda x: moves.move_pose(s, loads, x).r)(moves.none)
+    return moves.tangent.dense(stiffness_matrix(moves, s, loads)), motions.reshape(s.r.size, -1)
+
+
+def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray]:
+    """The stiffness on the host, also with rigid links: that of motions which keep their lengths.
+
+    Of rows `f(x, T)` and lengths `y(x, T)`: T of a link that stretches follows from x, the others' y must not change.
+    """
+    from scipy.linalg import null_space  # noqa: PLC0415
+
+    if model.line.axial.elastic:
+        return tuple(np.asarray(part) for part in stiffness_and_motions(model, s))
+    matrix, size = np.asarray(_rows_by_unknowns(model, s)), s.r.size
+    soft = np.diag(matrix)[size:] != 0.0
+    force, lengths = matrix[:size, size:][:, soft], matrix[size:, :size]
+    compliance = np.diag(matrix)[size:][soft, None]
+    motions = null_space(lengths[~soft])
+    return motions.T @ (matrix[:size, :size] - force @ (lengths[soft] / compliance)) @ motions, motions
+
+
+@cached_jit(brief=True)
+def _rows_by_unknowns(model: Model, s: State) -> jax.Array:
+    problem = RestProblem(model, s, jnp.zeros_like(s.r))
+    return residual_matrix(problem, Unknowns(jnp.zeros_like(s.r), s.tension))
+
+
+def stable(model: Model, s: State) -> bool:
+    """Whether no displacement that keeps the lengths of rigid links reduces the energy to second order.
+
+    Smallest eigenvalue of the stiffness on the null space of the constraints (minimum real part if drag makes it
+    unsymmetric: every slow motion returns), relative to the mean weight of a link per length. A line with all links in
+    tension under dead loads is stable. Systems of more than `FEW` nodes are not checked.
+    """
+    if model.constant_force and np.all(np.asarray(s.tension) > 0.0) or model.free_nodes > FEW:
+        return True
+    scale = float(force_scale(model, np)) / np.mean(np.asarray(model.line.length))
+    return softest(model, s)[0] > -ROUNDING * scale
+
+
+def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
+    """Minimum stiffness [N/m] of an equilibrium and its displacement (free nodes, 3), maximum 1."""
+    k, motions = stiffness_of_motions(model, s)
+    if not k.size:
+        return np.inf, np.zeros(s.r.shape)
+    values, vectors = np.linalg.eigh(0.5 * (k + k.T))
+    # difference of a stiffness from its transpose, over its maximum entry, above which it has no energy
+    if values[0] < 0.0 and np.max(np.abs(k - k.T)) > 1e-8 * np.max(np.abs(k)):
+        # drag turns with the links: a cycle of displacements may gain or lose energy
+        values, vectors = np.linalg.eig(k)
+        values, vectors = values.real, vectors.real
+    least = int(np.argmin(values))
+    way = (motions @ vectors[:, least]).reshape(s.r.shape)
+    return float(values[least]), way / np.max(np.abs(way))
+
+
+def escape(
+    model: Model, s: State, residual: float, tolerance: float, find: Callable[[State, float], tuple[State, float]]
+) -> tuple[State, float]:
+    """From an unstable equilibrium to a stable one near it, if there is one; else the same equilibrium with its
+    residual.
+
+    Examples are an upright rod, and a rope along a current, which drifts sideways after any small disturbance.
+
+    Args:
+        find: returns the equilibrium and its residual from a start to either side along the softest displacement; it
+            gets the stiffness [N/m] of this displacement.
+    """
+    if stable(model, s):
+        return s, residual
+    stiffness, side = softest(model, s)
+    nudge = NUDGE * float(np.mean(np.asarray(model.line.length))) * side
+    for start in (s.r + nudge, s.r - nudge):
+        found, size = find(state(model, start, tension=s.tension, t=s.t), stiffness)
+        if size <= tolerance and stable(model, found):
+            return found, size
+    return s, residual
+
 
 #: Maximum number of iterations.
 ROUNDS = 1000
-#: Maximum number of iterations without an improvement over the guess.
-HOPELESS = 500
-#: Maximum displacement of a node in one iteration, in mean link lengths.
-REACH = 1.0
-#: Minimum fraction of a correction that is tried.
-LEAST_SHARE = 2.0**-13
 #: Minimum kappa after a shortened correction, over the weight of a link per its length.
 FIRST = 1e-2
-#: Maximum opposing force along a correction, relative to its initial value.
-OVERSHOOT = 0.5
-#: Fractions of the axial stiffness in the continuation to a stiff system.
-SOFTENING = (1e-5, 1e-3, 1e-1, 1.0)
 #: Stretch of the springs that replace rigid links.
 GIVE = 1e-4
 #: Factors on kappa after a full, a good and a short step.
@@ -50,17 +131,20 @@ def correct_pose(
     moves: NodeMoves | BodyMoves, s: State, loads: jax.Array, kappa: jax.Array
 ) -> tuple[State, jax.Array, jax.Array]:
     """One correction of the configuration s: the next one, its maximum unbalanced force [N], and the next kappa."""
-    soft, reach = soft_scale(moves.model), REACH * jnp.mean(moves.model.line.length)
+    # maximum displacement of a node in one iteration, in mean link lengths
+    soft, reach = soft_scale(moves.model), 1.0 * jnp.mean(moves.model.line.length)
     rows_at = partial(moves.rows, s, loads)
     rows, linear = jax.linearize(rows_at, moves.none)
     dx = -moves.tangent.apply(moves.tangent.factor(linear, kappa, rows), rows)
     farthest = jnp.max(jnp.sum(dx.reshape(-1, 3) ** 2, axis=1), initial=0.0)
     dx = dx * jnp.minimum(1.0, reach / jnp.sqrt(jnp.maximum(farthest, 1e-300)))
-    allowed = OVERSHOOT * jnp.sum(rows * dx)
+    # maximum opposing force along a correction, relative to its initial value
+    allowed = 0.5 * jnp.sum(rows * dx)
 
     def overshoots(trial: tuple[jax.Array, ...]) -> jax.Array:
         share, along, _ = trial
-        return ~(along >= allowed) & (share > LEAST_SHARE)
+        # minimum fraction of a correction that is tried
+        return ~(along >= allowed) & (share > (2.0**-13))
 
     def shorter(trial: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         share = 0.5 * trial[0]
@@ -116,7 +200,8 @@ def descend(
 
     def unfinished(carry: tuple[Any, ...]) -> jax.Array:
         _, size, _, reached, count, (_, least) = carry
-        hopeless = (count > HOPELESS) & ~(least < first)
+        # maximum number of iterations without an improvement over the guess
+        hopeless = (count > 500) & ~(least < first)
         return (reached < 2) & (count < rounds) & (jnp.isfinite(size) | (count == 0)) & ~hopeless
 
     def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -145,7 +230,8 @@ def find_softened(model: Model, s: State, loads: jax.Array, tolerance: float) ->
     continuation.
     """
     residual = np.inf
-    for share in SOFTENING:
+    # fractions of the axial stiffness in the continuation to a stiff system
+    for share in (1e-5, 1e-3, 1e-1, 1.0):
         s, residual = find_rest(with_axial(model, model.line.axial.soften(share)), s, loads, tolerance)
     return s, residual
 

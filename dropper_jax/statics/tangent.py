@@ -24,8 +24,7 @@ from jax.scipy.linalg import lu_factor, lu_solve
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Geometry, Graph, Model, State, state
 from dropper_jax.solvers.dense import LU
-from dropper_jax.solvers.elimination import Elimination, eliminate, solve
-from dropper_jax.solvers.order import Order, elimination_order
+from dropper_jax.solvers.elimination import Elimination, Order, eliminate, elimination_order, solve
 from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale, unbalanced_at
 
 if TYPE_CHECKING:
@@ -36,10 +35,6 @@ Linear = Callable[[jax.Array], jax.Array]
 #: Maximum number of corrections of a linear solve, and the remaining fraction of the right side above which the system
 #: has no solution.
 REFINEMENTS, LEFT = 20, 1e-7
-#: Stiffness, over the weight of a link per its length, below which a motion counts as free.
-FREE = 1e-7
-#: Number of inverse iterations for the softest motion; of several soft ones any may result.
-INVERSE_ITERATIONS = 12
 
 
 class Pattern(NamedTuple):
@@ -232,7 +227,8 @@ def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.
     matrix = stiffness(model, s, loads)
     factor = splu((matrix + kappa * eye_array(matrix.shape[0])).tocsc())
     x = np.random.default_rng(0).normal(size=matrix.shape[0])
-    for _ in range(INVERSE_ITERATIONS):
+    # number of inverse iterations for the softest motion; of several soft ones any may result
+    for _ in range(12):
         x = factor.solve(x / np.linalg.norm(x))
     x /= np.linalg.norm(x)
     way = x.reshape(-1, 3)
@@ -245,7 +241,8 @@ def free_motion(model: Model, s: State, loads: jax.Array) -> str:
     if model.constraints or not model.line.axial.elastic:
         return ""
     least, way = softest_motion(model, s, loads)
-    if least > FREE * float(soft_scale(model)):
+    # stiffness, over the weight of a link per its length, below which a motion counts as free
+    if least > 1e-7 * float(soft_scale(model)):
         return ""
     node = int(np.argmax(np.max(np.abs(way), axis=1)))
     along = ", ".join(f"{x:.2f}" for x in way[node])

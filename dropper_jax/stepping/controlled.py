@@ -21,8 +21,15 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.integrators.projected import Knot, ProjectedRungeKutta, at_knot, time_just_after
-from dropper_jax.integrators.reduced import moving, on_links
+from dropper_jax.integrators.projected import (
+    Knot,
+    ProjectedRungeKutta,
+    at_knot,
+    moving,
+    on_links,
+    state_between,
+    time_just_after,
+)
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.integrate import Trajectory, begin
 from dropper_jax.stepping.stepper import Stepper
@@ -31,8 +38,6 @@ SAFETY, NOW, BEFORE = 0.9, 0.7, 0.4
 SLOWER, FASTER, REFUSED = 0.2, 6.0, 0.1
 #: Bounds of the relative error of a step in the choice of the next step; the upper one is used for NaN.
 LEAST, MOST = 1e-4, 1e10
-#: First step over `(L/a)^(1/2) tolerance^(1/q)`: short enough for interpolation with two knots.
-FIRST = 0.1
 
 
 class Controlled(NamedTuple):
@@ -127,7 +132,7 @@ def advance_controlled(
 
     def write(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
         carry, rows = both
-        here = _between(model, carry.knots, carry.known, time(carry)), carry.now.t - carry.knots[-2].t
+        here = state_between(model, carry.knots, carry.known, time(carry)), carry.now.t - carry.knots[-2].t
         rows = tuple(
             jax.lax.dynamic_update_index_in_dim(a, x.astype(a.dtype), carry.saved - first, axis=0)
             for a, x in zip(rows, here, strict=True)
@@ -226,7 +231,8 @@ def _turn_corner(stepper: Stepper, model: Model, carry: Controlled, tolerance: j
 def _first_step(scheme: ProjectedRungeKutta, model: Model, now: Knot, tolerance: jax.Array) -> jax.Array:
     a = now.rate[3 * model.free_nodes : 6 * model.free_nodes]
     size = jnp.sqrt(jnp.min(model.line.length) / jnp.maximum(jnp.max(jnp.abs(a)), GRAVITY))
-    return jax.lax.stop_gradient(FIRST * tolerance ** (1.0 / scheme.order) * size)
+    # first step over `(L/a)^(1/2) tolerance^(1/q)`: short enough for interpolation with two knots
+    return jax.lax.stop_gradient(0.1 * tolerance ** (1.0 / scheme.order) * size)
 
 
 def _longest(model: Model) -> jax.Array:
@@ -247,56 +253,6 @@ def _to_corner(model: Model, t: jax.Array, h: jax.Array) -> tuple[jax.Array, jax
     gap = _next_corner(model, t) - t
     landing = gap <= 1.01 * h
     return jnp.where(landing, gap, jnp.where(gap < 2.0 * h, 0.5 * jax.lax.stop_gradient(gap), h)), landing
-
-
-def _between(model: Model, knots: tuple[Knot, ...], known: jax.Array, t: jax.Array) -> jax.Array:
-    """y at a time t between the last two knots."""
-    size = 3 * model.free_nodes
-    unit = knots[-1].t - knots[-2].t
-    times = jnp.stack([(knot.t - knots[-1].t) / unit for knot in knots])
-    x = (t - knots[-1].t) / unit
-    (position, speed), (work, _) = (_weights(times, x, known, n) for n in (3, 2))
-    y, rate = jnp.stack([k.y for k in knots]), jnp.stack([k.rate for k in knots])
-    r, v, a = y[:, :size], rate[:, :size], rate[:, size : 2 * size]
-    scaled = jnp.concatenate([r, unit * v, unit**2 * a])
-    w, p = y[:, 2 * size :], rate[:, 2 * size :]
-    found = [position @ scaled, speed @ scaled / unit, work @ jnp.concatenate([w, unit * p])]
-    return jnp.concatenate(found)
-
-
-def _weights(times: jax.Array, x: jax.Array, known: jax.Array, derivatives: int) -> tuple[jax.Array, jax.Array]:
-    """Weights at x of values and derivatives at `times` (m,) in a polynomial through them, and their rates.
-
-    Ordered by derivative, (derivatives m,). With fewer than m - 1 known steps, through the last two times.
-    """
-    two = jnp.concatenate([jnp.zeros(len(times) - 2), jnp.ones(2)]).astype(times.dtype)
-    all_ = jnp.ones_like(two)
-
-    def at(x: jax.Array) -> jax.Array:
-        pair = _hermite(times, x, two, derivatives)
-        if len(times) == 2:
-            return pair
-        return jnp.where(known >= len(times) - 1, _hermite(times, x, all_, derivatives), pair)
-
-    return jax.jvp(at, (x,), (jnp.ones_like(x),))
-
-
-def _hermite(times: jax.Array, x: jax.Array, used: jax.Array, derivatives: int) -> jax.Array:
-    """Hermite's basis at x: with Lagrange's L_i, L_i^n times the series of L_i^-n in x - t_i, for n derivatives.
-
-    `used` (m,) is 0 for times that are left out.
-    """
-    u = x - times
-    apart = times[:, None] - times[None, :]
-    others = used[None, :] * (1.0 - jnp.eye(len(times), dtype=times.dtype))
-    inverse = others / jnp.where(apart == 0.0, 1.0, apart)
-    lagrange = used * jnp.prod(jnp.where(others > 0.0, u[None, :] * inverse, 1.0), axis=1)
-    slope = jnp.sum(inverse, axis=1)
-    if derivatives == 2:
-        return jnp.concatenate([lagrange**2 * (1.0 - 2.0 * slope * u), lagrange**2 * u])
-    cube, bend = lagrange**3, slope**2 - jnp.sum(inverse**2, axis=1)
-    value = 1.0 - 3.0 * slope * u + (6.0 * slope**2 - 1.5 * bend) * u**2
-    return jnp.concatenate([cube * value, cube * u * (1.0 - 3.0 * slope * u), 0.5 * cube * u**2])
 
 
 def controlled_steps(
@@ -369,7 +325,7 @@ def integrate_along(
             earlier = pick(starts, jnp.maximum(i - 1, 0))
             earlier = earlier._replace(t=jnp.where(i > 0, earlier.t, knots[0].t - 1.0))
             knots = (earlier, *knots)
-        return _between(model, knots, known[i], t)
+        return state_between(model, knots, known[i], t)
 
     y = jax.vmap(at)(t)
     none = jnp.zeros((), jnp.int32)

@@ -15,9 +15,6 @@ from dropper_jax.stepping.derivative import _solve_step
 from dropper_jax.stepping.solve import limit_pace
 from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
 
-#: Relative rounding of a time that is a whole number of steps.
-ROUNDING = 1e-9
-
 
 def step(
     stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array | bool = True
@@ -80,7 +77,8 @@ def _part(model: Model, parted: Parted, s1: State) -> Parted:
     share = tension / failures.load
     named = jnp.asarray(failures.named, jnp.int32)
     link = jnp.where(named >= 0, named, jnp.argmax(share, axis=1))
-    due = (jnp.max(share, axis=1) >= 1.0) | (t >= failures.time * (1.0 - ROUNDING))
+    # relative rounding of a time that is a whole number of steps
+    due = (jnp.max(share, axis=1) >= 1.0) | (t >= failures.time * (1.0 - 1e-9))
     now = due & (parted.link < 0)
     return Parted(
         jnp.where(now, link, parted.link).astype(jnp.int32),

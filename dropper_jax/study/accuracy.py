@@ -18,10 +18,9 @@ from dropper_jax.run.build import build
 from dropper_jax.run.samples import is_finished
 from dropper_jax.run.simulate import simulate
 from dropper_jax.study.load_errors import line_loads
-from dropper_jax.study.march import convergence, grid_run, status_of
+from dropper_jax.study.march import Scheme, convergence, default_schemes, grid_run, runnable, status_of
 from dropper_jax.study.peers import peer_rows
 from dropper_jax.study.reference import Reference, reference, trusted_span
-from dropper_jax.study.schemes import Scheme, default_schemes, runnable
 from dropper_jax.study.work_precision import energy_loss, measure, orders
 
 SCENE = "dropper-release-a-undamped"

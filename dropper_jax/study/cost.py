@@ -20,9 +20,8 @@ from dropper_jax.residual import Solver
 from dropper_jax.run.build import build, build_model, stepper_of
 from dropper_jax.scene import RunSpec
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import Progress, advance, begin
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.stepping.stepper import Stepper, make_stepper
 
 #: Steps of one timed run, and number of repetitions of the interleaved runs of all variants.
 COST_STEPS, COST_ROUNDS = 2000, 7

@@ -100,8 +100,6 @@ def _halve_value(value: Plain, parts: int) -> Plain:
 QUANTITIES = ("mean", "deviation", "window_maximum", "maximum", "minimum", "snaps")
 #: Steps of the runs relative to that of the scene.
 FINER = (1, 2, 4)
-#: Allowed orders of the step error; measured values outside are random.
-EXTRAPOLATION_ORDERS = (0.5, 2.0)
 #: Ratio of the error of the links to the change with twice the links, for second order.
 LINK_RATIO = 4.0 / 3.0
 #: Windows of maxima without waves [s], and number of batches for the random error.
@@ -315,5 +313,6 @@ def step_error(full: float, half: float, quarter: float, chaotic: bool) -> float
     first, second = abs(full - half), abs(half - quarter)
     if chaotic:
         return max(first, second, abs(full - quarter))
-    ratio = np.clip(first / second if second > 0 else np.inf, *(2.0**p for p in EXTRAPOLATION_ORDERS))
+    # allowed orders of the step error; measured values outside are random
+    ratio = np.clip(first / second if second > 0 else np.inf, *(2.0**p for p in (0.5, 2.0)))
     return abs(full - quarter) + second / (float(ratio) - 1.0)

@@ -1,7 +1,8 @@
-"""Runs on one time grid whose step is a plain argument: every step size shares one compiled program."""
+"""Runs on one time grid whose step is a plain argument: every step size shares one compiled program. Schemes."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -11,12 +12,90 @@ import numpy as np
 from dropper_jax.analysis.angles import link_angles
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
+from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.controlled import advance_controlled, start_controlled
 from dropper_jax.stepping.integrate import Progress, begin, step_failed
 from dropper_jax.stepping.step import step
-from dropper_jax.stepping.stepper import FULL_STEP, Stepper
-from dropper_jax.study.schemes import Scheme
+from dropper_jax.stepping.stepper import FULL_STEP, Stepper, make_stepper
+
+#: Schemes with a weight gamma, and the default weights of a comparison.
+SCHEME_WEIGHTS = {"theta": (0.51, 1.0), "theta_midpoint": (0.51,), "thesis_angles": (0.51,)}
+#: Further solvers and precisions of the main schemes.
+SOLVERS = {"energy_momentum": ("banded", "dense")}
+SINGLE = ("energy_momentum", "rattle")
+#: Schemes compared in waves.
+IN_WAVES = ("energy_momentum", "rattle", "theta_midpoint", "rk4", "energy_momentum_4", "generalized_alpha")
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """An integrator with its weight, solver and precision."""
+
+    integrator: str
+    gamma: float | None = None
+    solver: str = "auto"
+    dtype: str = "float64"
+
+    @property
+    def label(self) -> str:
+        """Name for tables and legends."""
+        parts = [self.integrator]
+        if self.gamma is not None:
+            parts.append(f"{self.gamma:g}")
+        if self.solver != "auto":
+            parts.append(self.solver)
+        if self.dtype != "float64":
+            parts.append(self.dtype)
+        return " ".join(parts)
+
+    def stepper(self, model: Model, **settings: object) -> Stepper:
+        """Raises `SceneError` if the scheme cannot run the model."""
+        return make_stepper(model, self.integrator, self.solver, gamma=self.gamma, **settings)
+
+
+def parse(text: str) -> Scheme:
+    """A scheme from `NAME`, or `NAME:GAMMA` such as `theta:0.51`."""
+    name, _, weight = text.strip().partition(":")
+    if name not in INTEGRATORS:
+        raise SceneError(f"--integrators: {name!r} is unknown; allowed: {', '.join(INTEGRATORS)}, with :GAMMA")
+    if not weight:
+        return Scheme(name, SCHEME_WEIGHTS.get(name, (None,))[0])
+    try:
+        return Scheme(name, float(weight))
+    except ValueError:
+        raise SceneError(f"--integrators: {text!r}: {weight!r} is not a number; allowed: NAME or NAME:GAMMA") from None
+
+
+def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
+    """Every integrator; the main ones also with every solver and in single precision, unless `quick`.
+
+    In waves one of each kind: a step costs 50 times as much there, and the others are known from calm scenes.
+    """
+    found = []
+    if model.sea is not None and model.sea.waves is not None:
+        return [Scheme(name, SCHEME_WEIGHTS.get(name, (None,))[0]) for name in IN_WAVES]
+    for name in INTEGRATORS:
+        plain = [Scheme(name, gamma) for gamma in SCHEME_WEIGHTS.get(name, (None,))]
+        found += plain
+        if quick:
+            continue
+        found += [replace(plain[0], solver=solver) for solver in SOLVERS.get(name, ())]
+        if name in SINGLE:
+            found.append(replace(plain[0], dtype="float32"))
+    return found
+
+
+def runnable(schemes: list[Scheme], model: Model) -> tuple[list[Scheme], list[dict[str, str]]]:
+    """The schemes that can run the model, and the others with their reasons."""
+    good, refused = [], []
+    for scheme in schemes:
+        try:
+            scheme.stepper(model)
+            good.append(scheme)
+        except SceneError as error:
+            refused.append({"scheme": scheme.label, "reason": str(error)})
+    return good, refused
 
 
 def link_vectors(model: Model, r: np.ndarray, t: np.ndarray) -> np.ndarray:

@@ -1,16 +1,160 @@
-"""Pictures of the studies, in the style of `dropper_jax.plots`."""
+"""Pictures of the studies and of a scene near equilibrium, in the style of `dropper_jax.plots`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from dropper_jax.plots import style
+from dropper_jax import plots
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model
+from dropper_jax.plots import style, view
+from dropper_jax.scene import line_slices
+from dropper_jax.statics import Equilibrium
+from dropper_jax.statics.modes import Modes
+
+#: Number of drawn modes, the slowest ones, and the maximum displacement as a fraction of the configuration's size.
+DRAWN, MODE_REACH = 9, 0.12
+
+
+def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
+    """The equilibrium, with links coloured by tension [N]."""
+    once = np.zeros(1)
+    solution = SimpleNamespace(
+        scene=scene,
+        settings={"integrator": "static pose", "dt": 0.0},
+        status=found.status,
+        t=once,
+        positions=np.asarray(found.positions)[None],
+        velocities=np.zeros((1, *np.shape(found.positions))),
+        tension=np.asarray(found.tension)[None],
+        t_tension=once,
+        kinetic=once,
+        potential=once,
+        work=np.zeros((1, 0)),
+        work_names=(),
+        lines=line_slices(scene),
+        body_position=None,
+    )
+    return plots.snapshot(solution, path)
+
+
+@style.plot_style()
+def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, path: str | Path) -> Path:
+    """The slowest modes: the equilibrium and both extremes of the motion, in the view with the largest motion."""
+    count = min(len(modes.period), DRAWN)
+    r, ends_of_lines = np.asarray(found.state.r), model.ends(found.state.t)
+    rest = np.asarray(found.positions)
+    size = view.size(rest)
+    # ratio of height to length below which the modes are drawn below one another
+    low = np.ptp(rest[:, 2]) < 0.25 * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
+    columns = 1 if low else min(count, 3)
+    figure = style.new_figure(3.6 * columns + (4.4 if low else 0.6), (1.5 if low else 2.9) * -(-count // columns) + 0.8)
+    grid = np.atleast_1d(figure.subplots(-(-count // columns), columns, squeeze=False)).ravel()
+    for axes in grid[count:]:
+        axes.axis("off")
+    for i, axes in enumerate(grid[:count]):
+        shape = np.asarray(modes.shape[i])
+        shape = shape * MODE_REACH * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
+        ends = [np.asarray(model.nodes(r + sign * shape, ends_of_lines)) for sign in (1.0, -1.0)]
+        across, up = _plane(rest, ends[0] - rest)
+        for line in line_slices(scene):
+            for nodes, colour in zip(ends, (style.FIRST, style.SECOND), strict=True):
+                axes.plot(*nodes[line.nodes][:, [across, up]].T, color=colour, lw=1.3)
+            axes.plot(*rest[line.nodes][:, [across, up]].T, color=style.DARK, lw=0.9, ls=(0, (3, 3)))
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_title(f"{i + 1}: {modes.period[i]:.3g} s", loc="left", fontsize=9)
+        axes.set(xlabel=f"{'xyz'[across]} [m]", ylabel=f"{'xyz'[up]} [m]")
+    title(figure, f"{scene.name}: slowest modes (dashed: equilibrium; displacements are enlarged)")
+    return style.save(figure, path)
+
+
+def _plane(rest: np.ndarray, moved: np.ndarray) -> tuple[int, int]:
+    """The two axes with the largest motion and extent: view from the side, the front, or above."""
+    share, extent = np.sum(moved**2, axis=0), np.ptp(rest, axis=0)
+    return max(((0, 2), (1, 2), (0, 1)), key=lambda pair: sum(share[list(pair)]) * np.hypot(*extent[list(pair)]))
+
+
+@style.plot_style()
+def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+    """Amplitude, mean and phase of the first link over the period of the waves; dashed, in waves that are 10 %
+    higher."""
+    figure = style.new_figure(7.5, 6.2)
+    panels = figure.subplots(3, 1, sharex=True)
+    period = [row["period_s"] for row in rows]
+    for axes, key, label in zip(
+        panels,
+        ("amplitude_rad", "mean_rad", "phase_rad"),
+        ("amplitude [rad]", "mean [rad]", "phase [rad]"),
+        strict=True,
+    ):
+        values = np.array([row[key] for row in rows], float)
+        axes.plot(period, np.unwrap(values) if key == "phase_rad" else values, label="as in the scene", **marks(0))
+        axes.set_ylabel(label)
+    more = [row.get("amplitude_10_percent_more") for row in rows]
+    if all(value is not None for value in more):
+        higher = [row["amplitude_rad"] * (1.0 + value) for row, value in zip(rows, more, strict=True)]
+        panels[0].plot(period, higher, label="waves 10 % higher", **marks(1))
+        panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    panels[-1].set_xlabel("period of the waves [s]")
+    figure.align_ylabels()
+    title(figure, f"{name}: first link in regular waves")
+    return style.save(figure, path)
+
+
+@style.plot_style()
+def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+    """Layer and wet weight over depth, a curve for each month, a column for each rope."""
+    ropes = list(dict.fromkeys(tuple(row["lines"]) for row in rows))
+    months = list(dict.fromkeys(row["month"] for row in rows))
+    figure = style.new_figure(max(3.6 * len(ropes), 5.0) + 0.8, 6.4)
+    grid = figure.subplots(2, len(ropes), sharey=True, squeeze=False)
+    for column, lines in zip(grid.T, ropes, strict=True):
+        for i, month in enumerate(months):
+            shown = [row for row in rows if tuple(row["lines"]) == lines and row["month"] == month]
+            depth = [row["depth_m"] for row in shown]
+            colour = style.tension_map()(0.9 * i / max(len(months) - 1, 1))
+            for axes, key, size in zip(column, ("thickness_m", "wet_weight_n_per_m"), (1e3, 1.0), strict=True):
+                axes.plot([size * row[key] for row in shown], depth, "o-", color=colour, ms=3.5, label=f"{month:g}")
+        column[0].set_title(
+            lines[0] + (f" and {len(lines) - 1} more" if len(lines) > 1 else ""), loc="left", fontsize=9
+        )
+        column[0].set_xlabel("layer [mm]")
+        column[1].set_xlabel("wet weight [N/m]")
+    grid[0, 0].invert_yaxis()
+    for axes in grid[:, 0]:
+        axes.set_ylabel("depth [m]")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, title="month", loc="outside right upper")
+    title(figure, f"{name}: mussels by depth and month")
+    return style.save(figure, path)
+
+
+@style.plot_style()
+def tide(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+    """Current, level, excursion and force on the fixed points through a cycle."""
+    figure = style.new_figure(7.5, 6.2)
+    water, moved, tension = figure.subplots(3, 1, sharex=True)
+    hours = [row["t_s"] / 3600.0 for row in rows]
+    water.plot(hours, [row["speed_m_per_s"] for row in rows], label="current [m/s]", **marks(0))
+    water.plot(hours, [row["level_m"] for row in rows], label="level [m]", **marks(1))
+    moved.plot(hours, [row["displacement_m"] for row in rows], **marks(0))
+    moved.set_ylabel("moved [m]")
+    for i, point in enumerate(rows[0]["held_load_n"]):
+        tension.plot(hours, [np.linalg.norm(row["held_load_n"][point]) / 1e3 for row in rows], label=point, **marks(i))
+    tension.set(xlabel="time [h]", ylabel="pull [kN]")
+    for axes in (water, tension):
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2, fontsize=8)
+    figure.align_ylabels()
+    title(figure, f"{name}: through the tide")
+    return style.save(figure, path)
+
 
 MARKERS = "osD^v<>PX*hp"
 

@@ -16,11 +16,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators.consistent import instant
 from dropper_jax.model import Model, State
 from dropper_jax.residual import GRAVITY_SCALE
-from dropper_jax.stepping.choose import make_stepper
-from dropper_jax.stepping.integrate import begin, step_failed
-from dropper_jax.stepping.observe import consistent_velocity
+from dropper_jax.stepping.integrate import begin, consistent_velocity, step_failed
 from dropper_jax.stepping.step import step
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.stepping.stepper import Stepper, make_stepper
 from dropper_jax.study.march import grid_run, link_vectors, rms_angle
 
 #: Size of the perturbation [-]: far above rounding, and still small after growth by a factor of 100.

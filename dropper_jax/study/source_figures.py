@@ -1,16 +1,14 @@
 """Figures of the paper and the thesis that show a simulation, drawn from runs of this simulator alone.
 
-The table `data/source_figures.toml` lists the figures and their scenes. Figures of the paper compare two other
+`figure_table` lists the figures and their scenes. Figures of the paper compare two other
 programs; here they have one curve, from the paper's start (the scenes `-table-6`).
 """
 
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Iterator, Sequence
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,116 +19,27 @@ from matplotlib.figure import Figure
 from dropper_jax import plots
 from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.analysis.spectrum import amplitude_spectrum
-from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.checks_water import surface_over
-from dropper_jax.load.packaged import find_scene
 from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import plain_values
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.series import Curve, Panel, history
-from dropper_jax.plots.units import force_unit
+from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import point_load
 from dropper_jax.run.build import build, build_model
 from dropper_jax.run.simulate import Solution
 from dropper_jax.study import pictures
+from dropper_jax.study.figure_table import SAMPLE_INTERVAL, Run, SourceFigure, scene_of
 from dropper_jax.study.march import convergence
 
-#: Kinds of figures that need no run, and interval of their samples of time [s].
-WITHOUT_RUN, SAMPLE_INTERVAL = ("profile", "elevation", "steps"), 0.05
 #: Interval of compared states [s] and steps [s] of a study of convergence.
 GRID, FIGURE_STEPS = 0.08, (0.08, 0.04, 0.02, 0.01, 0.005, 0.0025)
 #: Maximum frequency of a spectrum [Hz]; the motions of the sources are slower.
 MOST_HZ = 6.0
 AXES = ("x", "y", "z")
-PAIR = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 
 #: Times (k,) [s] and angles (k, n) [rad] from the horizontal, positive downwards.
 Measured = tuple[np.ndarray, np.ndarray]
-
-
-@dataclasses.dataclass(frozen=True)
-class SourceFigure:
-    """A figure of one of the sources, a row of the table, which describes the fields.
-
-    Attributes:
-        name: name on request, such as `paper-6`.
-        caption: its description.
-    """
-
-    name: str
-    caption: str
-    kind: str
-    scenes: tuple[str, ...]
-    pairs: tuple[tuple[float, float], ...] = ()
-    panels: tuple[str, ...] = ()
-    links: tuple[int, ...] = ()
-    angles: tuple[str, ...] = ("polar",)
-    zero: str = "horizontal"
-    span: tuple[float, float] | None = None
-    duration: float | None = None
-    at: float | None = None
-    surface: bool = False
-    from_hz: tuple[float, ...] = (0.0,)
-    note: str = ""
-
-
-class Case(NamedTuple):
-    """One run of a figure: its distinguishing values, and its key among all runs."""
-
-    label: str
-    key: tuple[str, tuple[float, ...], float | None]
-
-
-class Run(NamedTuple):
-    """A completed case."""
-
-    label: str
-    solution: Solution
-
-
-@cache
-def figures() -> dict[str, SourceFigure]:
-    """All figures by name, in the order of the table."""
-    rows = tomllib.loads((resources.files("dropper_jax") / "data" / "source_figures.toml").read_text())["figure"]
-    found = [SourceFigure(**{key: _tuples(value) for key, value in row.items()}) for row in rows]
-    return {figure.name: figure for figure in found}
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
-
-
-def figure_of(name: str) -> SourceFigure:
-    """The figure of a name.
-
-    Raises:
-        SceneError: unknown figure.
-    """
-    if name not in figures():
-        raise SceneError(f"figure: {name!r} is unknown; {nearest(name, list(figures()))}")
-    return figures()[name]
-
-
-def cases_of(figure: SourceFigure) -> list[Case]:
-    """The runs of a figure; empty for one without runs."""
-    if figure.kind in WITHOUT_RUN:
-        return []
-    cases = [(scene, pair) for scene in figure.scenes for pair in figure.pairs or ((),)]
-    several = [len(figure.scenes) > 1, len(figure.pairs) > 1]
-    words = lambda scene, pair: [scene, ", ".join(f"{k} = {x:g}" for k, x in zip(("b_l", "b_q"), pair, strict=False))]  # noqa: E731
-    return [
-        Case("; ".join(w for w, varies in zip(words(*case), several, strict=True) if varies), (*case, figure.duration))
-        for case in cases
-    ]
-
-
-def scene_of(name: str, pair: Sequence[float] = (), duration: float | None = None) -> Scene:
-    """The scene of a case, by its key."""
-    found, name = find_scene(name)
-    scene = Scene.from_dict(plain_values(found, None), name)
-    values = dict(zip(PAIR, pair, strict=False)) | ({"run.duration": duration} if duration else {})
-    return scene.with_values(values) if values else scene
 
 
 @style.plot_style()

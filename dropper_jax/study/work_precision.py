@@ -19,6 +19,7 @@ from dropper_jax.model import Model, State
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.march import (
     Marched,
+    Scheme,
     grid_program,
     grid_run,
     link_vectors,
@@ -29,7 +30,6 @@ from dropper_jax.study.march import (
     status_of,
 )
 from dropper_jax.study.reference import Reference
-from dropper_jax.study.schemes import Scheme
 
 #: Number of timed runs, and the total time [s] after which no more are run.
 TIMING_REPEATS, LONG_ENOUGH = 3, 0.2

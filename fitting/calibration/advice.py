@@ -36,12 +36,6 @@ from fitting.parameters.target import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, 
 
 #: Gain in log likelihood below which a candidate is not suggested.
 WORTH = 6.0
-#: Probability, over all candidates, below which a candidate is reported.
-NAMED = 0.01
-#: Fraction of a candidate's information that must remain once the free parameters are accounted for.
-LEFT = 1e-7
-#: Number of lost stretches of frames that programs reserve space for.
-TIMES = 2
 #: Parameters whose derivatives are taken together with those of the starts; windows that programs reserve space for.
 BESIDE, SLACK = 4, 2
 
@@ -78,7 +72,8 @@ class Candidate:
     @property
     def worth_naming(self) -> bool:
         """Whether the candidate is worth reporting."""
-        return self.gain > WORTH and self.p < NAMED
+        # probability, over all candidates, below which a candidate is reported
+        return self.gain > WORTH and self.p < 0.01
 
     @property
     def identifiable(self) -> bool:
@@ -144,7 +139,8 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     model, names = own.model, {p.name for p in prepared.parameters}
     asked = [*(p for _, _, found in candidates(model, own.release) for p in found), *further]
     more = list({p.name: p for p in asked if p.name not in names}.values())
-    lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(TIMES)]
+    # number of lost stretches of frames that programs reserve space for
+    lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(2)]
     if own.knows([*prepared.parameters, *more]):
         return own
     release = None if own.release is None else replace(own.release)  # its poses belong to one list of parameters
@@ -227,9 +223,24 @@ def score_change(
         inner = solve_spd(S[np.ix_(free, free)], np.column_stack([S[np.ix_(free, mine)], g[free]]))
         A, u = A - S[np.ix_(mine, free)] @ inner[:, :-1], u - S[np.ix_(mine, free)] @ inner[:, -1]
     scale = 1 / np.sqrt(np.diag(S)[mine])
-    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEFT:
+    # fraction of a candidate's information that must remain once the free parameters are accounted for
+    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < 1e-7:
         return None
     change = -solve_spd(A, u)
     gain = float(-0.5 * u @ change)
     error = np.sqrt(np.diag(solve_spd(A, np.eye(len(A)))))
     return change, error, -inner @ np.append(change, 1.0), gain, float(chdtrc(len(A), max(2 * gain, 0.0)))
+
+
+#: Separator of the names of indistinguishable candidates in reports.
+OR = " or "
+
+
+def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
+    """By how much candidates indistinguishable from those freed would move the parameters, each (k,).
+
+    A candidate that was freed later in its own right is no longer in doubt.
+    """
+    freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
+    moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
+    return tuple(np.array([move.get(p.name, 0.0) for p in parameters]) for move in moves)

@@ -14,9 +14,6 @@ from fitting.parameters.of_scene import DAMPING
 from fitting.traces import planar
 from fitting.traces.trace import Trace, smooth, smoothers
 
-#: Minimum number of samples of a run.
-FEWEST = 120
-
 
 def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Energy [J] of a pose with rates, and the power [W] dissipated by the damping."""
@@ -40,7 +37,8 @@ def smooth_stretch(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Equidistant times (k,), smoothed angles and rates (k, n) of a stretch of a trace; None if it is too short."""
     part = trace.between(*span)
-    if len(part.t) < FEWEST:
+    # minimum number of samples of a run
+    if len(part.t) < 120:
         return None
     step = part.interval
     t = np.arange(part.t[0], part.t[-1] + 0.5 * step, step)

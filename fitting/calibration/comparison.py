@@ -8,11 +8,18 @@ which they differ (`decision`). Samples that the caller holds out are used by ne
 
 BIC = `N_eff log(chi2/N) + k log N_eff` (Schwarz 1978) is reported alongside. N_eff = N (1 - rho)/(1 + rho) accounts for
 correlated samples; rho is that of the law that fits best, because its residuals are nearest to the noise.
+
+Comparison with joined windows of laws that separate windows leave undecided.
+
+Separate windows lose the information on how much energy a motion loses from one to the next; joined ones (`shooting`)
+keep it. The weight of the gaps and the time step are those of the law with the most parts. At this one weight all
+costs, gaps included, are likelihoods of the same model, so laws can be compared by them as with separate windows. A law
+starts from the best of those that it contains, so it never costs more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -21,25 +28,74 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.cross_validation import Scores, blocks, fair, last_third, other_runs, score
-from fitting.calibration.decision import LACKS, chance, decide, decide_joined, deviation
-from fitting.calibration.joining import join_laws
-from fitting.calibration.law import Law
-from fitting.calibration.law_fits import Family, family_of, fit_again, fit_inside, fit_law, least_loss
-from fitting.calibration.laws import LADDER, PARTS, contains
+from fitting.calibration.decision import LACKS, chance, decide, decide_joined, deviation, unit_work, unseen
+from fitting.calibration.law_fits import (
+    LADDER,
+    PARTS,
+    Family,
+    Law,
+    contains,
+    family_of,
+    fit_again,
+    fit_inside,
+    fit_law,
+    least_loss,
+)
 from fitting.calibration.prepared import Prepared
-from fitting.calibration.unseen import unit_work, unseen
 from fitting.estimate.gauss_newton import continue_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
-from fitting.estimate.refinement import refine
+from fitting.estimate.refinement import finer_step, refine
 from fitting.estimate.residual_noise import with_residual_noise
+from fitting.estimate.shooting import SCHEDULE, JoinedWindows, fit_shooting
 from fitting.estimate.windows import Windows
 
-#: Maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all.
-MOST_CORRELATED = 0.999
-#: Cosine of two coefficients' derivatives above which they count as one; drag is weighted within a step, joints not.
-SAME = 1 - 1e-4
+#: Evaluations of separate windows in the widest law's family, and between a law and one that contains it.
+ITERATIONS, ONWARD = 25, 15
+
+
+def join_laws(
+    prepared: Prepared, family: Family, laws: Mapping[str, Solution], progress: Progress = silent
+) -> dict[str, Solution]:
+    """Joined solutions of laws by name; empty if windows do not follow each other or a law does not converge.
+
+    Args:
+        family: contains the parts of all these laws.
+        laws: solutions of separate windows.
+    """
+    if not prepared.windows.follows.any():
+        return {}
+    order = sorted(laws, key=lambda law: len(LADDER[law]))
+    most = order[-1]
+    progress(0.95, f"law {most}, joined")
+    widest = fit_shooting(fit_law(prepared, family, most, [laws[most]], ITERATIONS), finer=finer_step)
+    if widest.status != "ok" or not widest.gap_weight:
+        return {}
+    family = replace(family, substeps=widest.windows.substeps)
+    schedule = [weight for weight in SCHEDULE if weight >= widest.gap_weight]
+    found: dict[str, Solution] = {}
+    for law in order:
+        progress(0.95, f"law {law}, joined")
+        inner = [one for name, one in found.items() if contains(law, name)]
+        tries = [widest] if law == most else []
+        tries += (
+            [_onward(min(inner, key=lambda one: one.cost), ~family.free_mask(law), widest.gap_weight)] if inner else []
+        )
+        if not any(one.status == "ok" for one in tries):
+            begin = fit_law(prepared, family, law, [laws[law]], ITERATIONS)
+            tries.append(fit_shooting(begin, continuity="tight", schedule=schedule))
+        found[law] = min(tries, key=lambda one: (one.status != "ok", one.cost))
+    return found if all(one.status == "ok" for one in found.values()) else {}
+
+
+def _onward(inner: Solution, frozen: np.ndarray, weight: float) -> Solution:
+    """From a law's joined solution to a law that contains it, whose additional parts start at zero."""
+    problem = replace(inner.problem, frozen=frozen)
+    level = JoinedWindows(problem, weight, intermediate=True)
+    return level.descend(replace(inner, problem=problem), ONWARD)
+
+
 #: Maximum evaluations of a law started from the end of a larger one, which suffices in the same local minimum.
 #: Maximum number of larger laws to start from, as each may have found a better local minimum.
 NEAR, TRIES = 8, 3
@@ -199,7 +255,9 @@ def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dic
     parts = sorted(wanted, key=lambda part: (part not in asked, list(PARTS).index(part)))
     for i, kept in enumerate(parts):
         for other in parts[i + 1 :]:
-            if kept not in found and abs(unit[:, owner.index(kept)] @ unit[:, owner.index(other)]) >= SAME:
+            # cosine of two coefficients' derivatives above which they count as one; drag is weighted within a step,
+            # joints not
+            if kept not in found and abs(unit[:, owner.index(kept)] @ unit[:, owner.index(other)]) >= (1 - 1e-4):
                 found[other] = kept
     return found
 
@@ -241,7 +299,8 @@ def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> 
     """The laws with their BIC, all by the effective number of samples of the law with the smallest chi-square."""
     chi2, samples = np.array([np.sum(r**2) for r in residuals]), windows.samples
     rho = lag_one(residuals[int(np.argmin(chi2))], windows.weight > 0)[0]
-    rho = np.clip(rho, 0.0, MOST_CORRELATED)
+    # maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all
+    rho = np.clip(rho, 0.0, 0.999)
     effective = samples * (1 - rho) / (1 + rho)
     scores = effective * np.log(chi2 / samples) + np.array([row.free for row in rows]) * np.log(effective)
     return [replace(row, bic=float(score)) for row, score in zip(rows, scores, strict=True)]

@@ -26,8 +26,6 @@ from fitting.estimate.problem import Solution
 
 #: Maximum number of blocks, minimum number of windows per block, windows dropped on either side of it.
 BLOCKS, SMALLEST, GAP = 5, 3, 1
-#: Fraction of a window that determines its start.
-EARLY = 1 / 3
 
 #: The windows that a fold scores and those that it fits, (K,) bool each.
 Fold = tuple[np.ndarray, np.ndarray]
@@ -113,7 +111,8 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
     )
     information = np.einsum("ksni,ksnj->kij", along, along, optimize=True)
     gradient = np.einsum("ksni,ksn->ki", along, e.residual, optimize=True)
-    early = (windows.index / windows.step_counts[:, None] <= EARLY)[:, :, None] & (windows.weight > 0)
+    # fraction of a window that determines its start
+    early = (windows.index / windows.step_counts[:, None] <= (1 / 3))[:, :, None] & (windows.weight > 0)
     late = ~early & (windows.weight > 0)
     found = np.zeros((3, windows.count))
     for scored, used in folds:

@@ -11,10 +11,10 @@ from typing import Any
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike
-from fitting.calibration.advice import advise
+from fitting.calibration.advice import advise, omitted_parameter_bias
 from fitting.calibration.comparison import compare
 from fitting.calibration.estimating import FIRST, estimate, with_sound_windows
-from fitting.calibration.freeing import free_by_advice, omitted_parameter_bias
+from fitting.calibration.freeing import free_by_advice
 from fitting.calibration.kicks import without_kicks
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.result import FitResult
@@ -26,8 +26,6 @@ from fitting.parameters.parameter import Bounds, Priors, StartValues
 from fitting.traces.trace import convention
 
 METHODS = ("windows", "shooting", "gradient")
-#: Number of candidates listed in the warnings.
-NAMED_CANDIDATES = 3
 
 
 def fit(
@@ -166,7 +164,8 @@ def fit(
         result.wrong_file = name_wrong_file(whole)
         result.warnings[:0] = [result.wrong_file] if result.wrong_file else []
     result.advice, result.freed = found, freed
-    result.warnings += [str(candidate) for candidate in found if candidate.worth_naming][:NAMED_CANDIDATES]
+    # number of candidates listed in the warnings
+    result.warnings += [str(candidate) for candidate in found if candidate.worth_naming][:3]
     asked.add_to(result, progress)
     if compare_models:
         result.comparison = compare(prepared.noisy(solution.problem.noise), progress=progress)

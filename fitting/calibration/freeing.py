@@ -20,8 +20,8 @@ from typing import Protocol
 import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
-from fitting.calibration.advice import WORTH, Candidate, advise, wide
-from fitting.calibration.jumps import SEVERAL, alone, far_off, lost_frames, starts_from_previous_windows
+from fitting.calibration.advice import OR, WORTH, Candidate, advise, wide
+from fitting.calibration.kicks import SEVERAL, alone, far_off, lost_frames, starts_from_previous_windows
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
@@ -35,10 +35,8 @@ from fitting.parameters.target import LOST, LostPlace
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED, TRIED = 6, 4
-#: Fraction of the best candidate's gain that another one must promise to be tried as well.
-PROMISING = 0.3
-#: Difference of log likelihoods below which candidates are indistinguishable; separator of their names in reports.
-MARGIN, OR = 3.0, " or "
+#: Difference of log likelihoods below which candidates are indistinguishable.
+MARGIN = 3.0
 #: Log of the number of jumps searched, which one gains by chance; minimum size of a jump in frames, below which the
 #: misfit is of another kind.
 CHANCE, LEAST_LOST = 9.0, 0.7
@@ -147,7 +145,8 @@ def promising(found: Sequence[Candidate], refused: Collection[str] = ()) -> list
     """The candidates to try next, the best first: those that promise more than their parameters cost."""
     named = [c for c in found if c.worth_naming and c.worth > 0 and c.name not in refused]
     best = max((c.worth for c in named), default=0.0)
-    return [c for c in named if c.worth > PROMISING * best][:TRIED]
+    # fraction of the best candidate's gain that another one must promise to be tried as well
+    return [c for c in named if c.worth > 0.3 * best][:TRIED]
 
 
 def _one_fault(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> bool:
@@ -236,16 +235,6 @@ def _continue_with(
         best = replace(best, doubt={name: {**move, **back} for name, move in apart.items()})
         at = replace(at, prepared=prepared, solution=solution, names=[*at.names, best])
     return at
-
-
-def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
-    """By how much candidates indistinguishable from those freed would move the parameters, each (k,).
-
-    A candidate that was freed later in its own right is no longer in doubt.
-    """
-    freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
-    moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
-    return tuple(np.array([move.get(p.name, 0.0) for p in parameters]) for move in moves)
 
 
 def _back(prepared: Prepared, solution: Solution, mine: Sequence[str]) -> dict[str, float]:

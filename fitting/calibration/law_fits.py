@@ -1,23 +1,128 @@
-"""Fits of damping laws to the same windows, each a subset of one family's coefficients."""
+"""Damping laws, subsets of one full set of coefficients, and their fits to the same windows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
-from fitting.calibration.laws import LADDER, OF_JOINTS, PARTS
 from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
 from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.marching import choose_stepper
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts, first_starts
 from fitting.parameters.parameter import resolve, with_effects
+
+
+@dataclass(frozen=True)
+class Law:
+    """One rung of the ladder: a damping law, its number of coefficients (one per joint or link where separate), scores.
+
+    Attributes:
+        held_out: RMS angle error [rad] of windows predicted from others, with the standard error of its difference to
+            that of the best law.
+        free: fitted parameters, including those outside damping laws.
+        bic: lower is better.
+        cost: minus the log likelihood of the fitted windows, in units of independent samples.
+        unreached: remaining gain in log likelihood predicted by the fit's own model; large if dry joints make the cost
+            non-smooth, so that steps do not achieve the predicted decrease.
+        joined: the cost with windows joined, of laws that separate windows leave undecided; otherwise NaN.
+        score, score_error: log score of windows predicted from others, minus that of the best law, and its standard
+            error.
+        extrapolated: RMS angle error [rad] of the last third of every run, predicted from the first two.
+        other_run: RMS angle error of every run predicted from the others; NaN if there is only one.
+        share: weight of the law among all, by its log scores.
+        equals: laws that give the same motion, left out.
+        unseen: parts that may dissipate 10 % of the energy as far as the traces show, significant or not.
+        refuted: the reason why the law was rejected, or "".
+        chosen: the simplest law that is not refuted; it is the only one if the traces decide.
+    """
+
+    name: str
+    coefficients: int
+    rms: float
+    held_out: float
+    held_out_error: float
+    status: str
+    values: dict[str, float]
+    free: int
+    bic: float = np.nan
+    cost: float = np.nan
+    unreached: float = 0.0
+    joined: float = np.nan
+    score: float = np.nan
+    score_error: float = np.nan
+    extrapolated: float = np.nan
+    other_run: float = np.nan
+    share: float = np.nan
+    equals: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
+    refuted: str = ""
+    chosen: bool = False
+
+    @property
+    def possible(self) -> bool:
+        """Whether the law is not refuted."""
+        return not self.refuted
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        keys = (
+            "name",
+            "coefficients",
+            "rms",
+            "held_out",
+            "held_out_error",
+            "bic",
+            "status",
+            "values",
+            "chosen",
+            "cost",
+            "unreached",
+            "joined",
+            "score",
+            "score_error",
+            "extrapolated",
+            "other_run",
+            "share",
+            "equals",
+            "unseen",
+            "refuted",
+            "possible",
+        )
+        found = {key: getattr(self, key) for key in keys}
+        return {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in found.items()}
+
+
+#: Every damping coefficient that a law may use.
+PARTS = {
+    "linear": "effects.linear_damping.b_l",
+    "quadratic": "effects.quadratic_damping.b_q",
+    "joint viscous": "effects.joint_friction.viscous",
+    "dry": "effects.joint_friction.dry",
+}
+#: Coefficients of friction in the joints, each a list if joints have separate values.
+OF_JOINTS = ("joint viscous", "dry")
+
+
+def _join_names(parts: tuple[str, ...]) -> str:
+    return " + ".join(parts) or "none"
+
+
+#: Every law: name and parts, the simplest first, each after all laws that it contains.
+LADDER = {_join_names(parts): parts for size in range(len(PARTS) + 1) for parts in combinations(PARTS, size)}
+
+
+def contains(law: str, other: str) -> bool:
+    """Whether `law` has all parts of `other`, and more."""
+    return set(LADDER[law]) > set(LADDER[other])
 
 
 @dataclass(frozen=True)

@@ -24,17 +24,14 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
-from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.normal_equations import Step, solve_spd
+from fitting.estimate.normal_equations import Evaluation, Step, solve_spd
 from fitting.estimate.problem import Problem
 from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE, JoinedWindows
 from fitting.estimate.windows import PER_WINDOW, Windows
 from fitting.parameters.of_scene import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
-#: Rounds of the search for the windows' starts on a trace without noise.
-ROUNDS = 4
 #: Relative change of a gap weight for a central difference of log|H|: its error is below 1e-4 of a gap.
 NEAR = 0.01
 
@@ -120,8 +117,9 @@ def plan(
             prepared = prepare([trace], scene, names)
             problem = prepared.problem()
             held = np.ones(len(prepared.values), bool)
+            # rounds of the search for the windows' starts on a trace without noise
             there = fit_windows(
-                replace(problem, frozen=held), prepared.values, prepared.starts, iterations=ROUNDS, progress=silent
+                replace(problem, frozen=held), prepared.values, prepared.starts, iterations=4, progress=silent
             )
             for duration in durations:
                 errors, weight = _errors(problem, there.evaluation, prepared.values, duration, gap_weight)

@@ -13,15 +13,21 @@ from dropper_jax import load_scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike, build
-from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
-from fitting.calibration.spans import check_spans, fitted_parts, fitted_spans, without_held_starts
+from fitting.calibration.prepared import (
+    STEPS_PER_PERIOD,
+    Prepared,
+    check_spans,
+    fitted_parts,
+    fitted_spans,
+    without_held_starts,
+)
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate import lyapunov as chaos
+from fitting.estimate.marching import choose_stepper
 from fitting.estimate.release import release_of
 from fitting.estimate.rest import rests
 from fitting.estimate.resting import advice_on_rest
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts, check_step, cut, fewest_frames, fill, first_starts, time_step
 from fitting.parameters.of_scene import default_free, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
@@ -30,9 +36,6 @@ from fitting.parameters.target import LostPlace
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, noise, read_trace
-
-#: Maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them.
-MARGIN = 2.5
 
 #: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
 #: error of a fourth-order scheme over a window is then below the usual noise; otherwise `refine` halves the step.
@@ -132,7 +135,8 @@ def prepare(
     base = max(1, frames // max(1, int(length / base + 1e-6))) * frame
     values = np.array([p.value for p in parameters])
     longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
-    longest_run = longest if length < longest < MARGIN * length else length
+    # maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them
+    longest_run = longest if length < longest < 2.5 * length else length
     simulator.capacity = int(longest_run / dt + 1e-6), int(longest_run / min(trace.interval for trace in runs) + 1.5)
     say(0.02, f"windows of at most {length:.3g} s: compiling")
     windows = cut(runs, base * dt, dt, sigma, spans)

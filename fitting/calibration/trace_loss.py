@@ -23,8 +23,6 @@ from fitting.traces import planar
 #: Gauss-Newton steps of the windows for one value with optimal starts: from the first starts, four leave 0.01 of
 #: chi-square per window on noisy traces of the lab dropper.
 INNER = 6
-#: Damping of the first step of a start.
-DAMPING = 1e-3
 
 
 class Blocks(NamedTuple):
@@ -177,7 +175,8 @@ class TraceLoss:
         z = jnp.zeros(2 * m, params.dtype)
         shapes = jax.eval_shape(blocks, z)
         nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)._replace(cost=jnp.asarray(jnp.inf))
-        return jax.lax.scan(trial, (nothing, z, jnp.asarray(10 * DAMPING)), None, length=INNER)[0][0]
+        # damping of the first step of a start
+        return jax.lax.scan(trial, (nothing, z, jnp.asarray(10 * 1e-3)), None, length=INNER)[0][0]
 
     @staticmethod
     def _regular(A: jax.Array) -> jax.Array:

@@ -19,20 +19,18 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.model import Model
 from dropper_jax.run.build import build
 from fitting.calibration.advice import Candidate, joint_information, wide
-from fitting.calibration.heldout import score_held_out, window_length
-from fitting.calibration.law_fits import scene_with_law, substeps_of, without_unused_parts
-from fitting.calibration.laws import OF_JOINTS, PARTS
-from fitting.calibration.prepared import Prepared
-from fitting.calibration.spans import fitted_parts
+from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
+from fitting.calibration.prepared import Prepared, fitted_parts
+from fitting.calibration.result import score_held_out, window_length
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.lyapunov import LONGEST
+from fitting.estimate.marching import choose_stepper
 from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import memory_of
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import degrees_of_freedom
-from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.priors import rig_priors
@@ -43,8 +41,6 @@ from fitting.parameters.target import CAMERA, CLOCK, MARKER, CameraPlace, ClockP
 WRONG, SMOOTH = 100.0, 0.8
 #: Number of parts of a run, and those that are scored: one between fitted ones, and the end, where damping counts.
 PARTS_OF_RUN, SCORED = 5, (2, 4)
-#: Maximum evaluations of a trial, which starts near its end.
-EVALUATIONS = 12
 #: Relative growth of the score above which a group is needed: a smaller one makes no difference to a user.
 NEEDED = 0.05
 #: Minimum fraction of a number's information that must be its own; below it the number duplicates others. The second
@@ -176,7 +172,8 @@ class Trials:
         problem = replace(at.problem(self.loss), windows=self.windows)
         if problem.rest is not None:
             problem = replace(problem, rest=problem.rest.with_noise(at.noise, at.simulator, values))
-        return fit_windows(problem, values, starts, iterations=EVALUATIONS)
+        # maximum evaluations of a trial, which starts near its end
+        return fit_windows(problem, values, starts, iterations=12)
 
     def score(self, solution: Solution) -> np.ndarray:
         """Logarithms of the RMS errors [rad] of the windows of all scored stretches."""

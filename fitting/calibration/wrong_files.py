@@ -27,8 +27,7 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import wrap_angle
 from fitting.estimate.windows import first_starts
 from fitting.parameters.of_scene import DAMPING
-from fitting.traces.conventions import resting_angles
-from fitting.traces.mistakes import Change, changes, in_model, late_columns, shift, units
+from fitting.traces.conventions import Change, changes, in_model, late_columns, resting_angles, shift, units
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, without_spikes
 
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames
@@ -46,10 +45,6 @@ GEOMETRY = ("length", "position", "camera", "marker", "clock", "scale")
 #: Stretches over which a run is averaged, the fraction of them in which the energy of a reversed run rises, and its
 #: total growth factor. Kicks raise it once.
 STRETCHES, RISING, RISE = 10, 0.75, 1.3
-#: Half width of the smoother of the energy, as a fraction of the shortest link's period.
-SMOOTH = 0.06
-#: Multiple of the fastest nearby motion per frame by which angles move where another run starts.
-JUMP = 4.0
 #: Chi-square per degree of freedom above which short windows are tried, and per sample above which they are wrong.
 SUSPECT, WRONG = 1000.0, 25.0
 #: Fraction of their motion by which short windows miss another rig. Low noise shows the errors of any model: those of a
@@ -58,10 +53,6 @@ OTHER_RIG = 3e-3
 #: Short windows, as many as one program runs in parallel; their length as a fraction of the shortest link's period and
 #: in frames, and evaluations of each. An acceleration that is wrong by g moves a link by a radian in that time.
 SHORT, PART, FRAMES, EVALUATIONS = 8, 0.35, 6, 4
-#: Maximum chi-square per sample of a reported change: right ones give 0.5 to 4.
-EXPLAINED = 9.0
-#: Fraction of a window's samples that count; the others have the largest residuals and may be outliers.
-COUNTED = 0.95
 
 
 def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: Sequence[str] = ()) -> list[str]:
@@ -173,7 +164,8 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
     if any(e.name not in ("weight", *DAMPING) for e in model.effects):
         return  # water and springs have energies of their own
     low, high = spans[0][0], spans[-1][1]
-    motion = smooth_stretch(trace.between(low, high), (low, high), SMOOTH * period)
+    # half width of the smoother of the energy, as a fraction of the shortest link's period
+    motion = smooth_stretch(trace.between(low, high), (low, high), 0.06 * period)
     if motion is None:
         return
     t, theta, omega = motion
@@ -226,7 +218,8 @@ def _breaks(trace: Trace) -> Iterator[float]:
             continue
         near = np.nanmax(np.concatenate([move[i - 5 : i], move[i + 1 : i + 6]]), axis=0, initial=0.0)
         known = np.isfinite(move[i])
-        if known.any() and np.median((move[i] - JUMP * near)[known]) > 0:
+        # multiple of the fastest nearby motion per frame by which angles move where another run starts
+        if known.any() and np.median((move[i] - 4.0 * near)[known]) > 0:
             yield float(trace.t[i + 1])
 
 
@@ -249,7 +242,8 @@ def name_wrong_file(prepared: Prepared) -> str:
             for i, one in enumerate(group)
         ]
         left, _, change = min(tried, key=lambda one: one[:2])
-        if left < (most := min(LOWERS * given, EXPLAINED)):
+        # maximum chi-square per sample of a reported change: right ones give 0.5 to 4
+        if left < (most := min(LOWERS * given, 9.0)):
             break
     name = ", ".join(trace.name for trace in prepared.traces)
     size = f"short windows miss the angles by {np.sqrt(given):.0f} times their noise as given"
@@ -306,7 +300,8 @@ def _misfit(prepared: Prepared, traces: list[Trace], pieces: Sequence[tuple[int,
 
 def _mean_without_outliers(square: np.ndarray) -> float:
     """Mean of squares (k,) without the largest, which may be outliers."""
-    return float(np.sort(square)[: int(np.ceil(COUNTED * len(square)))].mean())
+    # fraction of a window's samples that count; the others have the largest residuals and may be outliers
+    return float(np.sort(square)[: int(np.ceil(0.95 * len(square)))].mean())
 
 
 def _apply_change(trace: Trace, change: Change) -> Trace:

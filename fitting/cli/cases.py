@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_folder, positive_integer
-from dropper_jax.cli.output import failure_object, listing, print_json, print_line, print_result, progress
+from dropper_jax.cli.output import FAILED, OK, failure_object, listing, print_json, print_line, print_result, progress
 
 name = "cases"
 help = "run the load cases of a site and report the utilisation of each part"

@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_json, add_quiet
-from dropper_jax.cli.output import done_object, failure_object, listing, print_line, print_result, progress
+from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, listing, print_line, print_result, progress
 from dropper_jax.cli.outputs import picture, plot_folder
 
 name = "figure"
@@ -36,7 +35,8 @@ def run(args: argparse.Namespace) -> int:
     target = plot_folder(args.plot)
 
     from dropper_jax.effects import register_installed
-    from dropper_jax.study.source_figures import Run, cases_of, draw_figure, figure_of, figures, scene_of
+    from dropper_jax.study.figure_table import Run, cases_of, figure_of, figures, scene_of
+    from dropper_jax.study.source_figures import draw_figure
 
     register_installed()
     known = figures()

@@ -7,7 +7,6 @@ import math
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import (
     add_allow_outside,
     add_examples,
@@ -18,7 +17,7 @@ from dropper_jax.cli.options import (
     output_folder,
     read_scene,
 )
-from dropper_jax.cli.output import listing, print_line, print_warnings, progress, table
+from dropper_jax.cli.output import FAILED, OK, listing, print_line, print_warnings, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 if TYPE_CHECKING:

@@ -6,9 +6,8 @@ import argparse
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.progress import silent
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_file
-from dropper_jax.cli.output import print_json, print_line, print_warnings, progress
+from dropper_jax.cli.output import FAILED, OK, print_json, print_line, print_warnings, progress
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:

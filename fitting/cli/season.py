@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_folder
-from dropper_jax.cli.output import listing, print_result, progress
+from dropper_jax.cli.output import OK, listing, print_result, progress
 from dropper_jax.cli.outputs import add_plot, picture, plot_folder
 
 name = "season"

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import silent
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import (
     QUANTITY_HELP,
     add_examples,
@@ -18,7 +17,7 @@ from dropper_jax.cli.options import (
     output_file,
     read_scene,
 )
-from dropper_jax.cli.output import print_line, print_warnings, progress
+from dropper_jax.cli.output import FAILED, OK, print_line, print_warnings, progress
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, output_folder, read_scene
 from dropper_jax.cli.output import (
+    FAILED,
+    OK,
     failure_object,
     listing,
     print_json,

@@ -12,9 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fitting.estimate.block_tridiagonal import Factor
-from fitting.estimate.evaluation import Evaluation
-from fitting.estimate.normal_equations import Normal, Prior, Step, reduce_step
+from fitting.estimate.normal_equations import Evaluation, Factor, Normal, Prior, Step, reduce_step
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Windows
 from fitting.traces.planar import chart, wrap

@@ -13,9 +13,8 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from dropper_jax.base.progress import Progress, silent
-from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import Joined
-from fitting.estimate.normal_equations import Normal, Step, eliminate, normal_blocks
+from fitting.estimate.normal_equations import Evaluation, Normal, Step, eliminate, normal_blocks
 from fitting.estimate.problem import Problem, Residuals, Solution
 from fitting.estimate.windows import Starts
 
@@ -23,10 +22,6 @@ from fitting.estimate.windows import Starts
 STEP_TOLERANCE = 1e-4
 #: and would lower chi-square by less than this.
 DECREASE_TOLERANCE = 1e-2
-#: The same for a remaining step that does not lower the cost: switching of dry friction makes the cost non-smooth.
-#: Measured double pendulum: jumps of 1e-8 to 1e-4 of the cost, remaining steps of 0.015 to 0.083 standard errors; three
-#: links with dry joints: 0.12. The limit is the permitted shift by the time step, 0.3 standard errors.
-ROUGH_TOLERANCE = 0.3**2
 #: Maximum damping: larger values make steps too short to be useful.
 LARGEST_DAMPING = 1e8
 
@@ -39,7 +34,10 @@ def nearly_there(moved: float, decrease: float, samples: int) -> bool:
         decrease: predicted decrease of chi-square. Window starts that are far off predict more than the standard
             deviation of chi-square itself, about the root of the samples, even if the parameters are fixed.
     """
-    return moved < ROUGH_TOLERANCE and decrease < np.sqrt(samples)
+    # limit of a remaining step that does not lower the cost: switching of dry friction makes the cost non-smooth.
+    # Measured double pendulum: jumps of 1e-8 to 1e-4 of the cost, remaining steps of 0.015 to 0.083 standard errors;
+    # three links with dry joints: 0.12. The limit is the permitted shift by the time step, 0.3 standard errors
+    return moved < (0.3**2) and decrease < np.sqrt(samples)
 
 
 class Separate:

@@ -29,9 +29,8 @@ from scipy.linalg import eigvalsh, solve_triangular
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
-from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gauss_newton import Point, Separate, fit_windows, minimise
-from fitting.estimate.normal_equations import Normal, Step, bounded_step, cholesky_root
+from fitting.estimate.normal_equations import Evaluation, Normal, Step, bounded_step, cholesky_root
 from fitting.estimate.problem import Problem
 from fitting.estimate.windows import Starts, Windows
 
@@ -54,20 +53,12 @@ ARRIVED = 0.05
 INTERMEDIATE = 0.25
 #: Steps of adam from one start of its cosine decay to the next (Loshchilov and Hutter 2017).
 CYCLE = 20
-#: Minimum distance along a coordinate, as a fraction of that along all of them.
-LEAST_PART = 0.1
 #: Change of the information, in any direction, above which coordinates are made again.
 CHANGED = 4.0
-#: Growth of the loss, relative to the larger of its first value and 1 per sample, that counts as divergence.
-GROWN = 10.0
 #: Trials of a line search, the factor between them, and the fraction of the predicted decrease that suffices.
 TRIALS, SHORTER, ENOUGH = 12, 0.4, 1e-4
-#: Minimum damping of the starts' steps.
-LEAST_DAMPING = 1e-9
 #: Step, in standard errors, below which a parameter stays on its bound.
 STAYS = 1e-6
-#: Ratio of chi-square to the number of samples below which amplitude spectra join the loss.
-SPECTRUM_FLOOR = 1e-9
 
 
 @dataclass(frozen=True)
@@ -198,7 +189,8 @@ class GradientSteps:
             self.why = ""
             return None
         self.taken += 1
-        if not found.cost < GROWN * max(self.first, 0.5 * problem.samples):
+        # growth of the loss, relative to the larger of its first value and 1 per sample, that counts as divergence
+        if not found.cost < 10.0 * max(self.first, 0.5 * problem.samples):
             self.why = self._divergence(found.cost)
             return None
         return found
@@ -227,7 +219,8 @@ class GradientSteps:
             evaluation = problem.evaluate(values, problem.move_starts(point.evaluation.starts, point.values, dz))
             cost = objective.cost(evaluation, values)
             if not searched or cost <= point.cost + ENOUGH * part * slope:
-                self.damping = max(0.1 * damping, LEAST_DAMPING)
+                # minimum damping of the starts' steps
+                self.damping = max(0.1 * damping, 1e-9)
                 system = objective.system(evaluation, values) if np.isfinite(cost) else None
                 return Point(values, evaluation, cost, system)
         return None
@@ -264,7 +257,8 @@ class Coordinates:
         size = np.sqrt(np.maximum(np.diag(square), 1e-300))
         self.root = size[:, None] * cholesky_root(square / np.outer(size, size))
         slope = np.abs(self._slope(newton.gradient))
-        self.distance = np.maximum(slope, LEAST_PART * np.linalg.norm(slope))
+        # minimum distance along a coordinate, as a fraction of that along all of them
+        self.distance = np.maximum(slope, 0.1 * np.linalg.norm(slope))
         transform = descent.optimizer if descent.name == "optax" else OPTIMIZERS[descent.name]
         self.state = transform.init(jnp.asarray(self.root.T @ values[free]))
 
@@ -345,7 +339,8 @@ def spectrum_terms(
     simulated = np.fft.rfft(centre(evaluation.theta), axis=1)
     measured_angle = evaluation.theta - np.where(known, evaluation.residual / np.where(known, windows.weight, 1), 0.0)
     measured = np.abs(np.fft.rfft(centre(measured_angle), axis=1))
-    size = np.maximum(np.abs(simulated), SPECTRUM_FLOOR)
+    # ratio of chi-square to the number of samples below which amplitude spectra join the loss
+    size = np.maximum(np.abs(simulated), 1e-9)
     rest = size - measured
     scale = (windows.weight.max(axis=1, keepdims=True) ** 2) / windows.theta.shape[1]
     cost = 0.5 * float(np.sum(scale * rest**2))

@@ -91,10 +91,6 @@ class StudentT:
         return (1 - share) / (1 + share) ** 2
 
 
-#: Threshold of the Huber loss with which a fit with Student's loss starts.
-BEFORE_STUDENT = 3.0
-
-
 def loss_of(huber: float | None, student: bool = False) -> Loss:
     """Huber's loss with a threshold, that of Student's t, or least squares."""
     return StudentT() if student else LEAST_SQUARES if huber is None else Huber(huber)
@@ -102,4 +98,5 @@ def loss_of(huber: float | None, student: bool = False) -> Loss:
 
 def initial_loss(loss: Loss) -> Loss:
     """The initial loss: one with a single minimum."""
-    return Huber(BEFORE_STUDENT) if isinstance(loss, StudentT) else loss
+    # threshold of the Huber loss with which a fit with Student's loss starts
+    return Huber(3.0) if isinstance(loss, StudentT) else loss

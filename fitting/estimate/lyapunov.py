@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import GAP_SCALE
+from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Piece, Windows
 from fitting.traces.planar import chart

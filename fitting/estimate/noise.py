@@ -23,12 +23,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.estimate.evaluation import Evaluation
+from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace, smooth
-
-#: Half width [s] of the smoother that estimates rates from a trace.
-SMOOTH = 0.05
 
 
 @dataclass(frozen=True)
@@ -82,7 +79,8 @@ def rates(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
     for run in np.unique(windows.run):
         trace, mine = traces[run], windows.run == run
         even = np.arange(trace.t[0], trace.t[-1], trace.interval)
-        reach = 2 * max(2, round(SMOOTH / trace.interval)) + 1
+        # half width [s] of the smoother that estimates rates from a trace
+        reach = 2 * max(2, round(0.05 / trace.interval)) + 1
         rate = smooth(trace.at(even), min(reach, 2 * ((len(even) - 1) // 2) + 1), trace.interval)[1]
         for j, column in enumerate(rate.T):
             found[mine, :, j] = np.interp(t[mine], even, column)

@@ -15,9 +15,87 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
 
-from fitting.estimate.evaluation import Evaluation
+from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.priors import Common
+
+
+class Factor:
+    """Cholesky of a block-tridiagonal matrix: diagonal blocks (K, m, m), blocks (K - 1, m, m) left of the next."""
+
+    def __init__(self, diagonal: np.ndarray, below: np.ndarray) -> None:
+        self.below, self.factors = below, []
+        self.log_determinant = 0.0
+        block = diagonal[0]
+        for k in range(len(diagonal)):
+            if k:
+                block = diagonal[k] - below[k - 1] @ cho_solve(self.factors[-1], below[k - 1].T)
+            self.factors.append(cho_factor(block, lower=True))
+            self.log_determinant += 2 * float(np.sum(np.log(np.diag(self.factors[-1][0]))))
+
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """The solution for right-hand sides (K, m, c)."""
+        x = np.array(rhs)
+        for k in range(1, len(x)):
+            x[k] -= self.below[k - 1] @ cho_solve(self.factors[k - 1], x[k - 1])
+        x[-1] = cho_solve(self.factors[-1], x[-1])
+        for k in range(len(x) - 2, -1, -1):
+            x[k] = cho_solve(self.factors[k], x[k] - self.below[k].T @ x[k + 1])
+        return x
+
+    def inverse_diagonal(self) -> np.ndarray:
+        """Diagonal blocks (K, m, m) of the inverse: `G_k = P_k^-1 + P_k^-1 B_k' G_{k+1} B_k P_k^-1`, P the pivots."""
+        one = np.eye(len(self.factors[0][0]))
+        found = [cho_solve(self.factors[-1], one)]
+        for k in range(len(self.factors) - 2, -1, -1):
+            back = cho_solve(self.factors[k], self.below[k].T)
+            found.append(cho_solve(self.factors[k], one) + back @ found[-1] @ back.T)
+        return np.array(found[::-1])
+
+
+class Evaluation(NamedTuple):
+    """All windows at one point; derivatives are by the chart coordinates z (m angles, m rates) and the parameters.
+
+    Attributes:
+        theta: simulated angles minus the camera's offset (K, S, n) [rad].
+        residual: (simulated - measured)/sigma (K, S, n), 0 where there is no sample.
+        jacobian: of `residual` (K, S, n, 2 m + k).
+        start, end: angles and rates at both ends of each window (K, 2 n).
+        start_jacobian, end_jacobian: (K, 2 n, 2 m + k).
+        failed: steps above tolerance (K,).
+    """
+
+    theta: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    start_jacobian: np.ndarray
+    end_jacobian: np.ndarray
+    failed: np.ndarray
+
+    @property
+    def starts(self) -> Starts:
+        """The starts after closure by the simulator."""
+        n = self.start.shape[1] // 2
+        return Starts(self.start[:, :n], self.start[:, n:])
+
+
+def drop_wild(e: Evaluation) -> Evaluation:
+    """The evaluation, with zero derivative and one more failed step for windows whose derivative is undefined."""
+    size = np.abs(e.jacobian).max(axis=(1, 2, 3), initial=0.0)
+    moving = size[size > 0]  # windows without samples have no derivative
+    # ratio to the median over windows with samples above which a window's derivative counts as undefined. A joint that
+    # is just about to stick has no derivative (measured: 1e20), and one such window would block all parameters; chaos
+    # reaches 400 at most
+    wild = ~(size <= 1e4 * max(float(np.median(moving)) if len(moving) else 0.0, 1e-300))
+    if not wild.any():
+        return e
+    keep = ~wild
+    derivatives = ("jacobian", "start_jacobian", "end_jacobian")
+    zeroed = {f: np.where(keep.reshape(-1, *[1] * (getattr(e, f).ndim - 1)), getattr(e, f), 0.0) for f in derivatives}
+    return e._replace(failed=e.failed + wild, **zeroed)
+
 
 #: Values added to the diagonal of a scaled information matrix; the first that makes it positive definite is used.
 #: Eliminating starts that a stuck joint leaves undetermined loses digits.

@@ -35,8 +35,6 @@ from fitting.traces.planar import chart, wrap
 CHAINS, WARM_UP = 4, 60
 #: Target acceptance rate, and first step size.
 ACCEPTED, FIRST_LEAP = 0.95, 0.1
-#: Number of windows in one batched evaluation.
-TOGETHER = 8
 #: Ratio of the joint spread of the chains to that within each above which they do not agree.
 AGREE = 1.01
 #: Effective draws below which quantiles are unreliable.
@@ -222,7 +220,8 @@ class Density:
         starts = tuple(a + b for a, b in zip(self.start, turned, strict=True))
         known = jnp.asarray(self.all_values).at[self.where].set(values)
         run = lambda window: self.window(known, self.seeds, *self.counts, *window)  # noqa: E731
-        found = jax.lax.map(run, (*starts, self.basis, *self.inputs), batch_size=TOGETHER)
+        # number of windows in one batched evaluation
+        found = jax.lax.map(run, (*starts, self.basis, *self.inputs), batch_size=8)
         _, residual, jacobian, start, end, js, je, failed = found
         cost, slope = 0.5 * jnp.sum(residual**2), jnp.einsum("ksni,ksn->ki", jacobian, residual)
         cost, slope = self._with_gaps(cost, slope, (start, end), (js, je))

@@ -4,6 +4,12 @@
 
 Draws come from Student's t with 5 degrees of freedom around the optimum, with the covariance that the fit reports. The
 integral over the starts is Laplace's (Tierney and Kadane 1986), which is exact if the motion is linear in them.
+
+Importance weights with a smoothed tail, and the tail's shape, which shows whether they are reliable.
+
+The largest weights are replaced by quantiles of a generalised Pareto law fitted to them (Vehtari, Simpson, Gelman, Yao
+and Gabry 2024, "Pareto smoothed importance sampling"); its shape is fitted as in Zhang and Stephens (2009). A shape
+above 0.7 means that the proposal misses regions of high weight.
 """
 
 from __future__ import annotations
@@ -16,13 +22,62 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.gauss_newton import Separate
-from fitting.estimate.pareto import TRUSTED, smooth_weights
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import degrees_of_freedom, uncertainty
 
-#: Degrees of freedom of the proposal, whose tails must not be shorter than the posterior's.
-DEGREES = 5
+#: Shape above which averages with these weights are unreliable.
+TRUSTED = 0.7
+#: Shape towards which a short tail is regularised, and the number of weights that it counts as.
+SHORT_TAIL, COUNTS = 0.5, 10
+
+
+def smooth_weights(log_ratio: np.ndarray) -> tuple[np.ndarray, float]:
+    """Weights (N,) that add to 1, and the shape of their tail, from log density over log proposal (N,).
+
+    Non-finite entries have no weight. With fewer than five weights in the tail, the shape is infinite.
+    """
+    finite = np.isfinite(log_ratio)
+    weight = np.zeros(len(log_ratio))
+    if not finite.any():
+        return weight, np.inf
+    weight[finite] = np.exp(log_ratio[finite] - log_ratio[finite].max())
+    count = int(finite.sum())
+    tail = int(np.ceil(min(0.2 * count, 3 * np.sqrt(count))))
+    shape = np.inf
+    if tail >= 5:
+        order = np.argsort(weight)
+        largest, cut = order[-tail:], weight[order[-tail - 1]]
+        excess = weight[largest] - cut
+        shape = 0.0
+        if excess[-1] > 1e-12 and excess[max(int(tail / 4 + 0.5) - 1, 0)] > 0:  # otherwise all weights are equal
+            shape, scale = pareto(excess)
+            plotting_position = (np.arange(1, tail + 1) - 0.5) / tail
+            weight[largest] = np.minimum(cut + quantile(plotting_position, shape, scale), 1.0)
+    return weight / weight.sum(), shape
+
+
+def pareto(excess: np.ndarray) -> tuple[float, float]:
+    """Shape and scale of a generalised Pareto law from a sorted sample (n,) above its threshold."""
+    n = len(excess)
+    many = 30 + int(np.sqrt(n))
+    b = 1 / excess[-1] + (1 - np.sqrt(many / (np.arange(1, many + 1) - 0.5))) / (3 * excess[int(n / 4 + 0.5) - 1])
+    shapes = np.log1p(-b[:, None] * excess).mean(axis=1)
+    likelihood = n * (np.log(-b / shapes) - shapes - 1)
+    share = np.exp(likelihood - likelihood.max())
+    mean = float(b @ share / share.sum())
+    shape = float(np.log1p(-mean * excess).mean())
+    scale = -shape / mean
+    return (n * shape + COUNTS * SHORT_TAIL) / (n + COUNTS), scale
+
+
+def quantile(p: np.ndarray, shape: float, scale: float) -> np.ndarray:
+    """Quantiles of the generalised Pareto law."""
+    if abs(shape) < 1e-9:
+        return -scale * np.log1p(-p)
+    return scale * np.expm1(-shape * np.log1p(-p)) / shape
+
+
 #: Evaluations at a draw, and permitted remaining gain of log pi by the starts.
 EVALUATIONS, LEFT = 5, 0.05
 #: Effective draws below which quantiles are unreliable.
@@ -114,8 +169,9 @@ def importance(solution: Solution, draws: int = 200, seed: int = 0, progress: Pr
         raise SceneError(f"posterior: {draws} draws are too few for quantiles; allowed: at least {2 * FEW}")
     u = uncertainty(solution)
     unit = solution.chi2 / degrees_of_freedom(solution) * max(u.inflation, 1.0) ** 2
+    # degrees of freedom of the proposal, whose tails must not be shorter than the posterior's
     proposal = multivariate_t(
-        solution.values[free], u.covariance[np.ix_(free, free)], df=DEGREES, allow_singular=True, seed=seed
+        solution.values[free], u.covariance[np.ix_(free, free)], df=5, allow_singular=True, seed=seed
     )
     low, high = (end[free] for end in problem.bounds(solution.values))
     points = np.reshape(proposal.rvs(draws), (draws, len(free)))

@@ -8,10 +8,9 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise, correlates, lag_one, whitened
-from fitting.estimate.normal_equations import Normal, Prior, normal_blocks, prior_of
+from fitting.estimate.normal_equations import Evaluation, Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts, Windows

@@ -32,8 +32,6 @@ from fitting.traces.trace import Trace
 
 TIME, FORCE = "release.time", "release.force"
 NAMES = (TIME, FORCE)
-#: Maximum distance of the release from the start of its window, as a fraction of the window.
-REACH = 0.5
 #: Number of release times tried for a first guess.
 TRIED = 21
 #: Minimum stretch of a step [-]: only steps that a fit will not accept go below it.
@@ -189,7 +187,8 @@ class Release:
             SceneError: a release outside this range.
         """
         begin = {int(windows.run[k]): float(windows.begin[k]) for k in np.flatnonzero(windows.released)}
-        reach = REACH * windows.length
+        # maximum distance of the release from the start of its window, as a fraction of the window
+        reach = 0.5 * windows.length
         found, free = list(parameters), _free_times(parameters)
         for run, t0 in begin.items():
             value = found[free[run]].value if run in free else 0.0

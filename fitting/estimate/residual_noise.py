@@ -22,22 +22,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.noise import WHITE, Noise, correlates, lag_one, log_volume, rates, whitened
+from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.sandwich import leverage, start_covariances
 from fitting.estimate.shooting import level_of
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
 
-#: Minimum gain in log likelihood for a more complex noise model.
-WORTH = 6.0
-#: Significance of the links' common motion along their rates, in standard deviations, for a delay model.
-STANDS_OUT = 5.0
 #: Maximum memory of the noise that is used.
 MAX_CORRELATION = 0.995
-#: Minimum number of remaining samples for the noise of a channel.
-FEWEST_LEFT = 10
 
 
 class ResidualNoiseModel:
@@ -95,7 +89,8 @@ class ResidualNoiseModel:
             square = np.sum(slope[mine] ** 2, axis=(0, 1)) / point.problem.loss.spread
             left = known[mine].sum(axis=(0, 1)) - taken[mine].sum(axis=(0, 1))
             every = np.sqrt(square.sum() / max(left.sum(), 1.0))
-            found[r] = np.where(left > FEWEST_LEFT, np.sqrt(square / np.maximum(left, 1.0)), every)
+            # minimum number of remaining samples for the noise of a channel
+            found[r] = np.where(left > 10, np.sqrt(square / np.maximum(left, 1.0)), every)
         return np.where(found > 0, found, 1.0)
 
     def estimate(self, noise: Noise) -> tuple[Noise, Solution]:
@@ -104,7 +99,8 @@ class ResidualNoiseModel:
         white, point = self.fixed_point(white)
         best, found = minus_two_log(point), (white, point)
         for tried in (self._with_memory(white, point), self._with_delay(white, point)):
-            if tried is not None and minus_two_log(tried[1]) < best - 2 * WORTH:
+            # minimum gain in log likelihood for a more complex noise model
+            if tried is not None and minus_two_log(tried[1]) < best - 2 * 6.0:
                 best, found = minus_two_log(tried[1]), tried
         return found
 
@@ -157,7 +153,8 @@ class ResidualNoiseModel:
         for r in np.unique(point.windows.run):
             mine = point.windows.run == r
             more, spread = np.sum(along[mine] ** 2 - square[mine]), np.sqrt(2 * np.sum(square[mine] ** 2))
-            if more > STANDS_OUT * spread:
+            # significance of the links' common motion along their rates, in standard deviations, for a delay model
+            if more > 5.0 * spread:
                 delay[r] = np.sqrt(more / np.sum(square[mine] ** 2))
         late = along / np.maximum(np.sqrt(square), 1e-300)
         if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE:

@@ -13,9 +13,6 @@ from fitting.traces.trace import Trace
 SHORTEST, FIRST_PERIODS, LAST_PERIODS = 0.5, 0.5, 2.0
 #: Frames of a running mean; limits of a still motion: standard deviations of the mean, and a minimum angle [rad].
 WIDTH, STILL, LEAST = 5, 5.0, 0.002
-#: Angle [rad] between a still pose and equilibrium above which something else must hold the line: errors of 1 % in
-#: lengths and ends move the pose of a line between fixed ends by less.
-HELD = 0.1
 
 
 def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[float, float]]:
@@ -68,7 +65,9 @@ def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[
     still = trace.between(spans[0][0], spans[0][1] + 1e-6)
     off = (np.nanmedian(still.theta, axis=0) - pose() + np.pi) % (2 * np.pi) - np.pi
     later = known[trace.t[known] > spans[0][1]][WIDTH:]
-    return float(trace.t[later[0]]) if len(later) and np.abs(off).max() > HELD else None
+    # angle [rad] between a still pose and equilibrium above which something else must hold the line: errors of 1 % in
+    # lengths and ends move the pose of a line between fixed ends by less
+    return float(trace.t[later[0]]) if len(later) and np.abs(off).max() > 0.1 else None
 
 
 def advice_on_rest(trace: Trace, sigma: np.ndarray, slowest: float) -> list[str]:

@@ -21,14 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fitting.estimate.block_tridiagonal import Factor
 from fitting.estimate.gaps import gaps
-from fitting.estimate.normal_equations import Normal, solve_spd
+from fitting.estimate.normal_equations import Factor, Normal, solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
 
-#: Target number of pieces of time; a small number of windows is cut into them.
-PIECES = 60
 #: Minimum number of blocks, for any memory of the scores.
 FEWEST = 4
 #: Number of blocks below which intervals use Student's quantile and a warning is given.
@@ -95,7 +92,8 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     score = scores(solution)[..., free]
     weighted_score = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
     square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
-    duration = timing.duration / max(PIECES, timing.blocks) * (1 + 1e-9)
+    # target number of pieces of time; a small number of windows is cut into them
+    duration = timing.duration / max(60, timing.blocks) * (1 + 1e-9)
 
     def number(t: np.ndarray, run: np.ndarray) -> np.ndarray:
         """Run and piece of these times of runs, combined in one number."""

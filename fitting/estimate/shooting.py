@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
-from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import Joined, eliminate_joined, gaps, join
 from fitting.estimate.gauss_newton import Separate, descend
-from fitting.estimate.normal_equations import Step
+from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.problem import Problem, Solution
 
 #: Gap weights, in order. Larger ratios lose the neighbourhood of the optimum (measured on the lab dropper).
@@ -28,18 +27,12 @@ SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 #: distinguishes such weights. Ratio of errors to standard errors for 60 random droppers: RMS 0.77 at a difference of
 #: 0.5, with standard errors up to 1.4 times those of the smallest weight.
 SAME_EVIDENCE = 0.2
-#: Change of the evidence between weights below which smaller weights are not tried.
-LEVEL = 0.02
 #: Difference from the maximum log evidence at which the maximum counts as passed; and from the evidence that the linear
 #: model predicts, at which the motion does not follow that model.
 EVIDENCE_DROP = 5.0
-#: Fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not noise.
-RECOVERED = 0.3
 #: Accuracy of intermediate weights: parameters within 0.2 standard errors, and evidence within 0.25. Only the chosen
 #: weight is solved to the end.
 INTERMEDIATE, LITTLE = 0.2**2, 0.5
-#: Gap weights larger than this multiple of the gaps' own size are skipped.
-SLACK = 5.0
 #: Gap weight and rounds of the multipliers when gaps are closed exactly.
 EXACT_WEIGHT, EXACT_ROUNDS = 1e-3, 4
 #: Maximum evaluations when a joined solution continues with finer steps.
@@ -148,7 +141,8 @@ def fit_shooting(
         schedule = [w for w in schedule if w > EXACT_WEIGHT] + [EXACT_WEIGHT]
     wide = gaps_now(begin)
     # if gaps are much smaller than a weight allows, the weight has no effect
-    schedule = [w for i, w in enumerate(schedule) if w < SLACK * wide or i == len(schedule) - 1]
+    # gap weights larger than this multiple of the gaps' own size are skipped
+    schedule = [w for i, w in enumerate(schedule) if w < 5.0 * wide or i == len(schedule) - 1]
     if continuity == "estimate" and begin.problem.memory == 1 and begin.problem.descent is None:
         found_at_once = follow_linear_model(begin, schedule, iterations, finer, progress)
         if found_at_once is not None:
@@ -163,16 +157,15 @@ def fit_shooting(
             progress((i + 1) / (len(schedule) + 1), text)
             fell = max((p.evidence for p in found), default=-np.inf) - point.evidence
             again = finer(point) if fell > SAME_EVIDENCE else None
-            if (
-                again is not None
-                and begin.problem.memory > 1
-                and level.expected_decrease(again, point) < RECOVERED * fell
-            ):
+            # fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not
+            # noise
+            if again is not None and begin.problem.memory > 1 and level.expected_decrease(again, point) < 0.3 * fell:
                 again = None  # the model is wrong, not the step
         found.append(point)
         drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
         worse = worse + 1 if drop > EVIDENCE_DROP else 0
-        if continuity == "estimate" and i and abs(point.evidence - found[-2].evidence) < LEVEL:
+        # change of the evidence between weights below which smaller weights are not tried
+        if continuity == "estimate" and i and abs(point.evidence - found[-2].evidence) < 0.02:
             break
         # with correlated residuals the maximum of the evidence is clear
         if continuity == "estimate" and worse == (2 if begin.problem.memory == 1 else 1):

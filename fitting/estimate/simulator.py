@@ -19,10 +19,9 @@ from dropper_jax.backend.programs import brief_options, lower_cached
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model
 from dropper_jax.stepping.stepper import Stepper
-from fitting.estimate.evaluation import Evaluation, drop_wild
-from fitting.estimate.marching import at_samples, march
+from fitting.estimate.marching import at_samples, choose_stepper, march
+from fitting.estimate.normal_equations import Evaluation, drop_wild
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
-from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import ON_GRID, Starts, Windows
 from fitting.parameters.parameter import Parameter, apply
 from fitting.parameters.target import LostPlace, camera_angles, clock_rate, losses
@@ -37,8 +36,6 @@ CHUNK = 8
 COUNTS = 8
 #: Position of a jump of the clock that a window does not have [steps].
 NEVER = 1e9
-#: Fraction of a program's windows that its first, plain steps may leave unsolved before they are no longer tried.
-UNSOLVED = 0.5
 
 
 class Key(NamedTuple):
@@ -158,7 +155,9 @@ class Simulator:
         found = self._run(values, inputs, windows, self._plain)
         if self._plain and found.failed.any():
             again = np.flatnonzero(found.failed)
-            self._plain = len(again) <= UNSOLVED * windows.count
+            # fraction of a program's windows that its first, plain steps may leave unsolved before they are no longer
+            # tried
+            self._plain = len(again) <= 0.5 * windows.count
             better = self._run(values, tuple(a[again] for a in inputs), windows, False)
             for old, new in zip(found, better, strict=True):
                 old[again] = new

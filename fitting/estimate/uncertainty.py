@@ -19,8 +19,6 @@ from fitting.estimate.sandwich import FEW, leverage, pieces, resample, scatter, 
 
 #: Probability of the reported intervals.
 LEVEL = 0.90
-#: Relative standard error above which a direction counts as undetermined.
-UNDETERMINED = 1.0
 
 
 @dataclass(frozen=True)
@@ -174,7 +172,8 @@ def open_directions(solution: Solution, covariance: np.ndarray, free: np.ndarray
     found = []
     for variance, column in zip(spread[::-1], direction.T[::-1], strict=True):
         several = np.abs(column) > 0.2
-        if np.sqrt(max(variance, 0.0)) > UNDETERMINED and several.sum() > 1:
+        # relative standard error above which a direction counts as undetermined
+        if np.sqrt(max(variance, 0.0)) > 1.0 and several.sum() > 1:
             column = column / np.abs(column).max()
             found.append({parameters[i].name: float(c) for i, c, s in zip(free, column, several, strict=True) if s})
     return tuple(found)

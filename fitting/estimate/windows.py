@@ -23,13 +23,6 @@ from fitting.traces.trace import Trace, local_motion, without_spikes
 ON_GRID = 1e-6
 
 
-#: Relative change of a step that rounded times of samples may cause.
-ROUNDED = 1e-3
-
-
-#: Maximum reach of a start's polynomial, as a fraction of the shortest link's period.
-SMOOTH_PART = 0.3
-
 #: Fields that every window has separately, in addition to `follows`.
 PER_WINDOW = ("begin", "run", "theta", "weight", "index", "fraction", "released", "step_counts")
 #: Optional fields of the same kind.
@@ -174,7 +167,8 @@ def time_step(traces: Sequence[Trace], requested: float) -> float:
     if max(intervals) - min(intervals) > 1e-9:
         return requested
     interval = max(intervals)
-    return interval / max(1, int(np.ceil(interval / requested - ROUNDED)))
+    # relative change of a step that rounded times of samples may cause
+    return interval / max(1, int(np.ceil(interval / requested - 1e-3)))
 
 
 #: Minimum number of frames of a window: a start can fit fewer samples exactly.
@@ -263,7 +257,8 @@ class Starts(NamedTuple):
 def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma: Sequence[np.ndarray]) -> Starts:
     """Starts from the traces: value and slope of local polynomials, with the width that the noise `sigma` allows."""
     traces = [without_spikes(trace) for trace in traces]
-    longest = SMOOTH_PART * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
+    # maximum reach of a start's polynomial, as a fraction of the shortest link's period
+    longest = 0.3 * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
     value = np.array(
         [
             local_motion(traces[i].t, traces[i].theta, t0, sigma[i], longest)
@@ -273,13 +268,10 @@ def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma:
     return close_starts(model, value[..., 0], value[..., 1])
 
 
-#: Number of starts closed in one call, so that one program serves most traces.
-CLOSED_TOGETHER = 128
-
-
 def close_starts(model: Model, theta: np.ndarray, omega: np.ndarray) -> Starts:
     """The nearby starts (K, n) whose links close."""
-    more = [(0, -len(theta) % CLOSED_TOGETHER), (0, 0)]
+    # number of starts closed in one call, so that one program serves most traces
+    more = [(0, -len(theta) % 128), (0, 0)]
     found = _close(model, *(np.pad(a, more, mode="edge") for a in (theta, omega)))
     return Starts(*(np.asarray(a)[: len(theta)] for a in found))
 

@@ -26,8 +26,7 @@ from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
 from dropper_jax.sea import Sea
 from dropper_jax.stepping.adjoint import Record, backward_pass, check_recordable, record
-from dropper_jax.stepping.choose import make_stepper
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.stepping.stepper import Stepper, make_stepper
 from fitting.optimise.models import Still, in_waves, leaf_numbers, sea_of, still_scene
 from fitting.optimise.quantities import Quantity
 from fitting.optimise.values import Rest, near_rest

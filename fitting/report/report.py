@@ -17,9 +17,8 @@ from dropper_jax.report.sections import table
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict
-from fitting.calibration.energy import check_energy
 from fitting.calibration.fit import fit
-from fitting.calibration.one_run import OneRun, one_run
+from fitting.calibration.one_run import OneRun, check_energy, one_run
 from fitting.calibration.result import FitResult
 from fitting.parameters.of_scene import fitted_scene
 from fitting.report.pictures import MOST_LINKS_DRAWN, PICTURES, descent, fitted

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fitting.calibration.advice import Candidate
-from fitting.calibration.law import Law
+from fitting.calibration.law_fits import Law
 from fitting.calibration.result import FitResult
 from fitting.estimate.scene_fit import SceneFit
 

@@ -18,8 +18,7 @@ from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
 from dropper_jax.run.quantities import STATISTICS
-from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin
-from dropper_jax.stepping.observe import observe
+from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin, observe
 from fitting.parameters.parameter import apply
 from fitting.sweep.plan import STATUS, Plan
 

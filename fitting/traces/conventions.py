@@ -1,4 +1,4 @@
-"""Angle convention of a trace: specified by the user or the file, otherwise inferred; always checked with the scene.
+"""Angle convention of a trace, given or inferred and always checked with the scene; possible mistakes of its file.
 
 Two facts distinguish conventions. Links between fixed ends must close, which requires the right zero and side. Links
 hang: the mean direction of each over the run is near that of the line at rest, which requires the right sign.
@@ -6,7 +6,10 @@ hang: the mean direction of each over the run is near that of the line at rest, 
 
 from __future__ import annotations
 
-from itertools import product
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import combinations, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,12 +20,99 @@ from dropper_jax.model import Model
 from fitting.traces.planar import wrap
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 
+
+class Change(NamedTuple):
+    """A mistake in words, its correction, and the change of the angles (k, n) [rad] in the file's convention."""
+
+    mistake: str
+    fix: str
+    apply: Callable[[np.ndarray], np.ndarray]
+
+
+def in_model(theta: np.ndarray, at: Convention) -> np.ndarray:
+    """Angles [rad] of a convention, from the horizontal and positive downwards."""
+    theta = at.sign * theta
+    return np.pi / 2 - theta if at.zero == "down" else theta
+
+
+def changes(links: int) -> Iterator[Change]:
+    """Changes without a number: mirrored links, relative angles, other orders of columns."""
+    mirrors = (
+        ("has the wrong sign", "reverse the sign of", lambda theta: -theta),
+        ("is measured from the link's other end", "add half a turn to", lambda theta: theta + np.pi),
+        ("is mirrored", "use half a turn minus the angles of", lambda theta: np.pi - theta),
+    )
+    for mistake, fix, mirror in mirrors:
+        for j in range(links):
+            name = f"theta_{j + 1}"
+            yield Change(f"{name} {mistake}", f"{fix} {name}", _of_column(j, mirror))
+    # a wrong sign of all angles is a matter of the convention
+    yield Change("all links are mirrored (seen from behind)", "use half a turn minus all angles", mirrors[2][2])
+    if links > 1:
+        total = lambda theta: np.cumsum(theta, axis=1)  # noqa: E731
+        yield Change("angles are relative to the link before", "add up the angles from theta_1 on", total)
+        fix = "name the columns from the first hook on"
+        if links > 2:  # with two links they are swapped
+            yield Change("columns are in the reverse order", fix, lambda theta: theta[:, ::-1])
+        turned = lambda theta: theta[:, ::-1] + np.pi  # noqa: E731
+        yield Change("columns are in the reverse order, and links measured from their other end", fix, turned)
+    for j, k in combinations(range(links), 2):
+        names = f"theta_{j + 1} and theta_{k + 1}"
+        yield Change(f"{names} are swapped", f"swap {names}", _with_columns(_swap_links(links, j, k)))
+    for by in range(1, links if links > 2 else 0):
+        order = np.roll(np.arange(links), by)
+        fix = f"theta_1 belongs in column theta_{by + 1}"
+        yield Change(f"columns are shifted by {by}", fix, _with_columns(order))
+
+
+def _of_column(j: int, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda theta: np.where(np.arange(theta.shape[1]) == j, change(theta), theta)
+
+
+def _with_columns(order: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda theta: theta[:, order]
+
+
+def _swap_links(links: int, j: int, k: int) -> np.ndarray:
+    order = np.arange(links)
+    order[[j, k]] = k, j
+    return order
+
+
+def shift(j: int | None, by: float) -> Change:
+    """The zero of column j, or of all for None, shifted by -by [rad]."""
+    name = "all columns" if j is None else f"theta_{j + 1}"
+    mistake = f"the zero of {name} is shifted by {-by:.3g} rad"
+    add = lambda theta: theta + by  # noqa: E731
+    fix = f"add {by:.3g} rad to {name}" + (", or free camera.offset" if j is None else "")
+    return Change(mistake, fix, add if j is None else _of_column(j, add))
+
+
+def late_columns(links: int, frames: Sequence[int]) -> Iterator[Change]:
+    """One column some frames later or earlier than the others."""
+    for j, by, sign in product(range(links), frames, (1, -1)):
+        name, when, where = f"theta_{j + 1}", *(("late", "up") if sign > 0 else ("early", "down"))
+        move = partial(_shift_frames, by=by * sign)
+        yield Change(f"{name} is {by} frames {when}", f"move {name} {where} by {by} rows", _of_column(j, move))
+
+
+def _shift_frames(theta: np.ndarray, by: int) -> np.ndarray:
+    moved = np.full_like(theta, np.nan)
+    if by > 0:
+        moved[:-by] = theta[by:]
+    else:
+        moved[-by:] = theta[:by]
+    return moved
+
+
+def units(named: Convention) -> Iterator[Change]:
+    """The unit that is not the named one."""
+    factor, unit = (180 / np.pi, "rad") if named.unit == "deg" else (np.pi / 180, "deg")
+    yield Change(f"the unit is {unit}", f"--unit {unit}", lambda theta: factor * theta)
+
+
 #: Difference of misfit [rad], and its ratio, by which another convention must fit better to reject the specified one.
 WORSE_BY, WORSE_TIMES = 0.3, 2.0
-#: Rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians.
-FASTEST = 15.0
-#: Fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small then.
-UNIT_STEP = 0.05
 #: Minimum number of samples per period of the shortest link as a pendulum.
 SAMPLES_PER_PERIOD = 6
 
@@ -72,7 +162,8 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
     of a motion in radians is slower; degrees make v^2 3300 times larger.
     """
     largest = np.nanmax(np.abs(trace.theta))
-    fastest = FASTEST * np.sqrt(GRAVITY / float(np.mean(np.asarray(model.line.length))))
+    # rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians
+    fastest = 15.0 * np.sqrt(GRAVITY / float(np.mean(np.asarray(model.line.length))))
     if named.unit != "deg" and _specific_energy(trace, model) > 2 * GRAVITY * float(
         np.sum(np.asarray(model.line.length))
     ):
@@ -88,7 +179,9 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
 def _specific_energy(trace: Trace, model: Model) -> float:
     """Kinetic energy per mass [J/kg] of the nodes in the median frame, with angles read as radians."""
     period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / GRAVITY)
-    apart = max(1, round(UNIT_STEP * period / trace.interval))
+    # fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small
+    # then
+    apart = max(1, round(0.05 * period / trace.interval))
     step = trace.t[apart:] - trace.t[:-apart]
     omega = (trace.theta[apart:] - trace.theta[:-apart]) / step[:, None]
     middle = 0.5 * (trace.theta[apart:] + trace.theta[:-apart])

@@ -123,11 +123,6 @@ def check_times(name: str, t: np.ndarray) -> None:
 
 #: Number of exact repetitions above which a value may be a mark of missing samples.
 REPEATED = 3
-#: Distance of such a value from the line through its neighbours, in typical distances of the column, above which it is
-#: a mark. Values of a coarse encoder also repeat, but lie between their neighbours.
-OFF = 20.0
-#: The same as a fraction of the column's range: a coarse encoder at rest toggles between neighbours.
-PART_OF_RANGE = 0.1
 
 
 def placeholder(values: np.ndarray) -> float | None:
@@ -143,7 +138,10 @@ def placeholder(values: np.ndarray) -> float | None:
             continue
         off = np.abs(value - np.interp(mark, others, values[others]))
         inner = np.abs(values[others[1:-1]] - 0.5 * (values[others[:-2]] + values[others[2:]]))
-        far = max(OFF * float(np.median(inner)), PART_OF_RANGE * float(np.ptp(values[others])))
+        # distance of such a value from the line through its neighbours, in typical distances of the column, above which
+        # it is a mark. Values of a coarse encoder also repeat, but lie between their neighbours. Second: a fraction
+        # of the column's range: a coarse encoder at rest toggles between neighbours
+        far = max(20.0 * float(np.median(inner)), 0.1 * float(np.ptp(values[others])))
         if far > 0 and np.median(off) > far:
             return float(value)
     return None

@@ -17,11 +17,6 @@ from dropper_jax.base.renamed import old_names
 from dropper_jax.model import Model, State
 from dropper_jax.run.start import from_angles
 
-#: Newton iterations of the closure; from a distance of 0.1 rad four reach rounding (convergence is quadratic).
-CLOSURE_ITERATIONS = 4
-#: Maximum |y| [m] or [m/s] of a scene that counts as plane.
-PLANE = 1e-9
-
 
 def check_planar(model: Model, start: State) -> None:
     """Reject a scene that traces of polar angles cannot describe.
@@ -33,7 +28,8 @@ def check_planar(model: Model, start: State) -> None:
         raise SceneError("effects.end_motion: moving ends cannot be fitted. Use a scene with ends at rest")
     held = np.asarray(model.ends(start.t).positions)[:, 1]
     y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + held[0], held])
-    if np.ptp(y) > PLANE:
+    # maximum |y| [m] or [m/s] of a scene that counts as plane
+    if np.ptp(y) > 1e-9:
         raise SceneError(
             "start: leaves the vertical plane. Use a motion in the x-z plane, because traces have one angle"
         )
@@ -75,7 +71,8 @@ def close_chain(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.A
     def correct(theta: jax.Array, _: None) -> tuple[jax.Array, None]:
         return theta - _closing(model, theta, gap(model, theta)), None
 
-    theta, _ = jax.lax.scan(correct, theta, None, length=CLOSURE_ITERATIONS)
+    # Newton iterations of the closure; from a distance of 0.1 rad four reach rounding (convergence is quadratic)
+    theta, _ = jax.lax.scan(correct, theta, None, length=4)
     rate = (model.line.length * omega) @ directions(theta)[1]
     return theta, omega - _closing(model, theta, rate)
 

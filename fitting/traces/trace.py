@@ -192,8 +192,6 @@ def check_trace(trace: Trace) -> None:
 
 #: Degree of the polynomial through a start's samples, and the ratio of successive trial reaches.
 DEGREE, WIDER = 3, 1.3
-#: Standard deviations of chi-square by which a polynomial may miss its samples and still count as noise.
-LEFT_OVER = 2.0
 
 
 def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray, longest: float) -> np.ndarray:
@@ -219,7 +217,8 @@ def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray,
             basis, y = np.vander(x[near] / reach, degree + 1, increasing=True), theta[np.ix_(frames[near], columns)]
             c = np.linalg.lstsq(basis, y, rcond=None)[0]
             left, freedom = np.sum((basis @ c - y) ** 2, axis=0) / sigma[columns] ** 2, near.sum() - degree - 1
-            fits = (left <= freedom + LEFT_OVER * np.sqrt(2 * freedom)) | (reach <= shortest)
+            # standard deviations of chi-square by which a polynomial may miss its samples and still count as noise
+            fits = (left <= freedom + 2.0 * np.sqrt(2 * freedom)) | (reach <= shortest)
             found[columns[fits], 0], found[columns[fits], 1] = c[0, fits], c[1, fits] / reach if degree else 0.0
             columns, reach = columns[~fits], max(reach / WIDER, shortest)
     return found
@@ -246,10 +245,6 @@ def smooth(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.n
     return found[0], found[1]
 
 
-#: Distance of a spike from the mean of its neighbours, in typical distances of all samples.
-SPIKE = 10.0
-
-
 def without_spikes(trace: Trace) -> Trace:
     """The trace with isolated outliers marked as missing: they are far from both their neighbours."""
     theta = trace.theta.copy()
@@ -259,7 +254,8 @@ def without_spikes(trace: Trace) -> Trace:
             continue
         beside = np.maximum(np.r_[0.0, np.nan_to_num(off[:-1])], np.r_[np.nan_to_num(off[1:]), 0.0])
         # the neighbours of a spike deviate half as much
-        spike = (off > SPIKE * np.nanmedian(off) / 0.6745) & (off > 1.5 * beside)
+        # distance of a spike from the mean of its neighbours, in typical distances of all samples
+        spike = (off > 10.0 * np.nanmedian(off) / 0.6745) & (off > 1.5 * beside)
         column[1:-1][spike] = np.nan
     return replace(trace, theta=theta)
 

@@ -15,9 +15,8 @@ from dropper_jax.axial.force_table import ForceTable, stack_tables
 from dropper_jax.model import state, work_names
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.modes import natural_modes
-from dropper_jax.stepping.choose import make_stepper
-from dropper_jax.stepping.integrate import integrate
-from dropper_jax.stepping.observe import observe
+from dropper_jax.stepping.integrate import integrate, observe
+from dropper_jax.stepping.stepper import make_stepper
 
 STRAIN, TENSION = [0.02, 0.05, 0.10, 0.12, 0.20], [0.0, 300.0, 1300.0, 1300.0, 4500.0]
 EVEN = {"law": "tabulated", "strain": [0.0, 0.05, 0.10, 0.15], "tension": [0.0, 300.0, 1000.0, 2500.0]}

@@ -16,7 +16,8 @@ from dropper_jax.cli.outputs import out_file, picture, plot_folder
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.run import quantities
 from dropper_jax.study import source_figures
-from dropper_jax.study.source_figures import PANELS, Run, cases_of, draw_figure, figure_of, figures, scene_of
+from dropper_jax.study.figure_table import Run, cases_of, figure_of, figures, scene_of
+from dropper_jax.study.source_figures import PANELS, draw_figure
 from fitting.cli import figure, sweep
 from fitting.sweep.plan import QUANTITIES
 

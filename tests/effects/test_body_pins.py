@@ -19,7 +19,7 @@ from dropper_jax.solvers import SOLVERS
 from dropper_jax.solvers.dense import residual_matrix
 from dropper_jax.statics.modes import natural_modes
 from dropper_jax.statics.static_pose import equilibrium
-from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.stepper import make_stepper
 
 G, RHO, DEPTH = 9.81, 1025.0, 20.0
 ARM, MASS, MOMENT = 2.0, 5.0, 3.0

@@ -17,9 +17,9 @@ from dropper_jax.effects import Effect
 from dropper_jax.model import state
 from dropper_jax.run.build import build, build_model
 from dropper_jax.run.simulate import simulate
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import integrate
 from dropper_jax.stepping.step import step
+from dropper_jax.stepping.stepper import make_stepper
 
 G = 9.81
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import read_lines
-from dropper_jax.cli import before_jax
+from dropper_jax.cli import commands
 from dropper_jax.load.packaged import DAMPING, scene_names
 from dropper_jax.load.paths import set_value
 from dropper_jax.load.scene import Scene
@@ -437,15 +437,15 @@ def test_an_expression_that_python_warns_of_is_refused_without_its_warning():
 
 
 def test_messages_of_the_compiler_for_its_developers_are_not_shown_by_commands(monkeypatch):
-    for name in (before_jax.XLA_LOG, before_jax.COMPILE_CACHE, before_jax.KEEP_TRACES, before_jax.QUICK):
+    for name in (commands.XLA_LOG, commands.COMPILE_CACHE, commands.KEEP_TRACES, commands.QUICK):
         monkeypatch.setenv(name, "")
         monkeypatch.delenv(name)
     threshold = gc.get_threshold()
     try:
-        before_jax.prepare()
+        commands.prepare()
     finally:
         gc.set_threshold(*threshold)
-    assert os.environ[before_jax.XLA_LOG] == "3"  # fatal ones alone, in the words of XLA's logger
+    assert os.environ[commands.XLA_LOG] == "3"  # fatal ones alone, in the words of XLA's logger
 
 
 @pytest.mark.parametrize(("letter", "node", "force"), [("a", 1, 1.128), ("b", 2, 0.78), ("c", 3, 0.78), ("d", 4, 0.6)])

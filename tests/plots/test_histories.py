@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from dropper_jax import plots
-from dropper_jax.cli.run import draw
-from dropper_jax.plots import moving, series, style
-from dropper_jax.plots.run import readable
-from dropper_jax.plots.units import force_unit
+from dropper_jax.cli.outputs import draw
+from dropper_jax.plots import series, style
+from dropper_jax.plots.run import chosen_links, readable
+from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import end_tensions, held_points, point_load
 
 
@@ -58,10 +58,10 @@ def test_links_at_rest_have_no_panel(longline):
     solution = longline()
     solution.positions[:, :5] = solution.positions[0, :5]  # the first line's nodes stay
     run = readable(solution)
-    chosen = moving.chosen_links(run, 12)
+    chosen = chosen_links(run, 12)
     assert len(chosen)
     assert chosen.min() >= 4
-    assert len(moving.chosen_links(run, 3)) <= 3
+    assert len(chosen_links(run, 3)) <= 3
 
 
 def test_loads_of_a_point_are_the_pull_of_its_lines_along_them():

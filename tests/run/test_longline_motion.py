@@ -13,8 +13,8 @@ from dropper_jax import equilibrium, load_scene
 from dropper_jax.run.build import build, build_model
 from dropper_jax.run.simulate import simulate
 from dropper_jax.statics.static_pose import settle
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import integrate
+from dropper_jax.stepping.stepper import make_stepper
 
 G = 9.81
 

@@ -16,7 +16,7 @@ from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import simulate
 from dropper_jax.scene import held_loads, line_offsets
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.stepper import make_stepper
 
 PLACES = [(0, 0, 0), (6, 0, 0), (3, 5, 0), (3, 1, -1.0), (3, 2, -1.0)]
 

@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax.solvers.elimination import eliminate, solve
-from dropper_jax.solvers.order import elimination_order
+from dropper_jax.solvers.elimination import eliminate, elimination_order, solve
 
 GRAPHS = {
     "one node": (1, []),

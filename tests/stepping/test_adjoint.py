@@ -11,8 +11,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build, build_model
 from dropper_jax.stepping.adjoint import backward_pass, check_recordable, record
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import integrate
+from dropper_jax.stepping.stepper import make_stepper
 
 STEPS, H = 24, 0.05
 

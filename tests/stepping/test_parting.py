@@ -16,9 +16,9 @@ from dropper_jax.model import as_parted, state
 from dropper_jax.report.build import report_run
 from dropper_jax.run.build import build, build_model
 from dropper_jax.run.simulate import simulate
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import integrate
 from dropper_jax.stepping.step import step_and_part
+from dropper_jax.stepping.stepper import make_stepper
 from fitting.sensitivity import study, windows
 from fitting.sweep import open_sweep, sweep
 

@@ -17,8 +17,8 @@ from dropper_jax.load.source import load_scene
 from dropper_jax.model import state
 from dropper_jax.residual import Implicit
 from dropper_jax.run.build import build_model
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import begin
+from dropper_jax.stepping.stepper import make_stepper
 
 GEOMETRY = (".length", ".position", ".r", ".angles")
 H = 0.01

@@ -13,9 +13,8 @@ import dropper_jax as dj
 from dropper_jax.cli import main
 from dropper_jax.load.source import load_scene
 from dropper_jax.study.accuracy import accuracy, advice, euler_claims, numerical_damping
-from dropper_jax.study.march import link_vectors, rms_angle
+from dropper_jax.study.march import Scheme, link_vectors, parse, rms_angle
 from dropper_jax.study.reference import instant_tension, reference
-from dropper_jax.study.schemes import Scheme, parse
 from dropper_jax.study.stability.scenes import chain
 from dropper_jax.study.step_choice import choose_step
 

@@ -14,7 +14,7 @@ from dropper_jax.cli import main
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build
-from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.cost import Unused, Variant, program, proof, without_effects
 from dropper_jax.study.stability.contact_cases import sledge
 

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from dropper_jax.cli import main
-from dropper_jax.study import rest_pictures
+from dropper_jax.study import pictures
 
 
 @pytest.mark.parametrize(
@@ -16,12 +16,12 @@ from dropper_jax.study import rest_pictures
 def test_modes_of_a_long_line_are_seen_from_where_they_show(moved, seen):
     # 100 m along x, 20 m high, 2 m wide: moves along y show from above, moves along z from the side
     rest = np.linspace([0.0, 0.0, -20.0], [100.0, 2.0, 0.0], 11)
-    assert rest_pictures._plane(rest, np.tile(moved, (11, 1))) == seen
+    assert pictures._plane(rest, np.tile(moved, (11, 1))) == seen
 
 
 def test_a_mode_across_a_short_line_is_seen_from_the_front():
     rest = np.linspace([0.0, 0.0, -20.0], [1.0, 0.0, 0.0], 11)
-    assert rest_pictures._plane(rest, np.tile((0.0, 1.0, 0.0), (11, 1))) == (1, 2)
+    assert pictures._plane(rest, np.tile((0.0, 1.0, 0.0), (11, 1))) == (1, 2)
 
 
 def test_a_pose_leaves_its_picture_and_its_result(tmp_path, capsys):
@@ -63,9 +63,9 @@ def test_curves_are_drawn_from_plain_rows(tmp_path):
         for d in (2.0, 8.0)
     ]
     for file in (
-        rest_pictures.responses("pendulum", rows, tmp_path / "response.png"),
-        rest_pictures.tide("farm", tide, tmp_path / "tide.png"),
-        rest_pictures.mussels("farm", grown, tmp_path / "growth.png"),
+        pictures.responses("pendulum", rows, tmp_path / "response.png"),
+        pictures.tide("farm", tide, tmp_path / "tide.png"),
+        pictures.mussels("farm", grown, tmp_path / "growth.png"),
     ):
         with Image.open(file) as image:
             assert image.height > 500

@@ -27,7 +27,7 @@ import numpy as np
 from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.backend.tridiagonal import one_kernel_of
-from dropper_jax.integrators.reduced import moving
+from dropper_jax.integrators.projected import moving
 from dropper_jax.model import Model, State
 from dropper_jax.study.march import link_vectors
 from dropper_jax.study.peers.rows import peer_row, time_runs

@@ -17,9 +17,8 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
 from dropper_jax.run.simulate import Solution, simulate
-from dropper_jax.study.march import Marched, grid_run, link_vectors, status_of
+from dropper_jax.study.march import Marched, Scheme, grid_run, link_vectors, status_of
 from dropper_jax.study.peers import moordyn_run
-from dropper_jax.study.schemes import Scheme
 from dropper_jax.study.work_precision import energy_loss
 
 

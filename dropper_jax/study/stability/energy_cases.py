@@ -15,9 +15,9 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build
 from dropper_jax.run.simulate import simulate
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import integrate
-from dropper_jax.study.schemes import Scheme
+from dropper_jax.stepping.stepper import make_stepper
+from dropper_jax.study.march import Scheme
 from dropper_jax.study.stability import scenes
 from dropper_jax.study.stability.case import Case, CaseRun, Outcome, run_case
 from dropper_jax.study.step_choice import choose_step

@@ -14,9 +14,8 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Effect, Model, State
 from dropper_jax.run.build import build
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import integrate
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.stepping.stepper import Stepper, make_stepper
 from dropper_jax.study.stability import energy_cases, scenes
 from dropper_jax.study.stability.case import Case, Outcome
 

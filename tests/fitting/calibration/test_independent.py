@@ -9,14 +9,13 @@ import pytest
 
 from dropper_jax.base.errors import SceneError
 from fitting.calibration.comparison import Law, compare, with_bic
-from fitting.calibration.energy import check_energy, energy_check
 from fitting.calibration.fit import estimate, fit, summarise
-from fitting.calibration.one_run import PARTED, one_run
-from fitting.estimate.evaluation import drop_wild
+from fitting.calibration.one_run import PARTED, check_energy, energy_check, one_run
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.gradient import ARRIVED, GradientDescent, Spectrum
-from fitting.estimate.profile import profile
+from fitting.estimate.normal_equations import drop_wild
 from fitting.estimate.refinement import LARGEST_BIAS, step_bias
+from fitting.estimate.scene_fit import profile
 from fitting.estimate.shooting import joined_step
 from fitting.estimate.uncertainty import bootstrap, uncertainty
 from fitting.report.report import one_run_picture

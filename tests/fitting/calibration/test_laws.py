@@ -13,11 +13,9 @@ import dropper_jax as dj
 from fitting.calibration import comparison
 from fitting.calibration.comparison import compare
 from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
-from fitting.calibration.decision import chance, decide, decide_joined, shares, verdict
-from fitting.calibration.law import Law
-from fitting.calibration.laws import LADDER, PARTS, contains
+from fitting.calibration.decision import chance, decide, decide_joined, shares, unseen, verdict
+from fitting.calibration.law_fits import LADDER, PARTS, Law, contains
 from fitting.calibration.preparation import prepare
-from fitting.calibration.unseen import unseen
 from fitting.estimate.normal_equations import Prior
 from fitting.traces.trace import Convention, Trace
 

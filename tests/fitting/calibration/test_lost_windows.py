@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from dropper_jax import load_scene
-from fitting.calibration.estimating import estimate, with_sound_windows
+from fitting.calibration.estimating import estimate, lost_windows, recover_windows, with_sound_windows
 from fitting.calibration.fit import fit
-from fitting.calibration.lost_windows import lost_windows, recover_windows
 from fitting.calibration.preparation import prepare
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts

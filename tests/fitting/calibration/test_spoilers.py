@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from fitting.calibration.advice import Candidate, advise, wide
 from fitting.calibration.fit import estimate, fit, prepare, summarise
 from fitting.calibration.freeing import promising
-from fitting.calibration.heldout import window_length
+from fitting.calibration.result import window_length
 from fitting.estimate.loss import StudentT
 from fitting.traces.trace import Convention, Trace
 

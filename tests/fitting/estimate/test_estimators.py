@@ -19,7 +19,7 @@ from fitting.estimate import shooting
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Huber
 from fitting.estimate.normal_equations import bounded_step
-from fitting.estimate.profile import profile
+from fitting.estimate.scene_fit import profile
 from fitting.estimate.shooting import fit_shooting, loosest, solve_to_end
 from fitting.estimate.uncertainty import bootstrap
 from fitting.estimate.windows import Starts

@@ -9,8 +9,7 @@ from scipy.stats import t as student
 
 from dropper_jax.base.errors import SceneError
 from fitting.calibration.fit import fit
-from fitting.estimate.pareto import pareto, smooth_weights
-from fitting.estimate.posterior import Posterior, importance
+from fitting.estimate.posterior import Posterior, importance, pareto, smooth_weights
 from fitting.traces.synthetic import Camera, synthetic_traces
 
 

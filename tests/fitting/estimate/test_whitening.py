@@ -6,10 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fitting.estimate.block_tridiagonal import Factor
-from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.loss import Huber, LeastSquares
 from fitting.estimate.noise import log_volume, whitened
+from fitting.estimate.normal_equations import Evaluation, Factor
 from fitting.estimate.sandwich import Pieces, memory, resample
 from fitting.estimate.windows import Windows
 

@@ -23,6 +23,7 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple, ParamSpec, TypeVar, overload
 
 import jax
+import jax.export
 import jax.numpy as jnp
 import numpy as np
 from jax.extend import core
@@ -60,7 +61,7 @@ INLINE = ELEMENTWISE | frozenset(
     argmax argmin reduce_precision optimization_barrier
     shift_left shift_right_logical shift_right_arithmetic
     jit pjit closed_call custom_jvp_call custom_vjp_call checkpoint remat2 scan while cond custom_linear_solve
-    first_derivatives_only zero_of_all one_kernel
+    first_derivatives_only zero_of_all one_kernel pvary
     """.split()  # noqa: SIM905
 )
 #: Types that float64 contains exactly, and those of its width, whose bits are used.
@@ -178,8 +179,10 @@ def _trace(f: Callable[..., R], values: list[jax.Array]) -> _Traced:
 def _can_be_tagged(traced: _Traced) -> bool:
     """Whether all operations are inline, and there are an argument to pack and a result to add the guard to."""
     packable = all(str(x.dtype) in WIDENED | SAME_WIDTH for x in traced.values)
+    if not packable or any(jax.export.is_symbolic_dim(n) for x in traced.values for n in x.shape):
+        return False
     has_guard = any(x.size for x in traced.values) and _float_result(traced.program) is not None
-    return packable and has_guard and is_inline(traced.program.jaxpr)
+    return has_guard and is_inline(traced.program.jaxpr)
 
 
 def _float_result(program: core.ClosedJaxpr) -> int | None:
@@ -238,9 +241,10 @@ def _from_float64(packed: jax.Array, like: jax.Array) -> jax.Array:
 def _lower(
     context: mlir.LoweringRuleContext, *values: mlir.ir.Value, program: core.ClosedJaxpr
 ) -> Sequence[mlir.ir.Value]:
-    """The tagged call, or the plain one if its arguments may be sharded, which inserts communication."""
+    """The tagged call; the plain one if its arguments may be sharded, which inserts communication, or if each call of
+    the module has sizes or the platform as further parameters (exported for several), which may have no reader."""
     call = _call_tagged
-    if _may_be_sharded(context.module_context.axis_context):
+    if context.dim_var_values or _may_be_sharded(context.module_context.axis_context):
         call = _call_plain
     return mlir.lower_fun(call, multiple_results=True)(context, *values, program=program)
 

@@ -20,11 +20,12 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from contextvars import ContextVar
-from typing import Any, ParamSpec, TypeVar, overload
+from typing import Any, NamedTuple, ParamSpec, TypeVar, overload
 
 import jax
+import jax.export
 import jax.numpy as jnp
+import numpy as np
 from jax.extend import core
 from jax.interpreters import ad, batching, mlir
 
@@ -60,13 +61,14 @@ INLINE = ELEMENTWISE | frozenset(
     argmax argmin reduce_precision optimization_barrier
     shift_left shift_right_logical shift_right_arithmetic
     jit pjit closed_call custom_jvp_call custom_vjp_call checkpoint remat2 scan while cond custom_linear_solve
-    first_derivatives_only zero_of_all one_kernel
+    first_derivatives_only zero_of_all one_kernel pvary
     """.split()  # noqa: SIM905
 )
 #: Types that float64 contains exactly, and those of its width, whose bits are used.
 WIDENED = frozenset("bool int8 int16 int32 uint8 uint16 uint32 float32".split())  # noqa: SIM905
-SAME_WIDTH = frozenset(("int64", "uint64"))
-_INSIDE: ContextVar[bool | None] = ContextVar("whether what is traced becomes one kernel; None: not decided")
+SAME_WIDTH = frozenset(("float64", "int64", "uint64"))
+#: Whether what is traced becomes one kernel; None: not decided. Part of the keys of JAX's own caches.
+_INSIDE = jax.make_user_context(None)
 
 
 @overload
@@ -97,11 +99,13 @@ def one_kernel(f: Callable[P, R] | None = None) -> bool | Callable[P, R]:
 
     @functools.wraps(f)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        if _INSIDE.get(None) or not tags_enabled():
+        if is_inside() or not tags_enabled():
             return f(*args, **kwargs)
         leaves, tree = jax.tree.flatten((args, kwargs))
-        found = _tagged(lambda *leaves: _apply(f, tree, leaves), [jnp.asarray(leaf) for leaf in leaves])
-        return f(*args, **kwargs) if found is None else found
+        traced = _trace(lambda *leaves: _apply(f, tree, leaves), [jnp.asarray(leaf) for leaf in leaves])
+        if not _can_be_tagged(traced):
+            return f(*args, **kwargs)
+        return jax.tree.unflatten(traced.results, _kernel.bind(*traced.values, program=traced.program))
 
     return jax.jit(call)
 
@@ -116,17 +120,17 @@ def tags_enabled() -> bool:
 
 def is_inside() -> bool | None:
     """Whether what is being traced becomes one kernel; None if nothing has decided that."""
-    return _INSIDE.get(None)
+    return _INSIDE.value
 
 
 @contextmanager
 def inside(enabled: bool | None) -> Iterator[None]:
     """Trace for one kernel, or not; None leaves it as it is."""
-    token = _INSIDE.set(_INSIDE.get(None) if enabled is None else enabled)
-    try:
+    if enabled is None:
         yield
-    finally:
-        _INSIDE.reset(token)
+        return
+    with _INSIDE(enabled):
+        yield
 
 
 @functools.cache
@@ -147,113 +151,140 @@ def _apply(f: Callable[..., R], tree: jax.tree_util.PyTreeDef, leaves: Sequence[
     return f(*args, **kwargs)
 
 
-def _tagged(f: Callable[..., Any], leaves: list[jax.Array]) -> Any:
-    """The results of `f` by a call that can be tagged; None if it cannot."""
+class _Traced(NamedTuple):
+    """A traced function: its program, the values of the program's arguments, and the tree of its results."""
+
+    program: core.ClosedJaxpr
+    values: list[jax.Array]
+    results: jax.tree_util.PyTreeDef
+
+
+def _trace(f: Callable[..., R], values: list[jax.Array]) -> _Traced:
+    """`f` for one kernel; arrays of an outer trace that it contains become arguments of the program."""
     with inside(True):
-        program, shape = jax.make_jaxpr(f, return_shape=True)(*leaves)
-        if any(isinstance(c, jax.core.Tracer) for c in program.consts):  # of an outer trace: arguments as well
-            jaxpr, outer = program.jaxpr, list(program.consts)
-            leaves = [*outer, *leaves]
+        program, shape = jax.make_jaxpr(f, return_shape=True)(*values)
+    outer = [c for c in program.consts if isinstance(c, jax.core.Tracer)]
+    if outer:
 
-            def hoisted(*values: jax.Array) -> Any:
-                count = len(outer)
-                return core.jaxpr_as_fun(core.ClosedJaxpr(jaxpr, list(values[:count])))(*values[count:])
+        def with_outer(*values: jax.Array) -> list[jax.Array]:
+            given = iter(values)
+            consts = [next(given) if isinstance(c, jax.core.Tracer) else c for c in program.consts]
+            return core.jaxpr_as_fun(core.ClosedJaxpr(program.jaxpr, consts))(*given)
 
-            program = jax.make_jaxpr(hoisted)(*leaves)
-    if not (all(_packable(v.aval) for v in program.jaxpr.invars) and _has_guarded(program) and is_inline(program)):
-        return None
-    return jax.tree.unflatten(jax.tree.structure(shape), _kernel.bind(*leaves, program=program))
-
-
-def _packable(kind: Any) -> bool:
-    return str(kind.dtype) in WIDENED | SAME_WIDTH | {"float64"}
+        values = [*outer, *values]
+        program = jax.make_jaxpr(with_outer)(*values)
+    return _Traced(program, values, jax.tree.structure(shape))
 
 
-def _has_guarded(program: core.ClosedJaxpr) -> bool:
-    """Whether there is an argument to pack, and a result to which the guard can be added."""
-    return _guarded(program) is not None and any(math.prod(v.aval.shape) for v in program.jaxpr.invars)
+def _can_be_tagged(traced: _Traced) -> bool:
+    """Whether all operations are inline, and there are an argument to pack and a result to add the guard to."""
+    packable = all(str(x.dtype) in WIDENED | SAME_WIDTH for x in traced.values)
+    if not packable or any(jax.export.is_symbolic_dim(n) for x in traced.values for n in x.shape):
+        return False
+    has_guard = any(x.size for x in traced.values) and _float_result(traced.program) is not None
+    return has_guard and is_inline(traced.program.jaxpr)
 
 
-def _guarded(program: core.ClosedJaxpr) -> int | None:
+def _float_result(program: core.ClosedJaxpr) -> int | None:
+    """Index of the first result of type float64 that is not empty."""
     for i, kind in enumerate(program.out_avals):
         if str(kind.dtype) == "float64" and math.prod(kind.shape):
             return i
     return None
 
 
-def is_inline(program: core.ClosedJaxpr | core.Jaxpr) -> bool:
+def is_inline(jaxpr: core.Jaxpr) -> bool:
     """Whether XLA compiles all operations of a traced function inline."""
-    jaxpr = getattr(program, "jaxpr", program)
     if jaxpr.effects:
         return False
-    for eqn in jaxpr.eqns:
-        if eqn.primitive.name not in INLINE:
-            return False
-        parts = jax.tree.leaves(list(eqn.params.values()), is_leaf=_is_program)
-        if not all(is_inline(part) for part in parts if _is_program(part)):
-            return False
-    return True
+    return all(eqn.primitive.name in INLINE and all(map(is_inline, _inner_jaxprs(eqn))) for eqn in jaxpr.eqns)
 
 
-def _is_program(x: object) -> bool:
-    return isinstance(x, (core.Jaxpr, core.ClosedJaxpr))
+def _inner_jaxprs(eqn: core.JaxprEqn) -> list[core.Jaxpr]:
+    kinds = core.ClosedJaxpr, core.Jaxpr
+    parts = jax.tree.leaves(list(eqn.params.values()), is_leaf=lambda x: isinstance(x, kinds))
+    closed = [part.jaxpr for part in parts if isinstance(part, core.ClosedJaxpr)]
+    return closed + [part for part in parts if isinstance(part, core.Jaxpr)]
 
 
-def _plain(*values: jax.Array, program: core.ClosedJaxpr) -> list[jax.Array]:
+def _call_plain(*values: jax.Array, program: core.ClosedJaxpr) -> list[jax.Array]:
     return core.jaxpr_as_fun(program)(*values)
 
 
-def _packed(*values: jax.Array, program: core.ClosedJaxpr) -> list[jax.Array]:
+def _call_tagged(*values: jax.Array, program: core.ClosedJaxpr) -> list[jax.Array]:
     """The tagged call, with all arguments in one array."""
-    kinds = [(x.shape, x.dtype, x.size) for x in values]
-    guarded = _guarded(program)
+    ends = np.cumsum([x.size for x in values])
+    guarded = _float_result(program)
 
     def unpack(packed: jax.Array) -> list[jax.Array]:
-        found, start = [], 0
-        for shape, dtype, size in kinds:
-            part = packed[start : start + size].reshape(shape)
-            start += size
-            bits = str(dtype) in SAME_WIDTH
-            found.append(jax.lax.bitcast_convert_type(part, dtype) if bits else part.astype(dtype))
-        results = _plain(*found, program=program)
+        *parts, guard = jnp.split(packed, ends)
+        results = _call_plain(*map(_from_float64, parts, values), program=program)
         # A reader that no optimisation removes: the last element, -0, changes no number that it is added to.
-        results[guarded] = results[guarded] + packed[start]
+        results[guarded] = results[guarded] + guard[0]
         return results
 
-    parts = [
-        (jax.lax.bitcast_convert_type(x, jnp.float64) if str(x.dtype) in SAME_WIDTH else x.astype(jnp.float64)).ravel()
-        for x in values
-    ]
-    return _tagged_call()(unpack)(jnp.concatenate([*parts, jnp.full(1, -0.0)]))
+    return _tagged_call()(unpack)(jnp.concatenate([*map(_to_float64, values), jnp.full(1, -0.0)]))
 
 
-def _lower(context: mlir.LoweringRuleContext, *values: Any, program: core.ClosedJaxpr) -> Any:
-    """The tagged call, or the plain one if its arguments may be sharded, which inserts communication."""
-    over = context.module_context.axis_context
-    mesh = getattr(over, "mesh", None)
-    sharded = getattr(over, "num_devices", 1) != 1
-    if mesh is not None:
-        sharded = set(getattr(over, "manual_axes", ())) != set(mesh.axis_names)
-    rule = mlir.lower_fun(_plain if sharded else _packed, multiple_results=True)
-    return rule(context, *values, program=program)
+def _to_float64(x: jax.Array) -> jax.Array:
+    if str(x.dtype) in WIDENED:
+        return x.astype(jnp.float64).ravel()
+    return jax.lax.bitcast_convert_type(x, jnp.float64).ravel()
 
 
-def _derivative(primals: Sequence[Any], tangents: Sequence[Any], *, program: core.ClosedJaxpr) -> Any:
-    full = tuple(ad.instantiate_zeros(dot) for dot in tangents)
-    return jax.jvp(functools.partial(_plain, program=program), tuple(primals), full)
+def _from_float64(packed: jax.Array, like: jax.Array) -> jax.Array:
+    if str(like.dtype) in WIDENED:
+        return packed.astype(like.dtype).reshape(like.shape)
+    return jax.lax.bitcast_convert_type(packed, like.dtype).reshape(like.shape)
 
 
-def _batch(values: Sequence[Any], axes: Sequence[Any], *, program: core.ClosedJaxpr) -> Any:
-    given = tuple(None if axis is batching.not_mapped else axis for axis in axes)
-    found = jax.vmap(functools.partial(_plain, program=program), in_axes=given)(*values)
+def _lower(
+    context: mlir.LoweringRuleContext, *values: mlir.ir.Value, program: core.ClosedJaxpr
+) -> Sequence[mlir.ir.Value]:
+    """The tagged call; the plain one if its arguments may be sharded, which inserts communication, or if each call of
+    the module has sizes or the platform as further parameters (exported for several), which may have no reader."""
+    call = _call_tagged
+    if context.dim_var_values or _may_be_sharded(context.module_context.axis_context):
+        call = _call_plain
+    return mlir.lower_fun(call, multiple_results=True)(context, *values, program=program)
+
+
+def _may_be_sharded(devices: mlir.AxisContext) -> bool:
+    match devices:
+        case mlir.SPMDAxisContext(mesh=mesh, manual_axes=manual):
+            return set(manual) != set(mesh.axis_names)
+        case mlir.ShardingContext(num_devices=count):
+            return count != 1
+    return True
+
+
+def _derivative(
+    primals: Sequence[jax.Array], tangents: Sequence[jax.Array | ad.Zero], *, program: core.ClosedJaxpr
+) -> tuple[list[jax.Array], list[jax.Array]]:
+    """That of the plain call by the arguments that have a tangent."""
+    active = [i for i, tangent in enumerate(tangents) if not isinstance(tangent, ad.Zero)]
+
+    def of_active(*values: jax.Array) -> list[jax.Array]:
+        given = list(primals)
+        for i, value in zip(active, values, strict=True):
+            given[i] = value
+        return _call_plain(*given, program=program)
+
+    return jax.jvp(of_active, [primals[i] for i in active], [tangents[i] for i in active])
+
+
+def _batch(
+    values: Sequence[jax.Array], axes: Sequence[int | None], *, program: core.ClosedJaxpr
+) -> tuple[list[jax.Array], list[int]]:
+    found = jax.vmap(functools.partial(_call_plain, program=program), in_axes=tuple(axes))(*values)
     return found, [0] * len(found)
 
 
 _kernel = core.Primitive("one_kernel")
 _kernel.multiple_results = True
-_kernel.def_impl(_plain)
+_kernel.def_impl(_call_plain)
 _kernel.def_abstract_eval(lambda *_, program: program.out_avals)
-mlir.register_lowering(_kernel, mlir.lower_fun(_plain, multiple_results=True))
+mlir.register_lowering(_kernel, mlir.lower_fun(_call_plain, multiple_results=True))
 mlir.register_lowering(_kernel, _lower, platform="cpu")
 ad.primitive_jvps[_kernel] = _derivative
 batching.primitive_batchers[_kernel] = _batch

@@ -214,8 +214,7 @@ class CachedJit(Generic[P, R]):
             return self._function(**settings, **dict(zip(names, values, strict=True)))
 
         del one.__wrapped__  # its signature includes the static arguments
-        quick = self._quick and os.environ.get(QUICK) == ON
-        options = compiler_options((BRIEFLY if self._brief else {}) | (QUICKLY if quick else {}))
+        options = self._compiler_options()
         if self._brief or not tags_enabled():
             return lower_cached(self._function, settings, values, one).compile(options)
         try:
@@ -223,6 +222,14 @@ class CachedJit(Generic[P, R]):
             return tagged.compile(options)
         except jax.errors.JaxRuntimeError:  # an operation that this version's compiler does not compile inline
             return lower_cached(self._function, settings, values, one).compile(options)
+
+    def _compiler_options(self) -> dict[str, str | bool | int] | None:
+        names = set()
+        if self._brief:
+            names.update(BRIEFLY)
+        if self._quick and os.environ.get(QUICK) == ON:
+            names.update(QUICKLY)
+        return compiler_options(names)
 
 
 def cached_jit(

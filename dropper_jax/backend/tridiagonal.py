@@ -47,8 +47,9 @@ def one_kernel_of(rows: int) -> bool:
     """
     if jax.default_backend() != "cpu":
         return False
-    if is_inside() is not None:
-        return is_inside()
+    chosen = is_inside()
+    if chosen is not None:
+        return chosen
     return in_force() or (jax.__version_info__ >= UNASKED and rows <= UNASKED_ROWS)
 
 

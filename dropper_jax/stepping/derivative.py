@@ -204,12 +204,12 @@ def _backward(
     part, at = _cut(frozen, at, pieces)
     inputs = partial(_inputs, tree, moving, part)
     capacity = 2**stepper.halvings
-    shelf = jax.tree.map(lambda a: _put(jnp.zeros((capacity, *a.shape), a.dtype), a, 0), (at.s, u))
+    shelf = jax.tree.map(lambda a: _set_row(jnp.zeros((capacity, *a.shape), a.dtype), a, 0), (at.s, u))
 
     def record(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         i, now, shelf = carry
         after, u, _ = substep_once(stepper, *inputs(at._replace(s=now)))
-        shelf = jax.tree.map(lambda all_, one: _put(all_, one, i), shelf, (now, u))
+        shelf = jax.tree.map(lambda all_, one: _set_row(all_, one, i), shelf, (now, u))
         return i + 1, after, shelf
 
     first = (jnp.zeros((), jnp.int32), at.s, shelf)
@@ -228,7 +228,7 @@ def _backward(
     return split if one_way else jax.tree.map(lambda a, b: jnp.where(pieces > 0, a, b), split, whole)
 
 
-def _put(rows: jax.Array, row: jax.Array, i: jax.Array | int) -> jax.Array:
+def _set_row(rows: jax.Array, row: jax.Array, i: jax.Array | int) -> jax.Array:
     return jax.lax.dynamic_update_index_in_dim(rows, row, i, axis=0)  # `.at[i].set` is a scatter
 
 

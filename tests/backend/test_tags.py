@@ -63,6 +63,28 @@ case = dj.one_kernel(g), g, (jnp.zeros(5),)
     "of vmap": "f = jax.vmap(loop); case = dj.one_kernel(f), f, (jnp.stack([x, x * 0.1]),)",
     "of Hessian": "f = jax.hessian(total); case = dj.one_kernel(f), f, (x,)",
     "inside another": "f = lambda x: dj.one_kernel(loop)(x) * 2; case = dj.one_kernel(f), lambda x: loop(x) * 2, (x,)",
+    "inside another after a call alone": """
+g = dj.one_kernel(loop); g(x); f = lambda x: g(x) * 2
+case = dj.one_kernel(f), lambda x: loop(x) * 2, (x,)
+""",
+    "only integer results used": """
+f = lambda x, n: (jnp.sin(x), jax.lax.while_loop(lambda k: k[1] < 9, lambda k: (k[0] + 1, k[1] + 1), (n, 0))[0])
+case = (lambda x, n: dj.one_kernel(f)(x, n)[1]), (lambda x, n: f(x, n)[1]), (x, n)
+""",
+    "functions of one number": """
+names = "sin cos tan asin acos atan sinh cosh tanh exp exp2 expm1 log log1p sqrt rsqrt cbrt logistic erf floor abs"
+f = lambda x: [getattr(jax.lax, name)(0.1 * loop(x) + 0.3) for name in names.split()]
+case = dj.one_kernel(f), f, (x,)
+""",
+    "indices and reductions": """
+def move(c, i):
+    X = jnp.outer(c, c)
+    v = X[i[0]] + X[::-1][0] + X.T[1] + jnp.pad(X, 2)[2, 2:7] + jnp.tile(c, 3)[5:10] + jnp.stack([c, c])[i[1] - 1]
+    v += jnp.argmax(X, 1) + X.sum(0) + X.max() + X.prod() + (X > 1).all() + X[:, i].sum(1) + X[(0, 3), (1, 1)].sum()
+    return jnp.sin(v + jax.lax.dynamic_update_slice(c, c[:2], (i[0],)) + jnp.roll(c, 2)), i
+f = lambda x, i: jax.lax.fori_loop(0, 4, lambda _, c: move(*c), (x, i))[0]
+case = dj.one_kernel(f), f, (x, n)
+""",
     "inside a loop": """
 f = lambda x: jax.lax.scan(lambda c, _: (dj.one_kernel(loop)(c), None), x, None, length=3)[0]
 case = jax.jit(f), lambda x: loop(loop(loop(x))), (x,)
@@ -75,11 +97,6 @@ import jax.export
 e = jax.export.export(dj.one_kernel(loop), platforms=["cpu"])(jax.ShapeDtypeStruct((5,), jnp.float64))
 case = e.call, loop, (x,)
 """,
-    "export for two platforms": """
-import jax.export
-e = jax.export.export(dj.one_kernel(loop), platforms=["cpu", "cuda"])(jax.ShapeDtypeStruct((5,), jnp.float64))
-case = e.call, loop, (x,)
-""",
     "inside shard_map": """
 from jax.sharding import PartitionSpec as P
 mesh = jax.make_mesh((2,), ("b",), axis_types=(jax.sharding.AxisType.Auto,))
@@ -88,7 +105,24 @@ case = jax.jit(f), jax.vmap(loop), (jnp.stack([x, x * 2, x * 3, x * 4]),)
 """,
 }
 PLAIN = {
+    "export for two platforms": """
+import jax.export
+e = jax.export.export(dj.one_kernel(loop), platforms=["cpu", "cuda"])(jax.ShapeDtypeStruct((5,), jnp.float64))
+case = e.call, loop, (x,)
+""",
+    "export for all sizes": """
+import jax.export
+e = jax.export.export(dj.one_kernel(loop))(jax.ShapeDtypeStruct(jax.export.symbolic_shape("n"), jnp.float64))
+case = e.call, loop, (x,)
+""",
     "grad of": "case = jax.grad(dj.one_kernel(total)), jax.grad(total), (x,)",
+    "grad by one of several": """
+f = lambda x, n, y: jnp.sum(loop(x) ** 2) * n[1] + jnp.sum(y); case = jax.grad(dj.one_kernel(f)), jax.grad(f), (x, n, y)
+""",
+    "a library call in a branch": """
+f = lambda x: jax.lax.cond(x[0] > 0, lambda x: jnp.linalg.solve(jnp.eye(5) * 2, x), lambda x: x, loop(x))
+case = dj.one_kernel(f), f, (x,)
+""",
     "grad of grad of": """
 case = jax.grad(lambda x: jnp.sum(jax.grad(dj.one_kernel(total))(x) ** 2)), \
     jax.grad(lambda x: jnp.sum(jax.grad(total)(x) ** 2)), (x,)

@@ -26,6 +26,8 @@ DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 MISFIT, CORRELATED_MISFIT = 2.0, 0.1
 #: Maximum fraction of the samples that may be left out of a fit with status `ok`.
 MOST_LEFT_OUT = 0.03
+#: Noise [rad] below which a trace is taken as simulated: a tenth of an encoder's.
+SIMULATED = 5e-6
 #: Deviation of the energy's slope from 1, in combined errors, above which a warning is given.
 BEYOND = 3.0
 
@@ -143,10 +145,17 @@ class FitResult(SceneFit):
                 "Try a finer --dt or a shorter --window, or cut these stretches out"
             )
         if self.status == "misfit" and self.misses:
+            times = float(np.sqrt(self.chi2_per_dof))
+            advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
+            if self.solution.rms < SIMULATED * times:
+                advice = (
+                    f"The trace has hardly any noise ({self.solution.rms / times:.1g} rad), as a simulated one: the "
+                    f"residuals, {self.solution.rms:.1g} rad RMS, are then errors of two time steps or schemes. Add a "
+                    "camera's noise (fitting.traces.synthetic.observe) or accept it by --accept-misfit"
+                )
             found.append(
-                f"the residuals are {np.sqrt(self.chi2_per_dof):.3g} times the noise and neighbours correlate by "
-                f"{self.uncertainty.correlation_1:.2f}: the model misses the trace. Try --auto-free, state a "
-                "model_error in [fit], or accept it by --accept-misfit"
+                f"the residuals are {times:.3g} times the noise and neighbours correlate by "
+                f"{self.uncertainty.correlation_1:.2f}: the model misses the trace. {advice}"
             )
         return "; ".join(filter(None, found))
 

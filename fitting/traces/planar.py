@@ -35,7 +35,9 @@ def check_planar(model: Model, start: State) -> None:
     y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + held[0], held])
     if np.ptp(y) > PLANE:
         raise SceneError(
-            "start: leaves the vertical plane. Use a motion in the x-z plane, because traces have one angle"
+            f"start: leaves the vertical plane by {np.ptp(y):.2g} (m or m/s); traces have one angle and describe "
+            "motion in the x-z plane only. A static start turns out of the plane where a link is pushed: "
+            "`dropper equilibrium` shows y; try another start.release_force [N]"
         )
 
 

@@ -26,8 +26,6 @@ DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 MISFIT, CORRELATED_MISFIT = 2.0, 0.1
 #: Maximum fraction of the samples that may be left out of a fit with status `ok`.
 MOST_LEFT_OUT = 0.03
-#: Noise [rad] below which a trace is taken as simulated: a tenth of an encoder's.
-SIMULATED = 5e-6
 #: Deviation of the energy's slope from 1, in combined errors, above which a warning is given.
 BEYOND = 3.0
 
@@ -147,7 +145,7 @@ class FitResult(SceneFit):
         if self.status == "misfit" and self.misses:
             times = float(np.sqrt(self.chi2_per_dof))
             advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
-            if self.solution.rms < SIMULATED * times:
+            if self.solution.rms < 5e-6 * times:  # noise [rad] far below an encoder's: a simulated trace
                 advice = (
                     f"The trace has hardly any noise ({self.solution.rms / times:.1g} rad), as a simulated one: the "
                     f"residuals, {self.solution.rms:.1g} rad RMS, are then errors of two time steps or schemes. Add a "

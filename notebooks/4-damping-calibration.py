@@ -33,8 +33,7 @@ import optax
 
 import dropper_jax as dj
 from dropper_jax.plots import style
-from fitting import fit
-from fitting.traces import planar
+from fitting import close_chain, fit, to_state, wrap
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
@@ -96,7 +95,7 @@ def step(model, r0, v0, tension):  # Newton's method, with the Jacobian of the r
 def angle_errors(b, start, measured):  # of a window's angles (frames * links,) with damping b = (b_l, b_q)
     weight, linear, quadratic = model.effects
     damped = replace(model, effects=(weight, replace(linear, b_l=b[0]), replace(quadratic, b_q=b[1])))
-    begin = planar.to_state(damped, *planar.close_chain(damped, *start))  # the links end at the second hook
+    begin = to_state(damped, *close_chain(damped, *start))  # the links end at the second hook
 
     def frame(state, _):
         state, _ = jax.lax.scan(lambda state, _: (step(damped, *state), None), state, length=STEPS)
@@ -104,7 +103,7 @@ def angle_errors(b, start, measured):  # of a window's angles (frames * links,) 
         return state, jnp.arctan2(-d[:, 2], d[:, 0])
 
     angles = jax.lax.scan(frame, (begin.r, begin.v, jnp.zeros(model.line.links)), length=FRAMES)[1]
-    return planar.wrap(angles - measured).ravel()
+    return wrap(angles - measured).ravel()
 
 
 @jax.jit

@@ -104,7 +104,10 @@ def text(scene: Scene, source: str, found: dict[str, Any]) -> str:
         *points,
         *((WORDS[name], f"{value:.3g} s") for name, value in found["periods_s"].items()),
         ("natural periods", f"dropper modes {source}"),
-        ("time step", f"{found['dt_s']:g} s in the scene, {step:g} s suggested (--dt auto)"),
+        (
+            "time step",
+            f"{found['dt_s']:g} s in the scene, {step:g} s suggested by periods (--dt auto); a run measures its error",
+        ),
         ("a run compiles", f"{parts['integrator']}, solver {parts['solver']}, {parts['dtype']}; {shape}"),
         ("effects", ", ".join(parts["effects"]) or "none"),
         ("a run takes", f"{parts['steps']} steps to {scene.run.duration:g} s"),

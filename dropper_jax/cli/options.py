@@ -217,7 +217,7 @@ RUN_VALUES: dict[str, dict[str, Any]] = {
     "dt": {
         "type": step_length,
         "metavar": "S",
-        "help": "time step [s], or auto: the one that `dropper check` suggests",
+        "help": "time step [s], or auto: a first guess from periods (`dropper check`); a run measures its error",
     },
     "duration": {"type": number, "help": "simulated time [s]"},
     "dtype": {"metavar": "NAME", "help": "float64 or float32"},

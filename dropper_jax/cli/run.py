@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
         "run dropper-release-a --duration 10 --out run.npz --plot pictures",
-        "run my-longline.toml --dt auto --set sea.waves.height=2.5 --report report",
+        "run my-longline.toml --dt auto --set sea.waves.hs=2.5 --report report",
     )
     add_scene(parser, optional=True)
     add_run_values(parser, OVERRIDES)

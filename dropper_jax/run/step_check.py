@@ -67,9 +67,11 @@ def with_step_check(solution: Kind, run: Program, outcome: RunOutcome, start_s: 
     try:
         found = check(solution, run, outcome)
     except KeyboardInterrupt:  # the run itself is complete
-        found = None
-    if found is None:
         return solution
+    if found is None:
+        dt = solution.settings["dt"]
+        note = f"time step: {dt:g} s is not checked, because a step fails at {0.5 * dt:g} s; compare with another --dt"
+        return replace(solution, warnings=(*solution.warnings, note))
     settings = {**solution.settings, "step_check": found}
     return replace(solution, settings=settings, warnings=(*solution.warnings, *_warnings(found, solution)))
 

@@ -207,10 +207,17 @@ class FitResult(SceneFit):
                 "Try a finer --dt or a shorter --window, or cut these stretches out"
             )
         if self.status == "misfit" and self.misses:
+            times = float(np.sqrt(self.chi2_per_dof))
+            advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
+            if self.solution.rms < 5e-6 * times:  # noise [rad] far below an encoder's: a simulated trace
+                advice = (
+                    f"The trace has hardly any noise ({self.solution.rms / times:.1g} rad), as a simulated one: the "
+                    f"residuals, {self.solution.rms:.1g} rad RMS, are then errors of two time steps or schemes. Add a "
+                    "camera's noise (fitting.traces.synthetic.observe) or accept it by --accept-misfit"
+                )
             found.append(
-                f"the residuals are {np.sqrt(self.chi2_per_dof):.3g} times the noise and neighbours correlate by "
-                f"{self.uncertainty.correlation_1:.2f}: the model misses the trace. Try --auto-free, state a "
-                "model_error in [fit], or accept it by --accept-misfit"
+                f"the residuals are {times:.3g} times the noise and neighbours correlate by "
+                f"{self.uncertainty.correlation_1:.2f}: the model misses the trace. {advice}"
             )
         return "; ".join(filter(None, found))
 

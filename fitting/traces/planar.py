@@ -31,7 +31,9 @@ def check_planar(model: Model, start: State) -> None:
     # maximum |y| [m] or [m/s] of a scene that counts as plane
     if np.ptp(y) > 1e-9:
         raise SceneError(
-            "start: leaves the vertical plane. Use a motion in the x-z plane, because traces have one angle"
+            f"start: leaves the vertical plane by {np.ptp(y):.2g} (m or m/s); traces have one angle and describe "
+            "motion in the x-z plane only. A static start turns out of the plane where a link is pushed: "
+            "`dropper equilibrium` shows y; try another start.release_force [N]"
         )
 
 

@@ -62,7 +62,8 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterati
     starts = first_starts(
         prepared.simulator.model_at(values), _from_first_window(prepared.traces, windows), windows, prepared.sigma
     )
-    problem = replace(prepared.problem(frozen=np.ones(len(values), bool)), windows=windows)
+    problem = prepared.problem(frozen=np.ones(len(values), bool))
+    problem = replace(problem, windows=windows, simulator=problem.simulator.view_of_starts())
     for part in GROWING:
         solution = fit_windows(replace(problem, windows=windows.early(part)), values, starts, iterations=iterations)
         starts = solution.starts

@@ -33,8 +33,8 @@ def check_planar(model: Model, start: State) -> None:
         raise SceneError("effects.end_motion: moving ends cannot be fitted. Use a scene with ends at rest")
     if freedoms(model) < 1:
         raise SceneError(
-            f"line.0.links = {model.line.links}: between two fixed points they cannot move in their plane, so that their "
-            "angles show no damping; allowed: at least 3 links, or a free end"
+            f"line.0.links = {model.line.links}: between two fixed points they cannot move in their plane, so "
+            "that their angles show no damping; allowed: at least 3 links, or a free end"
         )
     held = np.asarray(model.ends(start.t).positions)[:, 1]
     y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + held[0], held])

@@ -10,6 +10,7 @@ from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.fit import fit
 from fitting.calibration.lost_windows import lost_windows, recover_windows
 from fitting.calibration.preparation import prepare
+from fitting.calibration.result import STEP_ERROR
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts
 from fitting.traces.synthetic import Camera, observe, simulate_truth
@@ -144,6 +145,15 @@ def test_a_stretch_that_no_start_explains_is_left_out_and_listed(swapped):
     assert all(row["to_s"] > 1.5 and row["from_s"] < 2.0 for row in table["left_out"])
     assert any("left out: whip" in line for line in result.warnings)
     assert np.all(np.abs(result.values - TRUTH) < 4 * result.uncertainty.std_error)
+
+
+def test_angles_of_a_run_without_noise_are_explained_up_to_the_errors_of_its_steps():
+    motion = simulate_truth(rig(), 3.0, RATE, 5, "energy_momentum")
+    found = fit([observe(motion, Camera(rate=RATE), 0, "run")], rig(), start=dict(zip(NAMES, 2 * TRUTH, strict=True)))
+    assert found.status == "ok"
+    assert found.rms < STEP_ERROR
+    assert found.chi2_per_dof > 2
+    assert np.all(np.abs(found.values - TRUTH) < 3 * found.uncertainty.std_error)
 
 
 def test_a_model_that_misses_its_trace_is_no_ok_until_its_error_is_stated(trace):

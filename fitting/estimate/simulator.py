@@ -211,9 +211,8 @@ class Simulator:
 
     def _seeds(self) -> list[np.ndarray]:
         """Directions (tangents, m2 + compiled) of the derivatives, in as many blocks as starts and parameters need."""
-        columns = np.arange(self.freedoms)
-        if not self.starts_only:
-            columns = np.concatenate([columns, self.freedoms + self._where()])
+        more = [] if self.starts_only else self.freedoms + self._where()
+        columns = np.concatenate([np.arange(self.freedoms), more]).astype(int)
         blocks = -(-len(columns) // self.tangents)
         seeds = np.zeros((blocks * self.tangents, self.freedoms + len(self.compiled)))
         seeds[np.arange(len(columns)), columns] = 1.0

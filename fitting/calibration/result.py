@@ -64,7 +64,8 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterati
     starts = first_starts(
         prepared.simulator.model_at(values), _from_first_window(prepared.traces, windows), windows, prepared.sigma
     )
-    problem = replace(prepared.problem(frozen=np.ones(len(values), bool)), windows=windows)
+    problem = prepared.problem(frozen=np.ones(len(values), bool))
+    problem = replace(problem, windows=windows, simulator=problem.simulator.view_of_starts())
     # fractions of a held-out window whose angles are used in turn to find its start
     for part in (0.2, 0.5, 1.0):
         solution = fit_windows(replace(problem, windows=windows.early(part)), values, starts, iterations=iterations)

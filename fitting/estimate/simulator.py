@@ -71,6 +71,7 @@ class Simulator:
         release: start of released windows; None if every window has a start of its own.
         capacity: minimum steps and sample slots that programs are compiled for.
         others: programs of the same model, stored by other objects.
+        starts_only: whether derivatives by the parameters are not taken, but zero.
         compile_s: time spent compiling [s].
         evaluations: number of calls.
     """
@@ -88,7 +89,7 @@ class Simulator:
         self.stepper = stepper or choose_stepper(model)
         self.freedoms = 2 * planar.freedoms(model)
         self.tangents = tangents or max(self.freedoms + len(self.parameters), 1)
-        self.compile_s, self.evaluations = 0.0, 0
+        self.starts_only, self.compile_s, self.evaluations = False, 0.0, 0
         self.capacity = 0, 0
         self._plain = self.stepper.plain != self.stepper
         self._programs: dict[Key, jax.stages.Compiled] = {}
@@ -102,6 +103,12 @@ class Simulator:
         view = copy.copy(self)
         view.parameters, view._model, view._last = tuple(parameters), None, (None, None)
         view._where()  # raises for an unknown name
+        return view
+
+    def view_of_starts(self) -> Simulator:
+        """The same programs with derivatives by the starts alone, for fits with all parameters fixed."""
+        view = copy.copy(self)
+        view.starts_only, view._last = True, (None, None)
         return view
 
     def knows(self, parameters: Sequence[Parameter]) -> bool:
@@ -195,13 +202,16 @@ class Simulator:
         wanted = self.freedoms + len(self.parameters)
         for field in ("jacobian", "start_jacobian", "end_jacobian"):
             i = Evaluation._fields.index(field)
-            whole = whole._replace(**{field: np.concatenate([some[i] for some in joined], axis=-1)[..., :wanted]})
+            columns = np.concatenate([some[i] for some in joined], axis=-1)[..., :wanted]
+            without = [(0, 0)] * (columns.ndim - 1) + [(0, wanted - columns.shape[-1])]
+            whole = whole._replace(**{field: np.pad(columns, without)})
         seen = {f: getattr(whole, f)[:, :slots] for f in ("theta", "residual", "jacobian")}
         return whole._replace(**seen)
 
     def _seeds(self) -> list[np.ndarray]:
         """Directions (tangents, m2 + compiled) of the derivatives, in as many blocks as starts and parameters need."""
-        columns = np.concatenate([np.arange(self.freedoms), self.freedoms + self._where()])
+        more = [] if self.starts_only else self.freedoms + self._where()
+        columns = np.concatenate([np.arange(self.freedoms), more]).astype(int)
         blocks = -(-len(columns) // self.tangents)
         seeds = np.zeros((blocks * self.tangents, self.freedoms + len(self.compiled)))
         seeds[np.arange(len(columns)), columns] = 1.0

@@ -22,10 +22,15 @@ def check_planar(model: Model, start: State) -> None:
     """Reject a scene that traces of polar angles cannot describe.
 
     Raises:
-        SceneError: ends that move, or a start outside the vertical plane y = const.
+        SceneError: ends that move, a start outside the vertical plane y = const., or links that cannot move in it.
     """
     if model.moving:
         raise SceneError("effects.end_motion: moving ends cannot be fitted. Use a scene with ends at rest")
+    if freedoms(model) < 1:
+        raise SceneError(
+            f"line.0.links = {model.line.links}: between two fixed points they cannot move in their plane, so "
+            "that their angles show no damping; allowed: at least 3 links, or a free end"
+        )
     held = np.asarray(model.ends(start.t).positions)[:, 1]
     y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + held[0], held])
     # maximum |y| [m] or [m/s] of a scene that counts as plane

@@ -80,6 +80,18 @@ def test_windows_of_unlike_lengths_run_together_as_each_alone(prepared):
             np.testing.assert_allclose(one[0], whole[k], rtol=1e-9, atol=1e-9 * np.abs(whole[k]).max(initial=1.0))
 
 
+def test_a_view_of_starts_has_their_derivatives_and_none_by_parameters(prepared):
+    values, starts, windows = prepared.values, prepared.starts, prepared.windows
+    whole = prepared.simulator(values, starts, windows)
+    found = prepared.simulator.view_of_starts()(values, starts, windows)
+    m2 = prepared.simulator.freedoms
+    np.testing.assert_allclose(found.residual, whole.residual, rtol=1e-9, atol=1e-9)
+    assert found.jacobian.shape == whole.jacobian.shape
+    np.testing.assert_allclose(found.jacobian[..., :m2], whole.jacobian[..., :m2], rtol=1e-9, atol=1e-9)
+    assert not found.jacobian[..., m2:].any()
+    assert whole.jacobian[..., m2:].any()
+
+
 @pytest.fixture(scope="module")
 def sound(prepared):
     return with_sound_windows(prepared)

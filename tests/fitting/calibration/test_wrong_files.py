@@ -124,6 +124,15 @@ def test_a_wrong_file_between_hooks_is_refused_or_named_by_its_mistake(tmp_path,
         assert any(words in line for line in found["warnings"])
 
 
+def test_two_links_between_hooks_are_refused_because_they_cannot_move(tmp_path, held, capsys):
+    two = HELD.replace("links = 4", "links = 2").replace("[0.12, 0.1, 0.09, 0.11]", "0.2")
+    two = two.replace("release_nodes = [2]", "release_nodes = [1]")
+    code, found = fit_file(tmp_path, replace(held, theta=held.theta[:, [0, 3]]), two, capsys)
+    assert code == 2
+    assert "cannot move in their plane" in found["error"]
+    assert "at least 3 links" in found["error"]
+
+
 def test_the_file_of_another_rig_is_refused_unless_its_geometry_is_free(scene, held):
     other = scene.with_values({"point.1.position.0": 0.33, "line.0.length": 0.14})
     model, _ = dj.build(other)

@@ -34,7 +34,7 @@ def moved():
     t = np.array([0.0, 0.0, 0.15, 0.3, 0.4, 0.4])[:, None]  # from rest to rest, so that nothing jumps
     left = np.concatenate([0.1 * np.sin(3 * t), 0.05 * t**2, 0.1 * t], axis=1)
     right = np.array([1.0, 0.0, 0.2]) + np.concatenate([-0.2 * t, 0.1 * np.sin(5 * t), 0.1 * t**2], axis=1)
-    motion = {"points": list(ENDS), "time": TIMES.tolist(), "places": [*left.tolist(), *right.tolist()]}
+    motion = {"points": list(ENDS), "time": TIMES.tolist(), "positions": [*left.tolist(), *right.tolist()]}
     return {**LOOP, "effects": {"weight": {}, "recorded_motion": motion}}
 
 

@@ -34,6 +34,7 @@ PUBLIC = {
     "compile_cache": "backend.compile_cache",
     "component": "base.fields",
     "controlled_steps": "stepping.controlled",
+    "coupled_lines": "run.coupled",
     "equilibrium": "run.build",
     "from_angles": "run.start",
     "initial_state": "run.start",

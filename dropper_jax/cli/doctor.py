@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from dropper_jax.base.memory import in_words
-from dropper_jax.cli.options import add_examples, add_json
+from dropper_jax.cli.options import add_examples, add_json, positive_integer
 from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, listing, print_line, print_result
 
 help = "versions, devices, cache, and checks against known results"
@@ -17,6 +17,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         "doctor",
         "doctor --json",
+        "doctor --repeats 200000",
+    )
+    parser.add_argument(
+        "--repeats",
+        type=positive_integer,
+        default=400,
+        metavar="N",
+        help="calls of one program whose bits are compared (default: 400; 200000 for a full trial)",
     )
     add_json(parser)
 
@@ -24,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from dropper_jax.study.doctor import examine
 
-    found = examine()
+    found = examine(args.repeats)
     failed = [check["name"] for check in found["checks"] if not check["ok"]]
     error = f"failed checks: {', '.join(failed)}" if failed else None
     about = failure_object("unhealthy", error) if error else done_object()

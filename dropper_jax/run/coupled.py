@@ -1,11 +1,15 @@
-"""Coupling: another program moves prescribed points of a scene and gets the forces on them, step by step."""
+"""Coupling: another program moves prescribed points of a scene and gets the forces on them, step by step.
+
+`CoupledLines` is the pure component for programs in JAX; `Coupled` wraps it for others.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +23,7 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.effects.coupled_motion import CoupledMotion
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.model import Displacement, Model
+from dropper_jax.model import Displacement, Model, State
 from dropper_jax.run.build import SceneLike, build_model, stepper_of
 from dropper_jax.run.carry import name_leaves, restore_carry, same_scene
 from dropper_jax.run.coupled_forces import half_link_mass, point_forces, set_free
@@ -28,55 +32,154 @@ from dropper_jax.stepping.integrate import Progress, begin, step_failed
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
-Vectors = Sequence[Sequence[float]] | np.ndarray
+Array = jax.Array | np.ndarray
+Vectors = Sequence[Sequence[float]] | Array
 
 
-class _CoupledStepResult(NamedTuple):
-    """Result of some steps: progress, maximum residual, steps solved by the fallback, forces (c, 3) [N]."""
+class PointMotion(NamedTuple):
+    """Positions [m], velocities [m/s] and accelerations [m/s^2] of the coupled points at one instant, each (c, 3)."""
+
+    positions: Array
+    velocities: Array
+    accelerations: Array | None = None
+
+
+class CoupledState(NamedTuple):
+    """The whole state of a coupling: the lines, the points at the end of the last step, forces (c, 3) [N] on them."""
 
     progress: Progress
+    motion: PointMotion
+    forces: Array
+
+
+class CoupledOutputs(NamedTuple):
+    """Forces (c, 3) [N], maximum scaled residual, inner steps solved by the fallback, whether a step failed so far."""
+
+    forces: jax.Array
     residual: jax.Array
     retried: jax.Array
-    forces: jax.Array
+    failed: jax.Array
 
 
-class _Motion(NamedTuple):
-    """Positions, velocities and accelerations (c, 3) of the coupled points at the end of the last step."""
+@partial(jax.tree_util.register_dataclass, data_fields=["model", "start"], meta_fields=["stepper"])
+@dataclass(frozen=True)
+class CoupledLines:
+    """Lines between points that a JAX program moves: a pure component, to `jit`, `vmap`, `grad`, `scan` and shard.
 
-    positions: np.ndarray
-    velocities: np.ndarray
-    accelerations: np.ndarray
+        lines = dj.coupled_lines("mooring.txt", ["fairlead"])
+        state = lines.init()
+        state, outputs = lines.step(state, (positions, velocities), dt)
+
+    Attributes:
+        model: the model; its leaves are the parameters. `replace(lines, model=...)` is the same scene with others.
+        start: the state at t = 0. `dj.settle(lines.model, lines.start)` follows changes of the model.
+        stepper: static settings; `replace(lines, stepper=lines.stepper.plain)` leaves out the fallback solvers.
+    """
+
+    model: Model
+    start: State
+    stepper: Stepper
+
+    def init(self, start: State | None = None) -> CoupledState:
+        """The state at t = 0, from `start` (default: that of the scene) with the points where the scene has them."""
+        motion, start = self._motion, self.start if start is None else start
+        progress = begin(self.stepper, self.model, start)
+        at_rest = PointMotion(motion.home, motion.velocities[0], jnp.zeros_like(motion.home))
+        return CoupledState(progress, at_rest, _forces(self, progress.state))
+
+    def step(
+        self, state: CoupledState, inputs: PointMotion | tuple[Array, ...], dt: Array | float, count: Array | int = 1
+    ) -> tuple[CoupledState, CoupledOutputs]:
+        """Advance by dt [s] in `count` equal steps of the scheme; see `Coupled` for path and forces.
+
+        Args:
+            inputs: positions, velocities (and accelerations) of the points at the end of dt, each (c, 3).
+            count: a Python integer for derivatives in reverse mode.
+
+        Returns:
+            State and outputs. A step that fails raises nothing; `outputs.failed` stays true from then on.
+        """
+        given = [jnp.asarray(a, self.model.dtype) for a in inputs if a is not None]
+        motion = PointMotion(*given, *[jnp.zeros_like(given[0])] * (3 - len(given)))
+        dt = jnp.asarray(dt, self.model.dtype)
+        lines = self.moving(state.motion, motion, state.progress.t, dt)
+
+        def one(_: jax.Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
+            (s0, done, first_bad), residual, retried = result
+            s, report = step(lines.stepper, lines.model, s0, dt / count, first_bad < 0)
+            bad = step_failed(lines.stepper, lines.model, s, report.residual)
+            first_bad = jnp.where(bad & (first_bad < 0), done, first_bad)
+            # not `maximum`, which would lose a NaN
+            worst = jnp.where(report.residual <= residual, residual, report.residual)
+            return Progress(s, done + 1, first_bad), worst, retried + (report.level > FULL_STEP)
+
+        zero = jnp.zeros((), lines.model.dtype), jnp.zeros((), jnp.int32)
+        progress, residual, retried = jax.lax.fori_loop(0, count, one, (state.progress, *zero))
+        forces = lines.forces(progress.state)
+        outputs = CoupledOutputs(forces, residual, retried, progress.has_failed)
+        return CoupledState(progress, motion, forces), outputs
+
+    def moving(self, since: PointMotion, to: PointMotion, t: Array | float, dt: Array | float) -> CoupledLines:
+        """The lines with points that move from one motion to the other between t and t + dt [s]."""
+        positions, rates, bends = (jnp.stack(both) for both in zip(since, to, strict=True))
+        bends = None if self._motion.accelerations is None else bends
+        values = {"begin": jnp.asarray(t, rates.dtype), "width": jnp.asarray(dt, rates.dtype), "places": positions}
+        motion = replace(self._motion, velocities=rates, accelerations=bends, **values)
+        return replace(self, model=replace(self.model, effects=(*self.model.effects[:-1], motion)))
+
+    def forces(self, s: State) -> jax.Array:
+        """Forces (c, 3) [N] on the points in a state."""
+        return point_forces(self.model, set_free(self.model, self.indices), s, self.indices)
+
+    @property
+    def mass(self) -> jax.Array:
+        """Mass (c,) [kg] of the halves of links at the points, added mass left out."""
+        return half_link_mass(set_free(self.model, self.indices), self.indices)
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """The coupled points among those of the model."""
+        names = [p.name for p in self.model.points]
+        return tuple(names.index(name) for name in self._motion.points)
+
+    @property
+    def _motion(self) -> CoupledMotion:
+        return self.model.effects[-1]
 
 
-class _Saved(NamedTuple):
-    """The whole state of a coupling."""
-
-    progress: Progress
-    motion: _Motion
-    forces: np.ndarray
+_forces = cached_jit()(CoupledLines.forces)
+_step = cached_jit()(CoupledLines.step)
 
 
-@cached_jit(static=("stepper", "coupled"))
-def _go(
-    stepper: Stepper, model: Model, free: Model, progress: Progress, h: jax.Array, count: jax.Array, coupled: tuple
-) -> _CoupledStepResult:
-    """`count` steps of h [s]."""
+def coupled_lines(
+    scene: SceneLike,
+    points: Sequence[str] | None = None,
+    velocities: Vectors | None = None,
+    accelerations: bool = False,
+) -> CoupledLines:
+    """The component of a scene whose fixed points a JAX program moves.
 
-    def one(_: jax.Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
-        (s0, done, first_bad), residual, retried = result
-        s, report = step(stepper, model, s0, h, first_bad < 0)
-        bad = step_failed(stepper, model, s, report.residual)
-        first_bad = jnp.where(bad & (first_bad < 0), done, first_bad)
-        # not `maximum`, which would lose a NaN
-        worst = jnp.where(report.residual <= residual, residual, report.residual)
-        return Progress(s, done + 1, first_bad), worst, retried + (report.level > FULL_STEP)
+    Args:
+        scene, points: as for `Coupled`.
+        velocities: of the points at t = 0 (c, 3) [m/s]; default at rest.
+        accelerations: whether the inputs of `step` have accelerations.
 
-    zero = jnp.zeros((), model.dtype), jnp.zeros((), jnp.int32)
-    progress, residual, retried = jax.lax.fori_loop(0, count, one, (progress, *zero))
-    return _CoupledStepResult(progress, residual, retried, point_forces(model, free, progress.state, coupled))
-
-
-_forces = cached_jit(static=("points",))(point_forces)
+    Raises:
+        SceneError: as `Coupled`.
+    """
+    scene = load_scene(scene)
+    points = _points(scene, points)
+    model = build_model(scene)
+    if any(e.moves(name) for e in model.having(Displacement) for name in points):
+        raise SceneError("points: already moved by an effect of the scene; allowed: fixed points")
+    home = np.array([scene.point(name).position for name in points])
+    rates = np.zeros_like(home) if velocities is None else np.asarray(velocities, float)
+    motion = CoupledMotion.uniform(points, home, rates, accelerations)
+    model = replace(model, effects=(*model.effects, motion)).cast(model.dtype)
+    stepper = stepper_of(model, scene.run)
+    if stepper.integrator.controls_error or scene.run.step_tolerance is not None:
+        raise SceneError("run: chooses its own steps, which a coupling cannot use. Use a scheme of equal steps")
+    return CoupledLines(model, initial_state(model, scene.start), stepper)
 
 
 class Coupled:
@@ -127,8 +230,7 @@ class Coupled:
         self.points = _points(self.scene, points)
         self.accelerations = accelerations
         self.status, self.failure, self.residual, self.retried = "ok", "", 0.0, 0
-        self._model: Model | None = None
-        self._saved: _Saved | None = None
+        self._saved: CoupledState | None = None
 
     def init(self, positions: Vectors | None = None, velocities: Vectors | None = None) -> np.ndarray:
         """Start at t = 0 as defined in the scene's `[start]`, with the points at `positions` (c, 3) [m].
@@ -146,23 +248,11 @@ class Coupled:
         home = np.array([self.scene.point(name).position for name in self.points])
         all_positions = home if positions is None else self._read("positions", positions)
         rates = np.zeros_like(all_positions) if velocities is None else self._read("velocities", velocities)
-        here = self._moved_to(all_positions)
-        model = build_model(here)
-        if any(e.moves(name) for e in model.having(Displacement) for name in self.points):
-            raise SceneError("points: already moved by an effect of the scene; allowed: fixed points")
-        motion = CoupledMotion.uniform(self.points, all_positions, rates, self.accelerations)
-        self._model = replace(model, effects=(*model.effects, motion)).cast(model.dtype)
-        self._indices = tuple([p.name for p in model.points].index(name) for name in self.points)
-        self._free = set_free(model, self._indices)
-        self._stepper = stepper_of(self._model, here.run)
-        if self._stepper.integrator.controls_error or here.run.step_tolerance is not None:
-            raise SceneError("run: chooses its own steps, which a coupling cannot use. Use a scheme of equal steps")
-        self._plain = self._stepper.until_converged or not model.laws
-        progress = begin(self._stepper, self._model, initial_state(self._model, here.start))
-        forces = np.asarray(_forces(self._model, self._free, progress.state, points=self._indices))
-        self._saved = _Saved(progress, _Motion(all_positions, rates, np.zeros_like(all_positions)), forces)
+        self._lines = coupled_lines(self._moved_to(all_positions), self.points, rates, self.accelerations)
+        self._plain = self._lines.stepper.until_converged or not self._lines.model.laws
+        self._saved = self._lines.init()
         self.status, self.failure = "ok", ""
-        return forces.copy()
+        return self.forces
 
     def step(
         self, positions: Vectors, velocities: Vectors, dt: float, accelerations: Vectors | None = None
@@ -184,21 +274,17 @@ class Coupled:
             raise SceneError("accelerations: need Coupled(accelerations=True); allowed: in every step or in none")
         read = [self._read("positions", positions), self._read("velocities", velocities)]
         bends = np.zeros_like(read[0]) if accelerations is None else self._read("accelerations", accelerations)
-        to = _Motion(*read, bends)
         count = max(1, math.ceil(dt / self.scene.run.dt - 1e-9))
         if count > most:
             why = f"is {count:.3g} inner steps of {self.scene.run.dt:g} s"
             raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {most}")
-        model = self._moving(saved, to, dt)
-        result = self._advance(model, saved.progress, dt / count, count)
-        self.residual, self.retried = float(result.residual), int(result.retried)
-        forces = np.asarray(result.forces)
-        bad = int(result.progress.first_bad) >= 0
-        if bad or not np.all(np.isfinite(forces)):
+        state, outputs = self._advance(saved, PointMotion(*read, bends), dt, count)
+        self.residual, self.retried = float(outputs.residual), int(outputs.retried)
+        if outputs.failed or not np.all(np.isfinite(outputs.forces)):
             self._fail(dt, count)
         self.status, self.failure = "ok", ""
-        self._saved = _Saved(result.progress, to, forces)
-        return forces.copy()
+        self._saved = state
+        return self.forces
 
     def save(self, path: str | Path | None = None) -> dict[str, np.ndarray]:
         """The whole state as arrays; also written to an `.npz` file if a path is given."""
@@ -220,11 +306,9 @@ class Coupled:
         if self._saved is None:
             self.init()
         arrays = saved if isinstance(saved, dict) else self._read_file(Path(saved))
-        found = restore_carry(self._state(), arrays)
-        motion = _Motion(*(np.asarray(a) for a in found.motion))
-        self._saved = _Saved(found.progress, motion, np.asarray(found.forces))
+        self._saved = restore_carry(self._state(), arrays)
         self.status, self.failure = "ok", ""
-        return self._saved.forces.copy()
+        return self.forces
 
     @property
     def time(self) -> float:
@@ -232,18 +316,18 @@ class Coupled:
 
     @property
     def forces(self) -> np.ndarray:
-        return self._state().forces.copy()
+        return np.array(self._state().forces)
 
     @property
     def mass(self) -> np.ndarray:
         self._state()
-        return np.asarray(half_link_mass(self._free, self._indices))
+        return np.asarray(self._lines.mass)
 
     @property
     def positions(self) -> np.ndarray:
         """All nodes, line after line, both ends of each included (n + lines, 3) [m]."""
         s, motion = self._state().progress.state, self._state().motion
-        model = self._moving(self._state(), motion, 1.0, at=float(s.t))
+        model = self._lines.moving(motion, motion, s.t, 1.0).model
         return np.asarray(model.nodes(s.r, model.ends(s.t)))
 
     @property
@@ -251,30 +335,22 @@ class Coupled:
         """Tensions of all links (n,) [N] in the last step."""
         return np.asarray(self._state().progress.state.tension)
 
-    def _state(self) -> _Saved:
+    def _state(self) -> CoupledState:
         if self._saved is None:
             raise SceneError("Coupled: not initialised. Call `init` first")
         return self._saved
 
-    def _advance(self, model: Model, progress: Progress, h: float, count: int) -> _CoupledStepResult:
+    def _advance(
+        self, state: CoupledState, to: PointMotion, dt: float, count: int
+    ) -> tuple[CoupledState, CoupledOutputs]:
         """The inner steps; if the plain program does not converge, by the program with the fallback solvers."""
-        given = model, self._free, progress, jnp.asarray(h, model.dtype), jnp.asarray(count, jnp.int32)
-        result = _go(self._stepper.plain if self._plain else self._stepper, *given, coupled=self._indices)
-        if self._plain and int(result.progress.first_bad) >= 0 and self._stepper != self._stepper.plain:
+        given = state, to, jnp.asarray(dt, self._lines.model.dtype), jnp.asarray(count, jnp.int32)
+        full = self._lines.stepper
+        result = _step(replace(self._lines, stepper=full.plain if self._plain else full), *given)
+        if self._plain and result[1].failed and full != full.plain:
             self._plain = False
-            result = _go(self._stepper, *given, coupled=self._indices)
+            result = _step(self._lines, *given)
         return result
-
-    def _moving(self, saved: _Saved, to: _Motion, dt: float, at: float | None = None) -> Model:
-        """The model with points that move from their present to the given positions."""
-        pairs = [np.stack(both) for both in zip(saved.motion, to, strict=True)]
-        t = float(saved.progress.state.t) if at is None else at
-        model, motion = self._model, self._model.effects[-1]
-        positions, rates, bends = (jnp.asarray(a, model.dtype) for a in pairs)
-        values = {"begin": jnp.asarray(t, model.dtype), "width": jnp.asarray(dt, model.dtype)}
-        bends = bends if self.accelerations else None
-        motion = replace(motion, places=positions, velocities=rates, accelerations=bends, **values)
-        return replace(model, effects=(*model.effects[:-1], motion))
 
     def _moved_to(self, positions: np.ndarray) -> Scene:
         names = [p.name for p in self.scene.points]

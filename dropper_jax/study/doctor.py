@@ -9,6 +9,7 @@ import platform
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
 from typing import Any
 
@@ -49,8 +50,12 @@ print(json.dumps({"place": None if place is None else str(place), "taken": taken
 """
 
 
-def examine() -> dict[str, Any]:
-    """The report of `dropper doctor`; `checks` can fail and have `ok` and a text."""
+def examine(repeats: int = 400) -> dict[str, Any]:
+    """The report of `dropper doctor`; `checks` can fail and have `ok` and a text.
+
+    Args:
+        repeats: calls of one program whose bits are compared.
+    """
     return {
         "versions": versions(),
         "system": {"platform": platform.platform(), "cores": os.cpu_count(), "memory_bytes": available_memory()},
@@ -59,7 +64,7 @@ def examine() -> dict[str, Any]:
         "one_kernel": in_force() or tags_enabled(),
         "compiler_options": {name: name in supported_options() for name in BRIEFLY},
         "cache": cache(),
-        "checks": [check_tension(), known_product(), cached_programs()],
+        "checks": [check_tension(), known_product(), repeated_bits(repeats), cached_programs()],
     }
 
 
@@ -107,6 +112,17 @@ def known_product() -> dict[str, Any]:
     squares = jax.jit(jax.vmap(lambda row: jnp.sum((jnp.eye(3) @ row) ** 2)))(rows)
     wrong = int(np.sum(np.asarray(squares) != np.arange(16_385.0) ** 2))
     return _check("products of matrices and vectors", not wrong, f"{wrong} of {len(i)} wrong")
+
+
+def repeated_bits(calls: int) -> dict[str, Any]:
+    """Whether one compiled program, called from two threads, always gives the same bits (jax-ml/jax issue 39741)."""
+    x = jnp.linspace(0.0, 1.0, 4096).reshape(64, 64)
+    program = jax.jit(lambda x: jnp.sum(jnp.tanh(x @ x), axis=0)).lower(x).compile()
+    first = np.asarray(program(x)).tobytes()
+    differing = lambda part: sum(np.asarray(program(x)).tobytes() != first for _ in range(part))  # noqa: E731
+    with ThreadPoolExecutor(2) as pool:
+        wrong = sum(pool.map(differing, (calls // 2, calls - calls // 2)))
+    return _check("bits of repeated calls", not wrong, f"{wrong} of {calls} calls differ")
 
 
 def cached_programs() -> dict[str, Any]:

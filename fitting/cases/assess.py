@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +84,7 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
         "seeds": len(site.seeds),
         "final_check": len(site.seeds) >= FINAL_SEEDS and not failed,
         "characteristic": site.run.characteristic,
-        "factors": {"source": site.factors.source, "edition": site.factors.edition},
+        "factors": asdict(site.factors),
         "cases": cases,
         "parts": parts,
         "anchors": [anchor_found(site, name, held[name]) for name in runs.held],
@@ -185,6 +185,7 @@ def _part(part: Part, rows: list[dict[str, Any]], site: Site, step: dict[str, An
     found = {
         "part": part.name,
         "lines": len(part.lines),
+        "factors": asdict(part.factors),
         "cases": rows,
         "worst": max(rows, key=lambda row: row["utilisation"]) if rows else None,
         "step": step,

@@ -63,6 +63,14 @@ def page(found: dict[str, Any]) -> str:
             ["part", "lines", "worst line", "load [N]", "+- seeds", "+- step", "at rest [N]", "utilisation", "case"],
             [_part_cells(part, storms) for part in found["parts"]],
         ),
+        "## Factors",
+        table(
+            ["part", *found["factors"]],
+            [
+                [part["part"], *("-" if x is None else str(x) for x in part["factors"].values())]
+                for part in found["parts"]
+            ],
+        ),
         f"![Utilisation]({'utilisation.png'})",
         "## Anchors",
         table(

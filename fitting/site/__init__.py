@@ -37,13 +37,14 @@
     [factors]                       the user's table: load times factor is compared with capacity
     intact = 1.67
     broken = 1.25                   in cases where a line breaks
-    source, edition                 references, as texts
+    source, edition, clause         references, as texts
+    standard = "api-rp-2sk"         or factors with edition and clause by name, see docs/load-cases.md
 
     [[part]]                        lines of one kind; every line belongs to one part
     name = "loops"
     lines = "loop-*"                a pattern, or a list of them
     capacity = 20e3                 [N] breaking load, default: that of the scene's lines
-    factor = 2.0                    or { intact = 2.0, broken = 1.5 }; default: that of [factors]
+    factor = 2.0                    or { intact = 2.0, broken = 1.5 }, or a standard; default: that of [factors]
     curve = { k = 25000.0, m = 5.2, source = "..." }    N = k (range/capacity)^-m; "no curve given" without
 
     [[anchor]]                      fixed points: name, points (patterns), kind, weight, friction, capacity as in

@@ -14,7 +14,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import refuse
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import AnchorSpec, LineSpec, whole_lines
-from fitting.site.sections import AnchorTable, Curve, GrowthTable, SeaState
+from fitting.site.sections import AnchorTable, Curve, Factors, GrowthTable, SeaState
 
 #: Maximum number of names in an error message.
 MOST_NAMES = 6
@@ -31,6 +31,7 @@ class Part:
         factor: on its loads by kind of state, `intact` and `broken`; None for a state without cases.
         curve: its fatigue curve, or None.
         of_scene: whether the capacity is the breaking load of the scene's lines, and so follows its parameters.
+        factors: the factors with source, edition and clause.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Part:
     factor: dict[str, float | None]
     curve: Curve | None
     of_scene: bool = False
+    factors: Factors = dataclasses.field(default_factory=Factors)
 
 
 @dataclasses.dataclass(frozen=True)

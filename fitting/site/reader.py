@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -226,14 +227,16 @@ def _parts(
         part = PartTable.read(own, path)
         names = match_names(part.lines, lines, f"{path}.lines")
         groups.append((f"{path} ({part.name!r})", names))
+        factor = _factor(given, factors, kinds, f"{path}.factor")
         found.append(
             Part(
                 part.name,
                 names,
                 np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names]),
-                _factor(given, factors, kinds, f"{path}.factor"),
+                factor.by_kind,
                 None if curve is None else Curve.read(curve, f"{path}.curve"),
                 part.capacity is None,
+                factor,
             )
         )
     _unique("part.name", [part.name for part in found])
@@ -256,11 +259,13 @@ def _capacity(part: PartTable, capacity: Plain, line: str, path: str) -> float:
     return float(np.min(capacity))
 
 
-def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> dict[str, float | None]:
-    own = Factors() if given is None else Factors.of(given, path)
-    found = {kind: getattr(own, kind) or getattr(table, kind) for kind in ("intact", "broken")}
+def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> Factors:
+    own = table if given is None else Factors.of(given, path)
+    common = {kind: x for kind, x in table.by_kind.items() if own.by_kind[kind] is None and x is not None}
+    sources = [own.source, *(f"{kind}: {table.source}, {table.edition}, {table.clause}" for kind in common)]
+    found = dataclasses.replace(own, **common, source="; ".join(sources))
     for kind in sorted(kinds):
-        if found[kind] is None:
+        if found.by_kind[kind] is None:
             raise SceneError(f"{path}: missing; needed: a number, or `{kind}` in [factors], because cases are {kind}")
     return found
 
@@ -274,7 +279,7 @@ def _anchors(table: Mapping[str, Any], held: Sequence[str], factors: Factors, ki
         points = match_names(anchor.points, held, f"{path}.points", "fixed point")
         groups.append((path, points))
         factor = _factor(given, factors, kinds, f"{path}.factor")
-        found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, factor))
+        found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, factor.by_kind))
     refuse_overlap(groups, "point")
     _unique("anchor.name", [anchor.name for anchor in found])
     return tuple(found)

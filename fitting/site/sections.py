@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import tomllib
 from collections.abc import Mapping
+from importlib import resources
 from typing import Any, Self
 
 from dropper_jax.base.errors import SceneError
@@ -13,6 +15,9 @@ from dropper_jax.base.read import count as whole_number
 from dropper_jax.scene import GrowthSpec
 from dropper_jax.scene.point import KINDS
 from dropper_jax.sea.spectrum import SHAPES
+
+#: Factors by name of the standard, each with edition and clause.
+STANDARDS = resources.files("dropper_jax") / "data" / "standards.toml"
 
 
 class Section:
@@ -159,13 +164,33 @@ class Factors(Section):
     broken: float | None = parameter("if a line breaks", unit="-", low=1.0, optional=True)
     source: str = option("source of the factors", type=str, default="not given: check against your standard")
     edition: str = option("edition of the source", type=str, default="not given")
+    clause: str = option("clause of the source", type=str, default="not given")
+    checked: str = option("what the factors were compared with", type=str, default="to be checked by you")
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> Self:
+        """Factors of a table; those of `standard = NAME` (see `STANDARDS`) where it has none of its own."""
+        own = dict(read_table(table, path))
+        if "standard" not in own:
+            return super().read(own, path)
+        known = tomllib.loads(STANDARDS.read_text())
+        standard = known[read_text(own.pop("standard"), f"{path}.standard", known)]
+        given = [f"; {kind}: given for this site" for kind in ("intact", "broken") if kind in own]
+        return super().read({**standard, "source": standard["source"] + "".join(given), **own}, path)
+
+    @property
+    def by_kind(self) -> dict[str, float | None]:
+        """The factors by kind of state."""
+        return {"intact": self.intact, "broken": self.broken}
 
     @classmethod
     def of(cls, value: Plain, path: str) -> Factors:
-        """Factors of a part: a number for all states, or a table."""
+        """Factors of a part: a number for all states, the name of a standard, or a table."""
+        if isinstance(value, str):
+            return cls.read({"standard": value}, path)
         if isinstance(value, Mapping):
             return cls.read(value, path)
-        number = read_number(value, path, {"low": 1.0}, "a number >= 1, or { intact = ..., broken = ... }")
+        number = read_number(value, path, {"low": 1.0}, "a number >= 1, a standard, or { intact = ..., broken = ... }")
         return cls(number, number)
 
 

@@ -180,3 +180,33 @@ def test_a_scene_is_found_beside_its_site(tmp_path):
     assert site.parts[0].capacity.tolist() == [3e4]  # the scene's own
     with pytest.raises(SceneError, match="cannot read"):
         read_site(tmp_path / "sight.toml")
+
+
+def test_a_standard_by_name_gives_factors_with_edition_and_clause():
+    own = {"standard": "dnv-os-e301-class-2"}
+    site = read_site(changed(factors=own))
+    loops, _, backbone = (part.factors for part in site.parts)
+    # 2.10 and 1.25 on the tension, 0.95 of the breaking load as strength
+    assert loops.intact == pytest.approx(2.10 / 0.95, abs=5e-4)
+    assert loops.broken == pytest.approx(1.25 / 0.95, abs=5e-4)
+    assert loops.edition == "October 2008"
+    assert "Table D1" in loops.clause
+    assert "to be checked by you" in loops.checked
+    assert (backbone.intact, backbone.source) == (2.0, "not given: check against your standard")
+    parts = copy.deepcopy(SITE["part"])
+    parts[0]["factor"] = "ns-9415-rope"
+    rope = read_site(changed(factors={**own, "broken": 2.0}, part=parts)).parts
+    assert (rope[0].factor["intact"], rope[0].factor["broken"]) == (3.45, 1.5)
+    assert "broken: given for this site" in rope[1].factors.source
+
+
+def test_a_number_that_a_standard_lacks_is_asked_for_or_named_with_its_own_source():
+    with pytest.raises(SceneError, match="factors.standard: 'api' is unknown.*api-rp-2sk"):
+        read_site(changed(factors={"standard": "api"}))
+    with pytest.raises(SceneError, match="factor: missing; needed: a number"):
+        read_site(changed(factors={"standard": "scottish-technical-standard"}))
+    parts = copy.deepcopy(SITE["part"])
+    parts[1]["factor"] = "ns-9415-chain"
+    legs = read_site(changed(factors={"standard": "api-rp-2sk"}, part=parts)).parts[1].factors
+    assert (legs.intact, legs.broken) == (2.3, 1.25)
+    assert "broken: API RP 2SK" in legs.source

@@ -1,0 +1,24 @@
+"""Names for extensions: effects of your own, their fields and errors (see docs/add-an-effect.md)."""
+
+from dropper_jax.base.errors import SceneError, SimulationError, nearest
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.scatter import scatter_add
+from dropper_jax.effects import Effect, register
+from dropper_jax.model import Kinematics
+from dropper_jax.scene.data import SceneData
+
+__all__ = [
+    "Effect",
+    "Kinematics",
+    "SceneData",
+    "SceneError",
+    "SimulationError",
+    "component",
+    "nearest",
+    "option",
+    "parameter",
+    "register",
+    "safe_norm",
+    "scatter_add",
+]

@@ -60,7 +60,7 @@ def offset_curves(
         along = np.array([np.cos(np.radians(direction)), np.sin(np.radians(direction)), 0.0])
         near = base
         for distance in distances:
-            pose = search(_displaced(model, moved, distance * along), loads, 0.0, near)
+            pose = search(_displace_points(model, moved, distance * along), loads, 0.0, near)
             row = {"direction_deg": float(direction), "distance_m": float(distance), "status": pose.status}
             if pose.status == "ok":
                 near = pose.state
@@ -84,7 +84,7 @@ def _fixed_points(scene: Scene, names: Sequence[str]) -> list[str]:
     return list(names)
 
 
-def _displaced(model: Model, names: Sequence[str], by: np.ndarray) -> Model:
+def _displace_points(model: Model, names: Sequence[str], by: np.ndarray) -> Model:
     points = [replace(p, position=p.position + by) if p.name in names else p for p in model.points]
     return replace(model, points=tuple(points))
 

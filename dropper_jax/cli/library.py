@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.options import add_examples, add_json
-from dropper_jax.cli.output import OK, done_object, listing, print_json, print_result
+from dropper_jax.cli.output import OK, done_object, listing, print_json, print_result, table
 
 help = "list ropes, chains, floats and crops, or print one as TOML to paste"
 
@@ -24,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from dropper_jax.load.library import FAMILIES, PREFIX, part
+    from dropper_jax.load.library import FAMILIES, PREFIX, crop_values, part
 
     if args.name is None:
         rows = [
@@ -35,7 +36,9 @@ def run(args: argparse.Namespace) -> int:
             {"family": name, "size": f.size, "unit": f.unit, "low": f.low, "high": f.high, "source": f.source}
             for name, f in FAMILIES.items()
         ]
-        print_result(args.json, done_object(parts=found), listing(rows))
+        print_result(
+            args.json, done_object(parts=found, crops=crop_values()), f"{listing(rows)}\n\n{_crops(crop_values())}"
+        )
         return OK
     name = args.name.removeprefix(PREFIX)
     section, values = part(name)
@@ -47,3 +50,12 @@ def run(args: argparse.Namespace) -> int:
     position = {"position": [0.0, 0.0, -5.0]} if section == "point" else {}
     print(f"# {source}\n{as_toml({section: [{**pasted, **position}]})}", end="")
     return OK
+
+
+def _crops(crops: list[dict[str, Any]]) -> str:
+    """The numbers of the crops; their sources are in the list above."""
+    heads = ("mass [kg/m]", "in water [kg/m]", "displaced diameter [m]", "outer diameter [m]", "cdn", "can")
+    rows = [("crop", *heads, "spread")]
+    keys = ("mass_kg_per_m", "mass_in_water_kg_per_m", "diameter_m", "outer_diameter_m", "cdn", "can")
+    rows += [(crop["name"], *(f"{crop[key]:.4g}" for key in keys), crop["spread"]) for crop in crops]
+    return table(rows)

@@ -98,3 +98,8 @@ def displaced_diameter(line: LineSpec, scene: SceneData) -> np.ndarray | None:
     if line.diameter is not None or wet_weight is None or scene.sea is None:
         return line.diameter
     return np.sqrt(4.0 * _volume_from_weight(scene, wet_weight) / (np.pi * line.length))
+
+
+def drag_diameter(line: LineSpec, scene: SceneData) -> np.ndarray | None:
+    """Diameters of the links for drag and added mass [m]: the outer ones, or those of the displaced volume."""
+    return displaced_diameter(line, scene) if line.outer_diameter is None else line.outer_diameter

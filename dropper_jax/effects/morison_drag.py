@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import SOURCES, check_source, steady_drag
 from dropper_jax.effects.drag_velocity import drag_velocity
 from dropper_jax.effects.wetting import parts, split, wet_share
@@ -24,8 +24,9 @@ from dropper_jax.scene import SceneData
 class MorisonDrag(Effect):
     """Drag `F = 1/2 rho L w (Cdn D |u_n| u_n + Cdt pi D |u_t| u_t)` of the water's velocity u relative to the node.
 
-    Axial drag acts on the wetted surface, pi D, as in MoorDyn (thesis (6.12) lacks the absolute value, (C.22)-(C.24)
-    the relative velocity: errata). w is the submerged fraction. The links' directions are those of the predicted middle
+    D is the line's `outer_diameter`, or its `diameter` without one. Axial drag acts on the wetted surface, pi D, as in
+    MoorDyn (thesis (6.12) lacks the absolute value, (C.22)-(C.24) the relative velocity: errata). w is the submerged
+    fraction. The links' directions are those of the predicted middle
     of the step, which is second order and keeps the force on its own node. `tangents = "implicit"` solves for them too.
     `coefficients` computes cdn per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
     `shelter` reduces the current, not the waves, that reaches a link behind others; `wakes` computes it from the lines
@@ -98,7 +99,7 @@ class MorisonDrag(Effect):
     def force(self, k: Kinematics) -> jax.Array:
         water, line = k.water, k.line
         tangents = water.tangents if self.tangents == "frozen" else k.tangents
-        skin = 0.5 * k.model.sea.density * line.diameter * line.length
+        skin = 0.5 * k.model.sea.density * line.drag_diameter * line.length
         relative = water.motion.velocity - drag_velocity(k, self._decay(k, skin))
         total = jnp.zeros_like(k.v)
         for part in parts(k):
@@ -134,6 +135,4 @@ def relative_roughness(scene: SceneData) -> np.ndarray:
     """k/D of each link (n,); smooth if no roughness is given."""
     height = scene.effects.get("morison_drag", {}).get("roughness")
     line = scene.line
-    return (
-        (0.0 if height is None else np.asarray(height, float)) / displaced_diameter(line, scene) * np.ones(line.links)
-    )
+    return (0.0 if height is None else np.asarray(height, float)) / drag_diameter(line, scene) * np.ones(line.links)

@@ -23,7 +23,7 @@ class _InertiaForce(Effect):
     def needs_material(self) -> bool:
         return self.fluid_acceleration == "material"
 
-    def _coefficients(self, part: Part) -> tuple[jax.Array | float, jax.Array | float]:
+    def _coefficients(self, k: Kinematics, part: Part) -> tuple[jax.Array | float, jax.Array | float]:
         return 0.0, 0.0
 
     def _wet_mass(self, k: Kinematics, part: Part) -> jax.Array:
@@ -37,7 +37,7 @@ class _InertiaForce(Effect):
         total = jnp.zeros_like(k.r)
         for part in parts(k):
             across, along = split(part.at(change), part.take(water.tangents))
-            can, cat = self._coefficients(part)
+            can, cat = self._coefficients(k, part)
             total = total + part.collect(self._wet_mass(k, part) * ((1.0 + can) * across + (1.0 + cat) * along))
         return total
 
@@ -57,7 +57,8 @@ class MorisonInertia(_InertiaForce):
 
     (Paper (1) with (18) would count the added mass twice; thesis (6.12) has `C_M (u' - v')` for `C_M u' - C_A v'`:
     errata.) C_A is `can` across and `cat` along a link; `fluid_acceleration` is the local du/dt or the material Du/Dt.
-    Without `can` and `cat` there is no added mass: the effect is then `FroudeKrylov`.
+    A line with an `outer_diameter` D has the added mass of `pi/4 D^2`, and the Froude-Krylov force of V. Without `can`
+    and `cat` there is no added mass: the effect is then `FroudeKrylov`.
 
     `coefficients` computes can per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
 
@@ -117,10 +118,13 @@ class MorisonInertia(_InertiaForce):
         """Whether can and cat actually differ anywhere."""
         return jnp.any(self.can != self.cat)
 
-    def _coefficients(self, part: Part) -> tuple[jax.Array, jax.Array]:
-        """C_A across and along, ready to multiply (nodes, 3)."""
+    def _coefficients(self, k: Kinematics, part: Part) -> tuple[jax.Array, jax.Array]:
+        """C_A across and along over the displaced mass, ready to multiply (nodes, 3)."""
         column = lambda value: value if jnp.ndim(value) == 0 else part.take(value)[:, None]  # noqa: E731
-        return column(self.can), column(self.cat)
+        if k.line.outer_diameter is None:
+            return column(self.can), column(self.cat)
+        size = part.take((k.line.outer_diameter / k.line.diameter) ** 2)[:, None]
+        return size * column(self.can), size * column(self.cat)
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         """Inertia force (nodes, 3) [N] of the added mass for accelerations a."""
@@ -129,7 +133,7 @@ class MorisonInertia(_InertiaForce):
         total = jnp.zeros_like(a)
         for part in parts(k):
             across, along = split(part.at(a), part.take(k.water.tangents))
-            can, cat = self._coefficients(part)
+            can, cat = self._coefficients(k, part)
             total = total + part.collect(self._wet_mass(k, part) * (can * across + cat * along))
         return total
 
@@ -143,7 +147,7 @@ class MorisonInertia(_InertiaForce):
         total = jnp.zeros_like(a)
         for part in parts(k):
             mass = self._wet_mass(k, part)
-            can, cat = self._coefficients(part)
+            can, cat = self._coefficients(k, part)
             start, mean, end = (part.take(d) for d in (middle - turn, middle, middle + turn))
             momentum = end * dot(end, after) - start * dot(start, before)
             total = total + mass * (can * a + (cat - can) * momentum / h)
@@ -159,7 +163,7 @@ class MorisonInertia(_InertiaForce):
         for part in parts(k):
             wet = wet_share(k, part, k.tangents, elevation)
             mass = (part.share * part.take(sea.density * line.volume) * wet)[:, None]
-            can, cat = self._coefficients(part)
+            can, cat = self._coefficients(k, part)
             v = part.at(k.v)
             _, along = split(v, part.take(k.links / line.length[:, None]))
             total = total + 0.5 * jnp.sum(mass * v * (can * v + (cat - can) * along))

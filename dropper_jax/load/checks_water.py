@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects import EFFECTS
-from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.effects.buoyancy import displaced_diameter, drag_diameter
 from dropper_jax.scene import SceneData
 from dropper_jax.sea import Sea
 from dropper_jax.sea.interpolated import BoundWaves
@@ -225,7 +225,7 @@ def _shortest(sea: Sea) -> float:
 
 def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
     slender = 0.05  # maximum ratio of diameter to wavelength for Morison's equation (thesis (6.11))
-    diameter = displaced_diameter(scene.line, scene)
+    diameter = drag_diameter(scene.line, scene)
     if diameter is None or not {"morison_drag", "morison_inertia", "thesis_wave_force"} & set(scene.effects):
         return []
     shortest = _shortest(sea)

@@ -33,6 +33,8 @@ PART_DAMPING = 0.1
 SOCK, SOCK_DENSITY, SOCK_MONTHS = 21.8, 1300.0, 15.0
 #: Bare rope in a sock [kg/m] and [m] (assumed).
 CORE_MASS, CORE_DIAMETER = 0.1, 0.012
+#: Density of the sea water in `crop_values` [kg/m^3].
+SEA_WATER = 1025.0
 ORCAFLEX = "Orcina, OrcaFlex help, Chain"
 MOORPY = "ropes of moorings (MoorPy, NREL: MoorProps_default.yaml): mass, breaking load, quasi-static stiffness"
 EIGHT_STRAND = "plaited rope of eight strands, OrcaFlex' Rope/wire (as ddjokic/Mooring-Line-Properties has it)"
@@ -52,6 +54,7 @@ class Family:
         example: an example size.
         source: sources of its numbers, and which of them are assumed.
         make: plain values for a size.
+        spread: of a crop, how far its numbers scatter; empty for other parts.
     """
 
     section: str
@@ -62,6 +65,7 @@ class Family:
     example: float
     source: str
     make: Callable[[float], dict[str, Any]]
+    spread: str = ""
 
 
 def _chain(
@@ -154,6 +158,10 @@ def _sock(months: float) -> dict[str, Any]:
     return {**_crop(mass, 1.0, 1.4, 0.02), "diameter": math.sqrt(core + (full - core) * share)}
 
 
+def _dropper(mass: float) -> dict[str, Any]:
+    return {**_crop(mass, SOCK_DENSITY, 1.3, 0.02), "outer_diameter": 0.13}
+
+
 def _kelp(biomass: float) -> dict[str, Any]:
     return _crop(biomass, 1050.0, 1.2, 0.05)
 
@@ -219,6 +227,19 @@ FAMILIES: dict[str, Family] = {
         "live lines in waves had 3.9 at KC 10 to 380, Gieschen et al. 2021, J. Mar. Sci. Eng. 9, 29); 15 months: a "
         "Galician cycle with thinning-out; mass and cross-section linear in age: assumed",
         _sock,
+        "drag 1.4 assumed, 3.9 measured on live lines in waves",
+    ),
+    "mussel-dropper": Family(
+        "line_type",
+        "mass",
+        "kg/m",
+        7.53,
+        7.53,
+        7.53,
+        "half-grown, live: 7.53 kg/m, outer diameter 0.13 m, drag 1.3 on it (Zhu et al. 2020), whose bending stiffness "
+        "0.79 N m^2 is for `EI` with [effects.bending]; 1300 kg/m^3, drag along, added mass, EA: assumed",
+        _dropper,
+        "one dropper; none published with it",
     ),
     "kelp": Family(
         "line_type",
@@ -230,6 +251,7 @@ FAMILIES: dict[str, Family] = {
         "biomass: 7.8 kg/m in April (Fredriksson et al. 2023, Front. Mar. Sci. 10, 1178548); 1050 kg/m^3, drag 1.2 on "
         "the displaced diameter and 0.05 along, EA: assumed",
         _kelp,
+        "unknown",
     ),
     "lantern-net": Family(
         "line_type",
@@ -241,6 +263,7 @@ FAMILIES: dict[str, Family] = {
         "drag 0.83 on the net's diameter (0.75 to 0.91 by load; Fishes 2023, 8(4), 204); 10 kg/m at 1500 kg/m^3 with "
         "its scallops, EA: assumed",
         _lantern,
+        "drag 0.75 to 0.91 by load",
     ),
 }
 
@@ -258,6 +281,31 @@ def part(name: str) -> tuple[str, dict[str, Any]]:
         raise SceneError(f"library: {name!r}: {kind.size} {size:g} {kind.unit} is out of range; allowed: {allowed}")
     rounded = {key: float(f"{v:.6g}") if isinstance(v, float) else v for key, v in kind.make(size).items()}
     return kind.section, {"name": PREFIX + name, **rounded}
+
+
+def crop_values() -> list[dict[str, Any]]:
+    """Numbers of each crop at its example size: name, mass per metre in air and in sea water of 1025 kg/m^3, displaced
+    and outer diameter, drag and added mass coefficients across the outer one, source and spread."""
+    found = []
+    for family, kind in FAMILIES.items():
+        if kind.spread:
+            name = f"{family}-{kind.example:g}"
+            values = part(name)[1]
+            displaced = SEA_WATER * 0.25 * math.pi * values["diameter"] ** 2
+            found.append(
+                {
+                    "name": name,
+                    "mass_kg_per_m": values["mass"],
+                    "mass_in_water_kg_per_m": values["mass"] - displaced,
+                    "diameter_m": values["diameter"],
+                    "outer_diameter_m": values.get("outer_diameter", values["diameter"]),
+                    "cdn": values["cdn"],
+                    "can": values["can"],
+                    "source": kind.source,
+                    "spread": kind.spread,
+                }
+            )
+    return found
 
 
 def _split_name(name: str) -> tuple[str, float]:

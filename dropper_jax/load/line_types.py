@@ -40,7 +40,7 @@ from dropper_jax.scene.line import LINK_LIMIT
 SAME_POSITION = 1e-9
 LENGTH_RANGE = {"low": 0.0, "open_low": True, "unit": "m"}
 #: Keys of a line defined by the link that a line with a type takes from its type.
-OF_TYPES = ("mass", "diameter", "axial", "centre_of_mass", "inertia")
+OF_TYPES = ("mass", "diameter", "outer_diameter", "axial", "centre_of_mass", "inertia")
 #: Effect and key that take a coefficient of the line types if the scene omits it.
 COEFFICIENTS = {"cdn": "morison_drag", "cdt": "morison_drag", "can": "morison_inertia", "cat": "morison_inertia"}
 
@@ -52,6 +52,9 @@ class LineType:
     name: str = option("name", type=str)
     mass: float = parameter("mass per metre", unit="kg/m", low=0.0, open_low=True)
     diameter: float = parameter("diameter of the displaced volume", unit="m", low=0.0, open_low=True)
+    outer_diameter: float | None = parameter(
+        "diameter for drag and added mass (default: `diameter`)", unit="m", low=0.0, open_low=True, optional=True
+    )
     EA: float | None = parameter("axial stiffness", unit="N", low=0.0, open_low=True, optional=True)
     strain: np.ndarray | None = parameter("strains of a table, rising", unit="-", shape="table", optional=True)
     tension: np.ndarray | None = parameter("tensions at those strains", unit="N", shape="table", optional=True)
@@ -285,6 +288,8 @@ def _per_link(sections: list[Section], path: str) -> dict[str, Any]:
         "diameter": _each(sections, lambda s: s.type.diameter),
         "axial": _axial(sections, path),
     }
+    if any(s.type.outer_diameter is not None for s in sections):
+        found["outer_diameter"] = _each(sections, lambda s: s.type.outer_diameter or s.type.diameter)
     if all(s.type.breaking_load is not None for s in sections):
         found["breaking_load"] = _each(sections, lambda s: s.type.breaking_load)
     return found

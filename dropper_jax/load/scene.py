@@ -331,6 +331,8 @@ def check_growth(scene: SceneData) -> None:
             raise SceneError(f"{said}: needs water, but the scene has no [sea]; needed: [sea] with `depth`")
         if line.diameter is None:
             raise SceneError(f"{path}.diameter: missing; {said} needs the diameter of the bare rope, > 0 m")
+        if line.outer_diameter is not None:
+            raise SceneError(f"{path}.outer_diameter: {said} changes the diameter; allowed: one of them")
         if line.centre_of_mass is not None:
             raise SceneError(f"{said}: needs point masses at the nodes, but the line has compound links. Remove it")
         if scene.effects.get("buoyancy", {}).get("wet_weight") is not None:

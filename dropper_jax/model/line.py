@@ -57,6 +57,14 @@ class Line:
     diameter: jax.Array | None = parameter(
         "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, optional=True
     )
+    outer_diameter: jax.Array | None = parameter(
+        "diameter for drag and added mass (default: that of the displaced volume)",
+        unit="m",
+        shape="link",
+        low=0.0,
+        open_low=True,
+        optional=True,
+    )
     axial: AxialLaw = Rigid()
     failures: Failures | None = None
     name: str = option("name", type=str, default="line")
@@ -73,6 +81,11 @@ class Line:
     def volume(self) -> jax.Array:
         """Displaced volume of each link (n,) [m^3]."""
         return 0.25 * jnp.pi * self.diameter**2 * self.length
+
+    @property
+    def drag_diameter(self) -> jax.Array:
+        """Diameter for drag and added mass of each link (n,) [m]."""
+        return self.diameter if self.outer_diameter is None else self.outer_diameter
 
     @property
     def second_moment(self) -> jax.Array:

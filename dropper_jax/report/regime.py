@@ -36,7 +36,7 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
     looked = (at[0], at[1][:, free], at[2])
 
     speed = np.asarray(_across(model.sea, np.asarray(free), *map(np.asarray, looked))).max(axis=0)
-    diameter = np.asarray(model.line.diameter)[links]
+    diameter = np.asarray(model.line.drag_diameter)[links]
     period = shortest = float("nan")
     if model.sea.waves is not None:
         waves = model.sea.waves

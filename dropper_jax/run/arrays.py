@@ -49,6 +49,7 @@ def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
         centre_of_mass=line.centre_of_mass,
         inertia=line.inertia,
         diameter=displaced_diameter(line, scene),
+        outer_diameter=line.outer_diameter,
         geometry=_geometry(scene, index, corners),
         axial=_axial(scene.lines),
         failures=make_failures(scene),

@@ -16,7 +16,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import POST_CRITICAL, from_table, rough_added_mass, rough_drag
 from dropper_jax.effects.morison_drag import relative_roughness
 from dropper_jax.load.checks_water import mean_period
@@ -70,7 +70,7 @@ def link_flow(scene: Scene) -> Flow:
     starts = np.concatenate([nodes[line.nodes][:-1] for line in slices])
     ends = np.concatenate([nodes[line.nodes][1:] for line in slices])
     tangent = (ends - starts) / np.maximum(np.linalg.norm(ends - starts, axis=1, keepdims=True), 1e-12)
-    diameter = displaced_diameter(scene.line, scene) * np.ones(len(tangent))
+    diameter = drag_diameter(scene.line, scene) * np.ones(len(tangent))
     sigma, current = _across(model.sea, 0.5 * (starts + ends), tangent)
     speed = np.sqrt(2.0) * sigma
     waves = model.sea.waves

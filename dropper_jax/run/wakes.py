@@ -32,7 +32,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import steady_drag
 from dropper_jax.effects.morison_drag import relative_roughness
 from dropper_jax.load.scene import Scene
@@ -224,7 +224,7 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     first = np.concatenate([nodes[line.nodes][:-1] for line in lines])
     last = np.concatenate([nodes[line.nodes][1:] for line in lines])
     middle, along = 0.5 * (first + last), last - first
-    weight = np.linalg.norm(along, axis=1) * displaced_diameter(scene.line, scene)
+    weight = np.linalg.norm(along, axis=1) * drag_diameter(scene.line, scene)
     height = float(np.sum(weight * middle[:, 2]) / np.sum(weight))
     stream = np.asarray(model.sea.current.profile(jnp.asarray([height]), model.sea.depth))[0, :2]
     speed = float(np.hypot(*stream))
@@ -240,7 +240,7 @@ def scene_wakes(scene: Scene) -> SceneWakes:
         z=np.clip(middle[:, 2], -scene.sea.depth, 0.0),
         wide=np.abs(along[:, :2] @ side),
         high=np.abs(along[:, 2]),
-        diameter=displaced_diameter(scene.line, scene) * np.ones(len(middle)),
+        diameter=drag_diameter(scene.line, scene) * np.ones(len(middle)),
         drag=_coefficient(scene) * np.ones(len(middle)),
     )
     # default turbulence intensity of the current (assumed)

@@ -44,10 +44,18 @@ def end_forces(
         positions: nodes of all lines (k, nodes, 3) [m]; tension: of their links (k, n) [N].
         lines: their indices in these arrays; default: lines as in the scene, pieces between attached points together.
     """
+    vectors = end_force_vectors(scene, positions, tension, whole_lines(scene) if lines is None else lines)
+    return {name: np.linalg.norm(both, axis=2) for name, both in vectors.items()}
+
+
+def end_force_vectors(
+    scene: Scene, positions: np.ndarray, tension: np.ndarray, lines: Sequence[WholeLine | LineSlice]
+) -> dict[str, np.ndarray]:
+    """The same as vectors (k, 2, 3) [N]."""
     weights = wet_weights(scene)
     first, last = _end_shares(scene)
     found = {}
-    for name, start, stop, links in _ends(whole_lines(scene) if lines is None else lines):
+    for name, start, stop, links in _ends(lines):
         rows = ((start, start + 1, links.start, first), (stop, stop - 1, links.stop - 1, last))
         found[name] = np.stack([_force(positions, tension, weights, *row) for row in rows], axis=1)
     return found
@@ -75,13 +83,13 @@ def _end_shares(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 def _force(
     positions: np.ndarray, tension: np.ndarray, weights: np.ndarray, end: int, inner: int, link: int, share: np.ndarray
 ) -> np.ndarray:
-    """Magnitude (k,) [N] of the force of an end link on its point."""
+    """Force (k, 3) [N] of an end link on its point."""
     with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
         along = positions[:, inner] - positions[:, end]
         size = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
         force = tension[:, link, None] * along / size
         force[:, 2] -= share[link] * weights[link]
-        return np.linalg.norm(force, axis=1)
+        return force
 
 
 def line_weights(scene: Scene) -> list[dict[str, Any]]:

@@ -116,6 +116,14 @@ class LineSpec:
     diameter: np.ndarray | None = parameter(
         "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, optional=True
     )
+    outer_diameter: np.ndarray | None = parameter(
+        "diameter for drag and added mass (default: `diameter`)",
+        unit="m",
+        shape="link",
+        low=0.0,
+        open_low=True,
+        optional=True,
+    )
     breaking_load: np.ndarray | None = parameter(
         "breaking load", unit="N", shape="link", low=0.0, open_low=True, optional=True
     )
@@ -148,6 +156,9 @@ class LineSpec:
         known = isinstance(links, int) and 0 < links <= LINK_LIMIT
         count = links if known else 1  # a wrong number is rejected when the field is read
         values = read_fields(cls, own, path, {"link": count}, cls.KEYS)
+        if values["outer_diameter"] is not None and values["diameter"] is None:
+            why = "needs `diameter`, that of the displaced volume"
+            raise SceneError(f"{path}.outer_diameter: {why}")
         if (values["centre_of_mass"] is None) != (values["inertia"] is None):
             missing = "inertia" if values["inertia"] is None else "centre_of_mass"
             raise SceneError(f"{path}.{missing}: missing; a compound link needs both `centre_of_mass` and `inertia`")
@@ -155,8 +166,10 @@ class LineSpec:
             why = "does not apply to a compound link, which is divided between its nodes by its centre of mass"
             raise refuse(f"{path}.nodes", values["nodes"], why, "leave it out")
         values.update(_read_axial(axial, f"{path}.axial", count))
-        spread = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA", "axial_damping")
-        values.update({key: _per_link(values[key], count) for key in spread if values.get(key) is not None})
+        spread = ("length", "mass", "centre_of_mass", "inertia", "diameter", "outer_diameter", "breaking_load", "EA")
+        values.update(
+            {key: _per_link(values[key], count) for key in (*spread, "axial_damping") if values.get(key) is not None}
+        )
         values["constants"] = {key: _per_link(value, count) for key, value in values.get("constants", {}).items()}
         return cls(**values, growth=None if growth is None else GrowthSpec.read(growth, f"{path}.growth"))
 
@@ -199,6 +212,9 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
     damping = None
     if any(line.axial_damping is not None for line in lines):
         damping = np.concatenate([np.zeros(n.links) if n.axial_damping is None else n.axial_damping for n in lines])
+    outer = None
+    if any(line.outer_diameter is not None for line in lines):
+        outer = np.concatenate([n.diameter if n.outer_diameter is None else n.outer_diameter for n in lines])
     keys = lines[0].constants if len({line.axial_law for line in lines}) == 1 else ()
     tables = None
     if all(line.tables is not None for line in lines):
@@ -209,6 +225,7 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
         links=sum(line.links for line in lines),
         end=lines[-1].end,
         axial_damping=damping,
+        outer_diameter=outer,
         constants={key: np.concatenate([line.constants[key] for line in lines]) for key in keys},
         **{key: together(key) for key in arrays},
     )

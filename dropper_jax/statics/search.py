@@ -59,15 +59,18 @@ class Equilibrium:
     state: State | None = field(default=None, repr=False)
 
 
-def search(model: Model, loads: jax.Array | None, t: float) -> Equilibrium:
-    """The equilibrium of the model (see `static_pose.equilibrium`), solved on the host."""
+def search(model: Model, loads: jax.Array | None, t: float, near: State | None = None) -> Equilibrium:
+    """The equilibrium of the model (see `static_pose.equilibrium`), solved on the host.
+
+    The descent of a system of lines starts at `near`, if that is given, in place of straight lines.
+    """
     if model.dtype != jnp.float64 and jax.config.jax_enable_x64:  # the balance of stiff links would be lost in rounding
-        exact = search(model.cast(jnp.float64), loads, t)
+        exact = search(model.cast(jnp.float64), loads, t, near)
         return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
     full, model = model, rest(model)
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
     if isinstance(model.geometry, Graph):
-        return _by_descent(full, model, loads, t)
+        return _by_descent(full, model, loads, t, near)
     share, message = 1.0, ""
     s, residual = _hang_and_solve(model, loads, t)
     if not (residual <= system_tolerance(model) and stable(model, s)):
@@ -85,10 +88,10 @@ def search(model: Model, loads: jax.Array | None, t: float) -> Equilibrium:
     return _result(full, s, residual, message)
 
 
-def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equilibrium:
+def _by_descent(full: Model, model: Model, loads: jax.Array, t: float, near: State | None = None) -> Equilibrium:
     rigid, model = model.line, model if model.line.axial.elastic else springy(model)
     tolerance = system_tolerance(model)
-    s, residual = find_rest(model, guess(model, t), loads, tolerance)
+    s, residual = find_rest(model, guess(model, t) if near is None else near, loads, tolerance)
     if not residual <= tolerance:
         s, residual = min((s, residual), find_softened(model, guess(model, t), loads, tolerance), key=itemgetter(1))
     current = model.sea is not None and model.sea.current is not None

@@ -311,3 +311,21 @@ def costs(report: dict[str, Any], path: str | Path) -> Path:
 
 def title(figure: Any, text: str) -> None:
     figure.suptitle(text, fontsize=12, fontweight="bold", x=0.01, ha="left")
+
+
+@style.plot_style()
+def offsets(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+    """Restoring force and maximum tension over the offset, a curve for each direction."""
+    figure = style.new_figure(9.5, 4.4)
+    restoring, tension = figure.subplots(1, 2, sharex=True)
+    for i, direction in enumerate(dict.fromkeys(row["direction_deg"] for row in rows)):
+        shown = [row for row in rows if row["direction_deg"] == direction and row["status"] == "ok"]
+        for axes, key in ((restoring, "restoring_n"), (tension, "max_tension_n")):
+            values = [row[key] / 1e3 for row in shown]
+            axes.plot([row["distance_m"] for row in shown], values, label=f"{direction:g}", **marks(i))
+    restoring.set(xlabel="offset [m]", ylabel="restoring force [kN]")
+    tension.set(xlabel="offset [m]", ylabel="maximum tension [kN]")
+    handles, labels = restoring.get_legend_handles_labels()
+    figure.legend(handles, labels, title="direction [deg]", loc="outside right upper")
+    title(figure, f"{name}: restoring force and tension over the offset")
+    return style.save(figure, path)

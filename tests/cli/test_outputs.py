@@ -46,6 +46,7 @@ def test_names_in_help_texts_are_those_that_there_are():
         ("dropper_jax.cli.sea", {"--plot", "--out", "--flow", "--regimes"}),
         ("dropper_jax.cli.equilibrium", {"--plot", "--out"}),
         ("dropper_jax.cli.modes", {"--plot", "--out"}),
+        ("dropper_jax.cli.offset", {"--plot", "--out"}),
         ("dropper_jax.cli.response", {"--plot", "--out"}),
         ("dropper_jax.cli.growth", {"--plot", "--out"}),
         ("dropper_jax.cli.stiffness", {"--out"}),

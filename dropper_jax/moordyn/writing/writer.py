@@ -69,6 +69,9 @@ def write_moordyn(
         )
     if displaced_diameter(scene.line, scene) is None:
         raise SceneError("line.diameter: missing; MoorDyn needs the diameter of every line [m]")
+    if scene.line.outer_diameter is not None:
+        why = "MoorDyn has one diameter, for buoyancy and for drag. Scale cdn and can to `diameter` instead"
+        raise SceneError(f"line.outer_diameter: {why}")
     for i, buoy in enumerate(scene.buoys):
         if any(other.point == buoy.point for other in scene.buoys[:i]):
             raise SceneError(f"buoy.{i}.point: {buoy.point!r} carries two buoys; MoorDyn's rods need a body each")

@@ -1,0 +1,91 @@
+"""`dropper offset SCENE`: restoring force and tension of a mooring over the offset of points."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
+from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, progress, table
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+
+help = "restoring force and tension over the horizontal offset of fixed points, all else in equilibrium"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "offset paper-case-4 --points anchor --direction 180 --distance 0:2:0.5",
+        "offset edulis-longline --points east-danforth,east-gravity --direction 0:360:30 --distance 0:5:0.5",
+    )
+    add_scene(parser)
+    parser.add_argument("--points", required=True, metavar="A,B", help="fixed points that are displaced together")
+    parser.add_argument(
+        "--direction",
+        default="0",
+        metavar="LO:HI:STEP",
+        help="horizontal directions [deg] from x towards y, or one direction (0)",
+    )
+    parser.add_argument(
+        "--distance", required=True, metavar="LO:HI:STEP", help="distances [m], both ends included, or one distance"
+    )
+    add_plot(parser, "the curves over the distance")
+    add_out(parser)
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    directions, distances = _values(args.direction, "--direction"), _values(args.distance, "--distance")
+    if distances[0] < 0.0:
+        raise SceneError(f"--distance: {args.distance!r} is below 0; allowed: distances of at least 0 m")
+    directions = np.unique(directions % 360.0)
+    plot, out = plot_folder(args.plot), out_file(args.out)
+    scene = read_scene(args)
+
+    from dropper_jax.base.progress import silent
+    from dropper_jax.study.offsets import offset_curves
+
+    points = [name.strip() for name in args.points.split(",")]
+    rows = offset_curves(scene, points, directions, distances, progress(args.quiet) or silent)
+    failed = next((row for row in rows if row["status"] != "ok"), None)
+    if plot:
+        from dropper_jax.study import pictures
+
+        pictures.offsets(scene.name, rows, picture(plot, "offset"))
+    message = "" if failed is None else "no equilibrium at {distance_m:g} m, {direction_deg:g} deg".format(**failed)
+    head = done_object() if failed is None else failure_object(failed["status"], message)
+    deliver(args.json, {**head, "scene": scene.name, "points": points, "rows": rows}, _text(rows), out)
+    if failed:
+        print_line(f"error: {failed['status']}: {message}")
+    return FAILED if failed else OK
+
+
+def _values(text: str, option: str) -> np.ndarray:
+    """The values of `LO:HI:STEP`, both ends included, or of one number."""
+    try:
+        low, high, step = (float(x) for x in (text.split(":") if ":" in text else (text, text, "1")))
+    except ValueError:
+        raise SceneError(f"{option}: {text!r} is not LO:HI:STEP. Use for example 0:5:0.5") from None
+    if not (np.isfinite([low, high]).all() and low <= high and 0.0 < step < np.inf):
+        raise SceneError(f"{option}: {text!r} is an empty range; allowed: LO <= HI, STEP > 0")
+    if (high - low) / step >= 10_000:  # a slip of the step would otherwise run for days
+        raise SceneError(f"{option}: {text!r} has too many values; allowed: 10000")
+    # a step that divides the range up to rounding includes its end
+    return low + step * np.arange(int((high - low) / step * (1.0 + 1e-9) + 1e-9) + 1)
+
+
+def _text(rows: list[dict[str, Any]]) -> str:
+    heads = ("direction [deg]", "distance [m]", "restoring [N]", "transverse [N]", "vertical [N]")
+    lines = [(*heads, "tension at points [N]", "maximum tension [N]", "in line")]
+    for row in rows:
+        values = [f"{row['direction_deg']:g}", f"{row['distance_m']:g}"]
+        if row["status"] == "ok":
+            loads = (row["restoring_n"], row["transverse_n"], row["force_n"][2])
+            numbers = (*loads, row["end_tension_n"], row["max_tension_n"])
+            values += [*(f"{value:.5g}" for value in numbers), row["max_line"]]
+        lines.append((*values, *["-"] * (len(lines[0]) - len(values))))
+    note = "force of the lines on the displaced points together: against the offset, to the left of it, upwards"
+    return f"{table(lines)}\n{note}"

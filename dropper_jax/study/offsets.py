@@ -1,0 +1,112 @@
+"""Restoring force and tension of a mooring over the offset of points, as designers of moorings draw them.
+
+    F_restoring(d, a) = -e(a) . F,    e(a) = (cos a, sin a, 0)
+
+F is the force of the lines on the moved points, all displaced by the distance d along e(a); all other nodes are in
+equilibrium. This is the curve of MoorPy's and of other quasi-static programs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model, State
+from dropper_jax.run.build import build_model
+from dropper_jax.run.weights import end_force_vectors
+from dropper_jax.scene import line_slices
+from dropper_jax.statics.search import search
+from dropper_jax.statics.static_pose import nodal_loads
+
+
+def offset_curves(
+    scene: Scene,
+    points: Sequence[str],
+    directions: Sequence[float],
+    distances: Sequence[float],
+    progress: Progress = silent,
+) -> list[dict[str, Any]]:
+    """Equilibria with points displaced together: a row per direction and distance.
+
+    Every equilibrium starts from that of the previous distance, in one compiled program.
+
+    Args:
+        points: names of fixed points.
+        directions: horizontal directions [deg], 0 along x, 90 along y.
+        distances: displacements (k,) [m], in rising order.
+
+    Returns:
+        {direction_deg, distance_m, status, force_n, restoring_n, transverse_n, end_tension_n, max_tension_n, max_line}
+        per row: force of the lines on the moved points together (x, y, z) [N], its components against the displacement
+        and 90 degrees to the left of it, maximum tension at an end of a line on a moved point, maximum tension of all
+        links and the line that has it; status `ok` or `not_converged`, then without numbers.
+
+    Raises:
+        SceneError: unknown points, free points, or the same point twice.
+    """
+    moved = _fixed_points(scene, points)
+    model = build_model(scene)
+    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+    rows: list[dict[str, Any]] = []
+    base: State | None = None
+    for i, direction in enumerate(directions):
+        progress(i / len(directions), f"direction {direction:g} deg")
+        along = np.array([np.cos(np.radians(direction)), np.sin(np.radians(direction)), 0.0])
+        near = base
+        for distance in distances:
+            pose = search(_displace_points(model, moved, distance * along), loads, 0.0, near)
+            row = {"direction_deg": float(direction), "distance_m": float(distance), "status": pose.status}
+            if pose.status == "ok":
+                near = pose.state
+                base = near if base is None else base
+                row |= _loads(scene, moved, pose.positions, pose.tension, along)
+            rows.append(row)
+    progress(1.0, "")
+    return rows
+
+
+def _fixed_points(scene: Scene, names: Sequence[str]) -> list[str]:
+    known = {point.name: point for point in scene.points}
+    for i, name in enumerate(names):
+        if name not in known:
+            raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, list(known))}")
+        if name in names[:i]:
+            raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
+        if known[name].is_free:
+            held = ", ".join(p.name for p in scene.points if not p.is_free)
+            raise SceneError(f"points: {name!r} is free and finds its own position; allowed: fixed points: {held}")
+    return list(names)
+
+
+def _displace_points(model: Model, names: Sequence[str], by: np.ndarray) -> Model:
+    points = [replace(p, position=p.position + by) if p.name in names else p for p in model.points]
+    return replace(model, points=tuple(points))
+
+
+def _loads(
+    scene: Scene, moved: Sequence[str], positions: np.ndarray, tension: np.ndarray, along: np.ndarray
+) -> dict[str, Any]:
+    """The numbers of a row: forces of the lines on the moved points, and the maximum tension."""
+    lines = line_slices(scene)
+    vectors = end_force_vectors(scene, positions[None], tension[None], lines)
+    ends = [
+        vectors[line.name][0, i]
+        for line in scene.lines
+        for i, point in enumerate((line.start, line.end))
+        if point in moved
+    ]
+    force, link = np.sum(ends, axis=0), int(np.argmax(tension))
+    return {
+        "force_n": force,
+        "restoring_n": float(-force @ along),
+        "transverse_n": float(along[0] * force[1] - along[1] * force[0]),
+        "end_tension_n": float(np.max(np.linalg.norm(ends, axis=1))),
+        "max_tension_n": float(tension[link]),
+        "max_line": next(line.name for line in lines if line.links.start <= link < line.links.stop),
+    }

@@ -1,0 +1,103 @@
+"""Outer diameter of lines: drag and added mass use it, buoyancy does not."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+
+#: Half-grown mussel dropper (Zhu et al. 2020), its displaced diameter at 1300 kg/m^3.
+OUTER, DISPLACED, MASS, CDN = 0.13, 0.0859, 7.53, 1.3
+SCENE = {
+    "name": "droppers",
+    "run": {"dt": 0.02, "duration": 0.02},
+    "line_type": [
+        {
+            "name": "crop",
+            "mass": MASS,
+            "diameter": DISPLACED,
+            "EA": 4e5,
+            "cdn": CDN,
+            "cdt": 0.02,
+            "can": 1.0,
+            "cat": 0.1,
+        },
+        {"name": "rope", "mass": 0.5, "diameter": 0.03, "EA": 4e5, "cdn": 1.2, "cdt": 0.0, "can": 1.1, "cat": 0.0},
+    ],
+    "point": [
+        {"name": "left", "position": [0.0, 0.0, -5.0]},
+        {"name": "low", "kind": "free", "position": [0.0, 0.0, -9.0], "mass": 1.0, "volume": 0.0},
+        {"name": "right", "position": [4.0, 0.0, -5.0]},
+    ],
+    "line": [
+        {"name": "dropper", "from": "left", "to": "low", "type": "crop", "length": 4.0, "links": 4},
+        {"name": "rope", "from": "low", "to": "right", "type": "rope", "length": 6.0, "links": 3},
+    ],
+    "sea": {
+        "depth": 20.0,
+        "current": {"kind": "power", "speed": 0.5, "direction": 1.5707963267948966, "exponent": 0.0},
+    },
+    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}},
+}
+
+
+def instant(crop: dict[str, float], speed: float = 0.3):
+    """Model and instant of the droppers with other values of the crop; all nodes move at this speed."""
+    scene = copy.deepcopy(SCENE)
+    scene["line_type"][0] |= crop
+    model = dj.build(scene)[0]
+    geometry = model.geometry
+    r = np.zeros((geometry.free, 3))
+    for path, ends in zip(geometry.paths, ([[0, 0, -5], [0, 0, -9]], [[0, 0, -9], [4, 0, -5]]), strict=True):
+        free = path < geometry.free
+        r[path[free]] = np.linspace(*np.array(ends, float), len(path))[free]
+    return model, model.instant(r, speed * np.ones_like(r), 0.0)
+
+
+def forces(crop: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Forces, and inertia forces of unit accelerations."""
+    model, k = instant(crop)
+    return np.asarray(model.force(k)), np.asarray(model.inertia(k, np.ones_like(k.r)))
+
+
+def test_drag_and_added_mass_scale_with_the_outer_diameter_buoyancy_does_not():
+    ratio = OUTER / DISPLACED
+    scaled = {"cdn": CDN * ratio, "cdt": 0.02 * ratio, "can": ratio**2, "cat": 0.1 * ratio**2}
+    for found, same, without in zip(forces({"outer_diameter": OUTER}), forces(scaled), forces({}), strict=True):
+        np.testing.assert_allclose(found, same, rtol=1e-12, atol=1e-12)
+        assert np.max(np.abs(found - without)) > 0.1
+
+
+def test_drag_of_a_half_grown_dropper_is_the_published_one():
+    """1/2 rho Cd D U^2 per metre across a vertical dropper in a current of 0.5 m/s."""
+    model, k = instant({"outer_diameter": OUTER}, 0.0)
+    drag = np.asarray(model.effect("morison_drag").force(k))[1]
+    assert drag[1] == pytest.approx(0.5 * 1025.0 * CDN * OUTER * 0.5**2, rel=1e-9)
+
+
+def test_the_same_outer_and_displaced_diameter_change_nothing():
+    for found, without in zip(forces({"outer_diameter": DISPLACED}), forces({}), strict=True):
+        np.testing.assert_allclose(found, without, rtol=1e-14)
+
+
+def test_outer_diameter_survives_the_plain_form_and_needs_a_displaced_one():
+    scene = copy.deepcopy(SCENE)
+    scene["line_type"][0]["outer_diameter"] = OUTER
+    loaded = dj.load_scene(scene)
+    again = dj.load_scene(loaded.to_dict())
+    np.testing.assert_array_equal(again.line.outer_diameter, [OUTER] * 4 + [0.03] * 3)
+    line = {"name": "line", "links": 2, "length": 1.0, "mass": 1.0, "outer_diameter": 0.1, "from": "a", "to": "b"}
+    with pytest.raises(dj.SceneError, match=r"line.0.outer_diameter: needs `diameter`"):
+        dj.load_scene(
+            {
+                "run": {"dt": 0.1, "duration": 0.1},
+                "point": [
+                    {"name": "a", "position": [0.0, 0.0, 0.0]},
+                    {"name": "b", "kind": "free", "position": [2.0, 0.0, 0.0]},
+                ],
+                "line": [line],
+            }
+        )

@@ -1,0 +1,137 @@
+"""Restoring force over offset: closed form of the catenary, MoorPy's curves, the command, and rejected input."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import dropper_jax as dj
+from dropper_jax.cli import offset as command
+from dropper_jax.study.offsets import offset_curves
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+#: Two hanging chains on either side of a fixed point: length, span [m] and weight [N/m].
+LENGTH, SPAN, WEIGHT = 40.0, 30.0, 2.0 * 9.81
+CHAINS = {
+    "name": "chains",
+    "run": {"dt": 0.02, "duration": 0.02},
+    "line_type": [{"name": "chain", "mass": 2.0, "diameter": 0.02, "EA": 1e8}],
+    "point": [
+        {"name": "west", "position": [-SPAN, 0.0, 0.0]},
+        {"name": "middle", "position": [0.0, 0.0, 0.0]},
+        {"name": "east", "position": [SPAN, 0.0, 0.0]},
+        {"name": "end", "kind": "free", "position": [0.0, 0.0, -5.0], "mass": 1.0, "volume": 0.0},
+    ],
+    "line": [
+        {"name": "left", "from": "west", "to": "middle", "type": "chain", "length": LENGTH, "links": 100},
+        {"name": "right", "from": "middle", "to": "east", "type": "chain", "length": LENGTH, "links": 100},
+        {"name": "plumb", "from": "middle", "to": "end", "type": "chain", "length": 5.0, "links": 2},
+    ],
+    "effects": {"weight": {"gravity": 9.81}},
+}
+
+
+def horizontal_force(span: float) -> float:
+    """Horizontal tension [N] of an inextensible catenary with its ends at equal height: L = 2 a sinh(X / 2 a)."""
+    scale = brentq(lambda a: 2.0 * a * np.sinh(span / (2.0 * a)) - LENGTH, 0.1 * span, 100.0 * span)
+    return WEIGHT * scale
+
+
+@pytest.fixture(scope="module")
+def curves():
+    return offset_curves(dj.load_scene(CHAINS), ["middle"], [0.0, 90.0], [0.0, 2.0, 4.0])
+
+
+def test_forces_of_two_chains_are_those_of_the_catenary(curves):
+    for row in curves:
+        assert row["status"] == "ok"
+        angle = np.radians(row["direction_deg"])
+        at = row["distance_m"] * np.array([np.cos(angle), np.sin(angle)])
+        force = np.zeros(2)
+        for anchor in ([-SPAN, 0.0], [SPAN, 0.0]):
+            towards = np.array(anchor) - at
+            span = float(np.linalg.norm(towards))
+            force += horizontal_force(span) * towards / span
+        scale = horizontal_force(SPAN)
+        np.testing.assert_allclose(row["force_n"][:2], force, atol=1e-3 * scale)
+        assert row["restoring_n"] == pytest.approx(-force @ at / max(row["distance_m"], 1e-9), abs=1e-3 * scale)
+        # half of each chain, the plumb line and its mass hang on the point
+        assert row["force_n"][2] == pytest.approx(-(WEIGHT * (LENGTH + 5.0) + 9.81), rel=1e-5)
+        longest = max(np.hypot(SPAN + at[0], at[1]), np.hypot(SPAN - at[0], at[1]))
+        tension = np.hypot(horizontal_force(longest), WEIGHT * LENGTH / 2.0)
+        assert row["max_tension_n"] == pytest.approx(tension, rel=0.01)
+        assert row["end_tension_n"] == pytest.approx(tension, rel=1e-3)
+
+
+def test_points_displaced_together_keep_the_force_between_them():
+    """All three fixed points displaced: the configuration is carried along, and no force changes."""
+    rows = offset_curves(dj.load_scene(CHAINS), ["west", "middle", "east"], [30.0], [0.0, 3.0])
+    np.testing.assert_allclose(rows[1]["force_n"], rows[0]["force_n"], atol=1e-5 * WEIGHT * LENGTH)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.check) for name in ("spread", "bridles", "edulis")],
+)
+def test_restoring_forces_are_moorpys_within_a_percent(name):
+    spec = importlib.util.spec_from_file_location("moorpy_offsets", BENCHMARKS / "moorpy_offsets.py")
+    peer = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(peer)
+    known = json.loads(peer.FILE.read_text())["curves"][name]
+    assert peer.differences(peer.ours(name), known)[0] < 0.01
+
+
+def called(*words):
+    """The exit code of the command with these words."""
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    return command.run(parser.parse_args(["chains.toml", "--quiet", *words]))
+
+
+def test_command_prints_writes_and_draws_the_curves(tmp_path, capsys, monkeypatch, curves):
+    monkeypatch.setattr(command, "read_scene", lambda args: dj.load_scene(CHAINS))
+    words = ["--points", "middle", "--direction", "0:360:90", "--distance", "0:4:2"]
+    assert called(*words, "--json", "--out", str(tmp_path / "o.json"), "--plot", str(tmp_path / "o.png")) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "o.json").read_text())
+    assert (tmp_path / "o.png").stat().st_size > 1000
+    # 360 deg is 0 deg
+    assert [row["direction_deg"] for row in printed["rows"][::3]] == [0.0, 90.0, 180.0, 270.0]
+    assert printed["rows"][2]["restoring_n"] == pytest.approx(curves[2]["restoring_n"])
+    assert called(*words[:2], *words[4:]) == 0
+    assert "restoring [N]" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["--points", "midle", "--distance", "1"],
+            "points: 'midle' is not a point of the scene; did you mean 'middle'",
+        ),
+        (["--points", "end", "--distance", "1"], "points: 'end' is free .*allowed: fixed points: west, middle, east"),
+        (["--points", "east,east", "--distance", "1"], "points: 'east' is given twice"),
+        (["--points", "east", "--distance", "5:0:1"], "--distance: '5:0:1' is an empty range"),
+        (["--points", "east", "--distance", "0:5:0"], "--distance: '0:5:0' is an empty range"),
+        (["--points", "east", "--distance", "nan"], "--distance: 'nan' is an empty range"),
+        (["--points", "east", "--distance", "0:5"], "--distance: '0:5' is not LO:HI:STEP"),
+        (["--points", "east", "--distance=-1:5:1"], "--distance: '-1:5:1' is below 0"),
+        (["--points", "east", "--distance", "0:5:1e-9"], "--distance: '0:5:1e-9' has too many values"),
+        (["--points", "east", "--distance", "1", "--direction", "x"], "--direction: 'x' is not LO:HI:STEP"),
+    ],
+)
+def test_wrong_input_is_rejected_in_one_line(words, message, monkeypatch):
+    monkeypatch.setattr(command, "read_scene", lambda args: dj.load_scene(CHAINS))
+    with pytest.raises(dj.SceneError, match=message) as error:
+        called(*words)
+    assert "\n" not in str(error.value)
+
+
+def test_range_includes_its_end_in_spite_of_rounding():
+    np.testing.assert_allclose(command._values("0:0.3:0.1", "--distance"), [0.0, 0.1, 0.2, 0.3])

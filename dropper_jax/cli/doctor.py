@@ -15,7 +15,6 @@ help = "versions, devices, cache, and checks against known results"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "doctor",
         "doctor --json",
         "doctor --repeats 200000",
     )

@@ -122,14 +122,26 @@ def values_of(cls: type) -> list[tuple[str, str, Any, dict[str, Any]]]:
         return [*found, *rows("buoy.0", cdn=1.1, cdt=0.1, can=0.9, cat=0.2, end_added_mass="volume")]
     if cls is LineType:
         found = rows("line_type.0", mass=6.0, diameter=0.06, EA=2e6, law="damped_rope", damping=100.0)
-        found += rows("line_type.0", damping_ratio=0.1, breaking_load=1e5, cdn=1.3, cdt=0.2, can=0.9, cat=0.1)
+        found += rows(
+            "line_type.0", damping_ratio=0.1, breaking_load=1e5, outer_diameter=0.07, cdn=1.3, cdt=0.2, can=0.9, cat=0.1
+        )
         found += rows("line_type.0", {"effects.bending": {}, "line_type.0.EI": 40.0}, EI=50.0)
         tabulated = {"line_type.0": {**ROPE, **TABLE}, "line_type.0.EA": None}
         return [*found, *rows("line_type.0", tabulated, strain=[0.0, 0.2], tension=[0.0, 2e4])]
     if cls is LineSpec:
         found = rows("line.0", {"failure": []}, name="foot")
         found += [("start", "line.0.from", "mooring", {}), ("end", "line.0.to", "eye", {})]
-        found += rows("line.0", LINKS, links=5, length=8.0, mass=41.0, diameter=0.06, breaking_load=1e5, nodes="far")
+        found += rows(
+            "line.0",
+            LINKS,
+            links=5,
+            length=8.0,
+            mass=41.0,
+            diameter=0.06,
+            outer_diameter=0.07,
+            breaking_load=1e5,
+            nodes="far",
+        )
         found += [("EA", "line.0.axial.EA", 2e6, LINKS), ("axial_damping", "line.0.axial.damping", 10.0, LINKS)]
         for key, law in (("axial_law", {"law": "elastic", "EA": 1e6}), ("tables", TABLE)):
             found.append((key, "", {f"line.{i}.axial": law for i in range(4)}, LINKS))

@@ -27,7 +27,8 @@ def page():
 
 @pytest.mark.slow
 def test_the_gradient_is_that_of_differences(page):
-    step, distance = 1e-4, jax.jit(page["distance"])
+    # the rope goes slack and taut again: a kick larger by 1e-4 m/s moves such an event to another step
+    step, distance = 1e-5, jax.jit(page["distance"])
     slope = float(distance(1.0 + step) - distance(1.0 - step)) / (2.0 * step)
     np.testing.assert_allclose(page["slope"], slope, rtol=1e-6)
 

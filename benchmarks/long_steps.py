@@ -105,7 +105,7 @@ def judge(name: str) -> dict[str, Any]:
             patched = step_check.check_stretches if mode == "stretches" else step_check.check_full_run
             # a long run has 32 stretches of a step or more within its share
             share = 0.5 if mode == "stretches" else step_check.REPEATED_SHARE
-            with patch.multiple(step_check, check_full_run=patched, BRIEF=np.inf, SHARE=share):
+            with patch.multiple(step_check, check_full_run=patched, check_stretches=patched, REPEATED_SHARE=share):
                 run = dj.simulate(scene, dt=factor * dt, duration=until, step_check=True)
             found[mode] = run.settings.get("step_check")
             row[mode] = found[mode] and {

@@ -19,6 +19,7 @@ import dropper_jax as dj
 from dropper_jax.load.packaged import packaged_scene, pitching
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.modes import natural_modes
+from dropper_jax.statics.search import Equilibrium
 
 CASES = ("paper-case-1", "paper-case-2", "paper-case-3")
 #: Heights of the centre of gravity above the base [m]; the last one is that of a homogeneous spar.
@@ -82,7 +83,7 @@ def pitch_period(scene: dj.Scene) -> float | None:
     return float(modes.period[int(np.argmax(share))])
 
 
-def _upward(pose: dj.Equilibrium, scene: dj.Scene) -> float:
+def _upward(pose: Equilibrium, scene: dj.Scene) -> float:
     """Cosine between the spar's axis and the vertical at rest."""
     model = build_model(scene)
     axes = np.asarray(model.constraints[0].pose(model, pose.state.r)[1])[0]

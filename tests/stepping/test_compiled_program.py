@@ -101,12 +101,12 @@ def test_step_of_a_packaged_scene_has_the_operations_of_its_effects_and_no_other
 
 @pytest.mark.parametrize("name", SCENES)
 def test_step_of_a_packaged_scene_grows_by_no_tenth(name, golden, counts):
-    """Against the reference scene of the same JAX: another version traces the same code to up to 40 % more."""
+    """Another version of JAX traces the same code to up to 40 % more, but all scenes alike."""
     stored = golden["counts"]
     same = jax.__version__ == golden["jax"]
-    assert counts[REFERENCE].total() == pytest.approx(stored[REFERENCE], rel=0.05 if same else 0.4)
+    assert counts[name].total() == pytest.approx(stored[name], rel=0.1 if same else 0.4)
     ratio = counts[name].total() / counts[REFERENCE].total()
-    assert ratio == pytest.approx(stored[name] / stored[REFERENCE], rel=0.05 if same else 0.1)
+    assert ratio == pytest.approx(stored[name] / stored[REFERENCE], rel=0.1)
 
 
 UNDAMPED = ["conical-pendulum", "string", "dropper-release-3d-undamped", "dropper-release-a-compound-undamped"]

@@ -55,11 +55,7 @@ def free_rod(deck: Deck, row: Row) -> dict[str, Any]:
 def _cylinder(deck: Deck, row: Row) -> tuple[dict[str, Any], tuple[float, np.ndarray, np.ndarray]]:
     """A rod as a cylinder, and its mass [kg], centre of mass [m] and inertia about it [kg m^2]."""
     columns(deck, row, 10, "rod")
-    types = rod_types(deck)
-    if row.words[1] not in types:
-        deck.refuse(row.number, f"rod type {row.words[1]!r} is not in the file")
-    kind = types[row.words[1]]
-    columns(deck, kind, 7, "rod type")
+    kind = _rod_type(deck, row)
     diameter, each, cdn, can, cdt, cat = (number(deck, kind, w, "rod type", 0.0) for w in kind.words[1:7])
     a, b = (np.array([number(deck, row, w, "Xa to Zb") for w in row.words[i : i + 3]]) for i in (3, 6))
     length = float(np.linalg.norm(b - a))
@@ -124,20 +120,20 @@ UPRIGHT = 1e10
 SEGMENTS = 10
 
 
-def rod_types(deck: Deck) -> dict[str, Row]:
-    """Rows of the rod types by name."""
-    return {row.words[0]: row for row in deck.rows.get("rod types", [])}
+def _rod_type(deck: Deck, rod: Row) -> Row:
+    """The row of a rod's type."""
+    types = {row.words[0]: row for row in deck.rows.get("rod types", [])}
+    if rod.words[1] not in types:
+        deck.refuse(rod.number, f"rod type {rod.words[1]!r} is not in the file")
+    columns(deck, types[rod.words[1]], 7, "rod type")
+    return types[rod.words[1]]
 
 
 def spar(deck: Deck, body: Row, rod: Row, name: str) -> dict[str, Any] | None:
     """`[[buoy]]` of a body and its rod, with the position of its base under `position`; None if they are not a spar."""
     columns(deck, body, 14, "body")
     columns(deck, rod, 9, "rod")
-    types = rod_types(deck)
-    if rod.words[1] not in types:
-        deck.refuse(rod.number, f"rod type {rod.words[1]!r} is not in the file")
-    kind = types[rod.words[1]]
-    columns(deck, kind, 7, "rod type")
+    kind = _rod_type(deck, rod)
     position = [number(deck, body, w, "X0, Y0, Z0") for w in body.words[2:5]]
     turned = [number(deck, body, w, "r0, p0, y0") for w in body.words[5:8]]
     inertia = min(sizes(deck, body, body.words[10], "I"))

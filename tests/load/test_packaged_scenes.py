@@ -1,0 +1,94 @@
+"""The packaged scenes: all of them, and the numbers of those that a source prints."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from dropper_jax.load.packaged import DAMPING, scene_names
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.build import build_model
+
+EXPECTED = {
+    *(f"paper-case-{number}" for number in range(1, 6)),
+    *(f"paper-case-{number}-table-6" for number in range(1, 6)),
+    "edulis-longline",
+    "edulis-tide",
+    "looped-longline",
+    "platform-longline",
+    "rigid-dropper-longline",
+    "dropper-farm",
+    "conical-pendulum",
+    "conical-pendulum-damped",
+    "double-pendulum-periodic",
+    "double-pendulum-chaotic",
+    "string",
+}
+EXPECTED |= {*(f"paper-case-{number}-pitching" for number in range(1, 4)), "ballasted-spar"}
+EXPECTED |= {"dropper-current", "dropper-regular-wave", "wet-pendulum-wave", "string-in-current"}
+EXPECTED |= {"longline-200", "longline-rows", "dropper-north-sea", "dropper-north-sea-thesis"}
+EXPECTED |= {"dropper-north-sea-thesis-relative", *(f"dropper-release-{_name}-ramp" for _name in "abcde")}
+EXPECTED |= {"measured-single-pendulum", "measured-double-pendulum"}
+for _name in (*"abcde", "3d", "a-compound"):
+    EXPECTED |= {f"dropper-release-{_name}", f"dropper-release-{_name}-undamped"}
+
+
+def test_packaged_scenes_are_the_promised_ones():
+    assert set(scene_names()) == EXPECTED
+
+
+@pytest.mark.parametrize("name", sorted(EXPECTED))
+def test_packaged_scene_survives_plain_values_and_builds(name):
+    scene = load_scene(name)
+    assert scene.description.endswith(".")
+    assert Scene.from_dict(json.loads(json.dumps(scene.to_dict()))) == scene
+    model = build_model(scene)
+    assert model.line.links == sum(line.links for line in scene.lines)
+    assert model.dtype == np.float64
+    assert name.endswith("-undamped") <= (not any(effect in scene.effects for effect in DAMPING))
+
+
+def test_lab_dropper_has_the_links_of_table_8_1_with_b_first():
+    line = load_scene("dropper-release-b").lines[0]
+    np.testing.assert_array_equal(line.length, [0.1040, 0.1061] * 3 + [0.1040])
+    np.testing.assert_array_equal(line.mass, [0.0324, 0.0334] * 3 + [0.0324])
+
+
+def test_compound_bars_follow_from_table_d_1():
+    line = load_scene("dropper-release-a-compound").lines[0]
+    fitting, far = 6.2e-3 + 7.65e-3, 0.150
+    for j, bar in enumerate([19.5e-3, 18.6e-3] * 3 + [19.5e-3]):
+        mass = bar + fitting
+        centre = (bar * far / 2 + fitting * far) / mass
+        about_pivot = bar * far**2 / 3 + fitting * far**2
+        assert line.mass[j] == pytest.approx(mass, rel=1e-12)
+        assert line.centre_of_mass[j] == pytest.approx(centre, rel=1e-10)
+        assert line.inertia[j] == pytest.approx(about_pivot - mass * centre**2, rel=1e-9)
+
+
+def test_conical_rate_is_that_of_a_circle():
+    start = load_scene("conical-pendulum").start
+    assert start.azimuth_rate[0] ** 2 == pytest.approx(9.81 / math.sin(math.pi / 8), rel=1e-14)
+
+
+@pytest.mark.parametrize(("letter", "node", "force"), [("a", 1, 1.128), ("b", 2, 0.78), ("c", 3, 0.78), ("d", 4, 0.6)])
+def test_ramps_rise_from_rest_as_the_thesis_prints_them_until_the_release(letter, node, force):
+    """(E.1)-(E.3), 0.094 and 0.065 N/s from 3 to 15 s; of D and E the thesis gives no force."""
+    scene = load_scene(f"dropper-release-{letter}-ramp")
+    assert (scene.start.kind, scene.run.dt, scene.run.duration) == ("static", 0.0065, 65.0)
+    ramp = build_model(scene).effect("nodal_force")
+    assert ramp.nodes == (node,)
+    times = [0.0, 3.0, 9.0, 14.999, 15.001]
+    lifted = [float(ramp.factor(t) * ramp.force_n[0, 2]) for t in times]
+    np.testing.assert_allclose(lifted, [0.0, 0.0, 0.5 * force, force, 0.0], atol=2e-4)
+
+
+def test_the_relative_form_of_the_thesis_force_is_a_scene():
+    plain, relative = (load_scene(f"dropper-north-sea-thesis{end}").to_dict() for end in ("", "-relative"))
+    force = plain["effects"]["thesis_wave_force"] | {"velocity": "relative"}
+    assert relative["effects"] == plain["effects"] | {"thesis_wave_force": force}
+    assert all(relative[key] == plain[key] for key in ("point", "line", "sea"))

@@ -235,8 +235,10 @@ def step_words(found: dict[str, Any]) -> str:
 
 def _off(found: dict[str, Any], names: list[str]) -> str:
     sizes = {name: f"{100.0 * found[name]:.2g} %{' of the travel' if name == 'positions' else ''}" for name in names}
+    if found["chaotic_from_s"] is not None:
+        sizes |= {name: "no more than chance" for name in names if found[name] == 0.0}
     by = [f"{WORDS[name]} {'by' if i else 'are off by about'} {size}" for i, (name, size) in enumerate(sizes.items())]
-    return ", ".join(by)
+    return ", ".join(by).replace("about no more", "no more")
 
 
 def _warnings(found: dict[str, Any], solution: Samples) -> tuple[str, ...]:

@@ -66,13 +66,13 @@ def test_with_the_starts_eliminated_value_and_slopes_are_those_of_fitted_starts(
 def test_a_loop_of_ones_own_finds_the_damping(problem, two, ten):
     """Adam on the two coefficients, each in units of its start value."""
     x, starts = problem.params / problem.scale, problem.starts
-    optimizer = optax.adam(optax.cosine_decay_schedule(0.1, 80), b1=0.5, b2=0.9)
+    optimizer = optax.adam(optax.cosine_decay_schedule(0.25, 20), b1=0.5, b2=0.9)
     state = optimizer.init(x)
-    for i in range(80):
+    for i in range(20):
         _, gradient = problem.value_and_grad(x * problem.scale, starts)
         change, state = optimizer.update(gradient * problem.scale, state)
         x = jnp.maximum(optax.apply_updates(x, change), 0.0)
-        starts = problem.best_starts(x * problem.scale, starts) if i % 20 == 0 else starts
+        starts = problem.best_starts(x * problem.scale, starts) if i % 5 == 0 else starts
     assert np.all(np.abs(x * problem.scale - two.TRUTH) < 3 * ten[0].uncertainty.std_error)
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections import Counter
 from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -58,10 +59,15 @@ import numpy as np  # noqa: E402
 from jax.flatten_util import ravel_pytree  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
+from dropper_jax.backend.compile_cache import compile_cache  # noqa: E402
 from dropper_jax.backend.programs import STORE, give_back_memory, memory_maps  # noqa: E402
 from dropper_jax.run.simulate import Solution  # noqa: E402
 from dropper_jax.stepping.integrate import begin  # noqa: E402
 
+#: Programs compiled by an earlier run on this machine, or by the other worker, are read from here: two fifths of the
+#: time of a second run. Processes that tests start do not use it.
+COMPILED = Path(__file__).parents[1] / ".pytest_cache" / "compiled"
+compile_cache(COMPILED)
 #: Memory maps (870 at first) beyond which programs go after a file: each would compile its small operations anew.
 MANY_MAPS = 3000
 
@@ -84,6 +90,8 @@ def _memory_given_back():
     if not 0 < memory_maps() < MANY_MAPS:
         STORE.clear()
         give_back_memory()
+    if not str(jax.config.jax_compilation_cache_dir).startswith(str(COMPILED)):
+        compile_cache(COMPILED)  # after tests of caches
 
 
 @pytest.fixture(scope="session")

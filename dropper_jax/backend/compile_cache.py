@@ -94,6 +94,7 @@ class Entries:
 
     def __init__(self, folder: Path, largest: int = LARGEST) -> None:
         self._path, self.largest = folder, largest
+        self._unseen = largest  # bytes stored since the files were last looked at
 
     def get(self, key: str) -> bytes | None:
         """The program with that key; None if it is missing or damaged. A damaged file is removed."""
@@ -116,7 +117,10 @@ class Entries:
             with tempfile.NamedTemporaryFile(dir=self._path, suffix=UNFINISHED, delete=False) as beside:
                 beside.write(MARK + hashlib.sha256(value).digest() + value)
             os.replace(beside.name, self._path / key)
-            self._evict_old()
+            self._unseen += len(value)
+            if self._unseen > self.largest / 64:  # looking at all files costs more than storing one
+                self._evict_old()
+                self._unseen = 0
 
     def remove(self, key: str) -> None:
         """Remove a program."""

@@ -230,7 +230,7 @@ def test_what_cannot_be_one_kernel_is_the_plain_function(tags, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", ["auto", "dense"])  # LAPACK makes the second a plain program
+@pytest.mark.parametrize("solver", ["auto", pytest.param("dense", marks=pytest.mark.check)])  # the second has no tag
 def test_runs_are_the_same_with_tags_caches_and_none_of_them(solver, tmp_path):
     settings = json.dumps({"solver": solver})
     cached = {"DROPPER_COMPILE_CACHE": str(tmp_path), "DROPPER_KEEP_TRACES": "on"}

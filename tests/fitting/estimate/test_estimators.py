@@ -238,6 +238,7 @@ def test_of_gap_weights_that_the_evidence_cannot_tell_apart_the_loosest_is_taken
     assert loosest(found[:1]) is found[0]
 
 
+@pytest.mark.check
 def test_the_gap_weight_of_the_linear_model_is_that_of_a_descent_through_all_weights(twins, separate, monkeypatch):
     at_once = fit_shooting(separate(0))
     monkeypatch.setattr(shooting, "follow_linear_model", lambda *_: None)

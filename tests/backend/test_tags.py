@@ -198,7 +198,7 @@ def output(program, *words, **environment):
 
 @pytest.fixture(scope="module")
 def tags():
-    """Number of tagged calls in each compiled case, whose values are compared with the plain function's; or its error."""
+    """Number of tagged calls in each case, whose values are compared with the plain function's; or its error."""
     found = {}
     for devices in (1, 2):
         flags = f"--xla_force_host_platform_device_count={devices}"

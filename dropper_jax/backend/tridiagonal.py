@@ -5,7 +5,7 @@ log2(n) rounds of elementwise work that calls no library. It does not pivot: it 
 whose pivots are as large as the entries that they eliminate. Otherwise the device's library solves them, as one call
 among many kernels.
 
-With more than `WHOLE` rows, the last quarter is eliminated row by row: as fast there, with a fifth of the code.
+With more than 128 rows, the last quarter is eliminated row by row: as fast there, with a fifth of the code.
 """
 
 from __future__ import annotations
@@ -16,10 +16,6 @@ from jax.lax import linalg
 
 from dropper_jax.backend.one_kernel import in_force, is_inside
 
-#: The first JAX that makes one kernel of a run by default, and the maximum number of rows for it.
-UNASKED, UNASKED_ROWS = (0, 12), 100
-#: Maximum number of rows of a system that is reduced to a single row.
-WHOLE = 128
 #: Number of rows per loop iteration of the row-by-row elimination.
 TOGETHER = 4
 
@@ -50,7 +46,8 @@ def one_kernel_of(rows: int) -> bool:
     chosen = is_inside()
     if chosen is not None:
         return chosen
-    return in_force() or (jax.__version_info__ >= UNASKED and rows <= UNASKED_ROWS)
+    # the first JAX that makes one kernel of a run by default, and the maximum number of rows for it
+    return in_force() or (jax.__version_info__ >= (0, 12) and rows <= 100)
 
 
 @jax.custom_jvp
@@ -60,7 +57,8 @@ def cyclic_reduction(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rh
     For systems inside inner loops. XLA's CPU compiler makes one function of a short loop even if it contains a library
     call, which is then not found (JAX 0.10.1).
     """
-    return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= WHOLE else diagonal.shape[0] // 4 + 1)
+    # maximum number of rows of a system that is reduced to a single row
+    return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= 128 else diagonal.shape[0] // 4 + 1)
 
 
 @cyclic_reduction.defjvp

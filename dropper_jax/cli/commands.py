@@ -47,8 +47,8 @@ GROUPS = {
     "Checks": ("doctor", "accuracy", "cost", "stability"),
 }
 OTHERS = "Others"
-#: Columns of the list of commands, and of the names in it.
-WIDTH, NAMES = 100, 15
+#: Columns of the names in the list of commands.
+NAMES = 15
 
 
 class Command(Protocol):
@@ -135,7 +135,7 @@ def grouped_commands() -> str:
         lines += ["", group]
         for entry in entries:
             head = f"  {entry.name}".ljust(NAMES)
-            lines += textwrap.wrap(head + _help(entry), WIDTH, subsequent_indent=" " * NAMES, drop_whitespace=True)
+            lines += textwrap.wrap(head + _help(entry), 100, subsequent_indent=" " * NAMES, drop_whitespace=True)
     return "\n".join(lines[1:])
 
 

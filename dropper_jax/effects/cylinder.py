@@ -36,8 +36,8 @@ from dropper_jax.base.read import refuse
 
 #: Sources of coefficients: the scene's numbers, the rough cylinder above, a table over KC.
 SOURCES = ("given", "rough_cylinder", "table")
-#: KC/C_DS from which psi is 1, and the fraction of the current in current and wave from which it is 1.
-FADED, CARRIED = 60.0, 0.4 / 1.4
+#: KC/C_DS from which psi is 1.
+FADED = 60.0
 #: Reynolds number above which cylinders as rough as mussel ropes are assumed to be post-critical.
 POST_CRITICAL = 1e5
 
@@ -61,7 +61,8 @@ def amplification(kc: np.ndarray, steady: np.ndarray) -> np.ndarray:
 def rough_drag(kc: np.ndarray, roughness: np.ndarray, current: np.ndarray) -> np.ndarray:
     """C_D at KC (...), k/D (...) and the fraction of the current in current and wave (...)."""
     steady = steady_drag(roughness)
-    return steady * np.where(np.asarray(current) > CARRIED, 1.0, amplification(kc, steady))
+    # fraction of the current in current and wave from which psi is 1
+    return steady * np.where(np.asarray(current) > 0.4 / 1.4, 1.0, amplification(kc, steady))
 
 
 def rough_added_mass(kc: np.ndarray, roughness: np.ndarray) -> np.ndarray:

@@ -85,8 +85,8 @@ def _surface(run: Run, path: np.ndarray, name: str) -> Panel | None:
     return Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True)
 
 
-#: Height of the axis of a spectrum [decades], and the fraction of the power that its frequency axis shows.
-DECADES, SHOWN = 4, 0.999
+#: Height of the axis of a spectrum [decades].
+DECADES = 4
 
 
 @style.with_style
@@ -215,4 +215,5 @@ def _last_frequency(frequency: np.ndarray, amplitudes: np.ndarray) -> float:
     power = np.cumsum((amplitudes**2).sum(axis=(0, 2)))
     if power[-1] == 0:
         return float(frequency[-1])
-    return float(min(frequency[-1], 2 * frequency[np.searchsorted(power, SHOWN * power[-1])] + 2 * frequency[1]))
+    # the frequency axis shows this fraction of the power
+    return float(min(frequency[-1], 2 * frequency[np.searchsorted(power, 0.999 * power[-1])] + 2 * frequency[1]))

@@ -32,10 +32,8 @@ from dropper_jax.study import pictures
 from dropper_jax.study.figure_table import SAMPLE_INTERVAL, Run, SourceFigure, scene_of
 from dropper_jax.study.march import convergence
 
-#: Interval of compared states [s] and steps [s] of a study of convergence.
-GRID, FIGURE_STEPS = 0.08, (0.08, 0.04, 0.02, 0.01, 0.005, 0.0025)
-#: Maximum frequency of a spectrum [Hz]; the motions of the sources are slower.
-MOST_HZ = 6.0
+#: Interval of compared states [s].
+GRID = 0.08
 AXES = ("x", "y", "z")
 
 #: Times (k,) [s] and angles (k, n) [rad] from the horizontal, positive downwards.
@@ -223,7 +221,8 @@ def _spectrum(figure: SourceFigure, runs: Sequence[Run], measured: Measured | No
     found = []
     for column, angle in enumerate(figure.angles):
         for low in figure.from_hz:
-            shown = [(name, f[part := (f >= low) & (f <= MOST_HZ)], a[part, column]) for name, f, a in curves]
+            # maximum frequency of a spectrum [Hz]; the motions of the sources are slower
+            shown = [(name, f[part := (f >= low) & (f <= 6.0)], a[part, column]) for name, f, a in curves]
             title = f"{angle}, from {low:g} Hz" if len(figure.from_hz) > 1 else ""
             found.append(Lines(title, "frequency [Hz]", "amplitude [rad]", shown))
     return found, len(figure.from_hz)
@@ -290,7 +289,7 @@ def _steps(figure: SourceFigure, path: Path) -> Path:
 @cache
 def _compared_steps(scene: str, duration: float) -> list[dict[str, Any]]:
     """The differences of one study, used in two figures."""
-    return convergence(*build(scene_of(scene)), GRID, round(duration / GRID), list(FIGURE_STEPS))
+    return convergence(*build(scene_of(scene)), GRID, round(duration / GRID), [0.08, 0.04, 0.02, 0.01, 0.005, 0.0025])
 
 
 def _elevation(figure: SourceFigure, path: Path) -> Path:

@@ -14,7 +14,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.model import Graph, HolonomicConstraint, Law, Model, Path, State, as_parted
+from dropper_jax.model import HolonomicConstraint, Law, Model, State, as_parted
 from dropper_jax.model.slots import Force
 
 
@@ -26,19 +26,14 @@ def set_free(model: Model, points: tuple[int, ...]) -> Model:
     Raises:
         SceneError: compound links, whose ends share their inertia with the points.
     """
-    line, geometry = model.line, model.geometry
+    line = model.line
     if line.compound:
         raise SceneError(
             "points: ends of compound links, whose inertia they share; allowed: points of point-mass links"
         )
-    if isinstance(geometry, Graph):
-        held = tuple(h and i not in points for i, h in enumerate(geometry.held))
-        freed: Graph | Path = replace(geometry, held=held)
-    else:
-        freed = replace(geometry, held=(True, geometry.held[1] and geometry.members[0].end not in points))
     drop = lambda e: isinstance(e, Force) and (isinstance(e, (Law, HolonomicConstraint)) or e.bodily or e.single_line)  # noqa: E731
     effects = tuple(e for e in model.effects if not drop(e))
-    return replace(model, lines=(replace(line, geometry=freed),), effects=effects)
+    return replace(model, lines=(replace(line, geometry=line.geometry.without_fixed(points)),), effects=effects)
 
 
 def point_forces(model: Model, free: Model, s: State, points: tuple[int, ...]) -> jax.Array:
@@ -67,7 +62,7 @@ def _effect_forces(geometry: Any, free: Model, s: State, positions: jax.Array, v
     held = list(geometry.held_points)
 
     def nodal(field: jax.Array, of_ends: jax.Array) -> jax.Array:
-        if not isinstance(geometry, Graph):
+        if not geometry.branched:
             return jnp.concatenate([field, of_ends[1:]]) if free.free_nodes > len(field) else field
         node = geometry.point_node
         rows = [of_ends[held.index(p)] if p in held else field[node[p]] for p in free.geometry.free_points]
@@ -78,7 +73,7 @@ def _effect_forces(geometry: Any, free: Model, s: State, positions: jax.Array, v
 
 def _at(geometry: Any, points: tuple[int, ...], nodal: jax.Array) -> jax.Array:
     """Rows of the points of a field of the freed model (nodes, ...); zero for a point that stays fixed."""
-    if isinstance(geometry, Graph):
+    if geometry.branched:
         return nodal[np.array([geometry.point_node[p] for p in points])]
     free = geometry.ends == 1
     last = nodal[-1] if free else jnp.zeros_like(nodal[0])

@@ -26,7 +26,7 @@ from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.scatter import scatter_add
 from dropper_jax.effects.seabed import Seabed
-from dropper_jax.model import Effect, Graph, Kinematics, Law, Model, State, state
+from dropper_jax.model import Effect, Kinematics, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, damped_newton, newton
 from dropper_jax.solvers import SOLVERS
 
@@ -42,7 +42,7 @@ class StaticSeabedFriction(Effect):
     mu: jax.Array
 
     def force(self, k: Kinematics) -> jax.Array:
-        bed = next(e for e in k.model.effects if isinstance(e, Seabed))
+        bed = k.model.having(Seabed)[0]
         u = jnp.concatenate([k.r[:, :2] - self.position, jnp.zeros_like(k.r[:, :1])], axis=1)
         slides = self.mu * bed.normal(k) / safe_norm(u)
         return -jnp.minimum(self.grip, slides)[:, None] * u
@@ -193,7 +193,7 @@ def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tup
 
 def rest_solver(model: Model) -> Solver:
     """The cheapest solver of the exact Jacobian for the model; the network solver is for systems."""
-    if isinstance(model.geometry, Graph):
+    if model.geometry.branched:
         return SOLVERS["dense"] if model.node_reach > 0 else SOLVERS["network"]
     # maximum number of unknowns for LU of the full Jacobian
     return SOLVERS["dense"] if SOLVERS["dense"].size(model) <= 200 else SOLVERS["banded"]
@@ -221,12 +221,4 @@ def solve_statics(model: Model, s: State, loads: jax.Array) -> tuple[State, floa
 
 def name_of(model: Model, node: int) -> str:
     """The name of a free node: its point, or its line and number."""
-    graph = model.geometry
-    if not isinstance(graph, Graph):
-        return f"node {node + 1}"
-    if node >= graph.inner:
-        return f"point {model.points[int(graph.free_points[node - graph.inner])].name!r}"
-    for member, path in zip(graph.members, graph.paths, strict=True):
-        if node in path[1:-1]:
-            return f"node {int(np.flatnonzero(path == node)[0])} of line {member.name!r}"
-    return f"node {node}"
+    return model.geometry.name_of_node(node, [point.name for point in model.points])

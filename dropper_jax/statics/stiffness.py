@@ -122,8 +122,7 @@ def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, tuple[str, i
 
 
 def _node(model: Model, point: int) -> int:
-    graph = model.geometry
-    return int(graph.point_node[point]) if hasattr(graph, "point_node") else model.free_nodes - 1
+    return model.geometry.node_of_point(point)
 
 
 def _shifted_residual(

@@ -53,7 +53,7 @@ class Bending(Effect):
                 raise SceneError(
                     f"effects.bending.directions.{i}: {list(direction)} has no direction; allowed: a non-zero vector"
                 )
-        held = [p.name for p in scene.points if p.kind == "fixed"]
+        held = [p.name for p in scene.points if not p.is_free]
         for i, name in enumerate(values["clamped"]):
             path = f"effects.bending.clamped.{i}"
             if name not in held:

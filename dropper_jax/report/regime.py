@@ -7,14 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.constants import VISCOSITY
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from dropper_jax.run.row_store import take_every
 from dropper_jax.run.simulate import Solution
 from dropper_jax.sea import Sea
-
-#: Kinematic viscosity of sea water at 10 degrees [m^2/s].
-VISCOSITY = 1.35e-6
 
 
 def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]:

@@ -53,20 +53,14 @@ def draw_figure(
     path = Path(path)
     if measured is not None and runs and measured[1].shape[1] != runs[0].solution.tension.shape[1]:
         measured = None
-    if figure.kind == "steps":
-        return [_steps(figure, path)]
-    if figure.kind == "profile":
-        return [_profile(figure, path)]
-    if figure.kind == "elevation":
-        return [_elevation(figure, path)]
-    if figure.kind == "pose":
-        return _pose(figure, runs[0].solution, path)
-    if figure.kind == "space":
-        return [_space(figure, runs[0].solution, path)]
-    if figure.kind in ("series", "angles"):
+    if figure.kind in FROM_SCENE:
+        return [FROM_SCENE[figure.kind](figure, path)]
+    if figure.kind in CONFIGURATIONS:
+        return CONFIGURATIONS[figure.kind](figure, runs[0].solution, path)
+    if figure.kind in HISTORIES:
         solution = runs[0].solution
         run = dataclasses.replace(readable(solution), name=figure.name)
-        panels = _angles(solution, measured) if figure.kind == "angles" else _series(solution, figure)
+        panels = HISTORIES[figure.kind](figure, solution, measured)
         if figure.span is not None:
             panels = [panel._replace(curves=[_part(curve, *figure.span) for curve in panel.curves]) for panel in panels]
             run = dataclasses.replace(run, t=np.clip(run.t, *figure.span))
@@ -80,7 +74,7 @@ def _part(curve: Curve, begin: float, end: float) -> Curve:
     return curve._replace(t=curve.t[kept], values=curve.values[kept])
 
 
-def _series(solution: Solution, figure: SourceFigure) -> list[Panel]:
+def _series(figure: SourceFigure, solution: Solution, measured: Measured | None) -> list[Panel]:
     scene, found = solution.scene, []
     for name in figure.panels:
         if name in AXES:
@@ -106,7 +100,7 @@ def elevation_at_origin(scene: Scene, times: np.ndarray) -> np.ndarray:
     return surface_over(scene, np.zeros((len(times), 1, 3)), times)[:, 0]
 
 
-def _angles(solution: Solution, measured: Measured | None) -> list[Panel]:
+def _angles(figure: SourceFigure, solution: Solution, measured: Measured | None) -> list[Panel]:
     """A panel per link: simulated, and measured if given."""
     panels = []
     for link in range(solution.tension.shape[1]):
@@ -260,7 +254,7 @@ def _pose(figure: SourceFigure, solution: Solution, path: Path) -> list[Path]:
     return [plots.under_surface(solution, path, time=time), plots.snapshot(solution, space, time=time)]
 
 
-def _space(figure: SourceFigure, solution: Solution, path: Path) -> Path:
+def _space(figure: SourceFigure, solution: Solution, path: Path) -> list[Path]:
     """Paths of the nodes in space, their samples as points."""
     positions = solution.positions
     limits = view.box(positions)
@@ -272,7 +266,7 @@ def _space(figure: SourceFigure, solution: Solution, path: Path) -> Path:
     axes.plot(*positions[0].T, "o-", color=style.DARK, lw=1.2, ms=4)
     picture.legend(loc="lower left", ncols=3, markerscale=4)
     _entitle(picture, figure)
-    return style.save(picture, path)
+    return [style.save(picture, path)]
 
 
 def _steps(figure: SourceFigure, path: Path) -> Path:
@@ -311,3 +305,9 @@ def _profile(figure: SourceFigure, path: Path) -> Path:
     axes.set(xlabel="speed of the current [m/s]", ylabel="z [m]", xlim=(0.0, None))
     _entitle(picture, figure)
     return style.save(picture, path)
+
+
+#: Drawings by kind: from the scene alone, of one configuration or motion, of quantities against time.
+FROM_SCENE = {"steps": _steps, "profile": _profile, "elevation": _elevation}
+CONFIGURATIONS = {"pose": _pose, "space": _space}
+HISTORIES = {"angles": _angles, "series": _series}

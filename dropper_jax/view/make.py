@@ -202,7 +202,7 @@ def _held_nodes(solution: Solution, run: Run) -> list[int]:
         return list(run.held)
     line = solution.scene.lines[0]
     last = run.positions.shape[1] - 1
-    return [0] if solution.scene.point(line.end).kind == "free" else [0, last]
+    return [0] if solution.scene.point(line.end).is_free else [0, last]
 
 
 def _bed_grid(run: Run) -> dict[str, Any] | None:

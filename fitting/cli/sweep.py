@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.memory import available_cores
 from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, output_folder, read_scene
 from dropper_jax.cli.output import (
     FAILED,
@@ -195,9 +196,8 @@ def use_cores(count: int | None) -> None:
         raise SceneError(f"--devices: {count}; allowed: a whole number >= 1")
     import jax
 
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
-        jax.config.update("jax_num_cpu_devices", count or cores)
+        jax.config.update("jax_num_cpu_devices", count or available_cores())
     except RuntimeError:  # JAX is already initialised in this process: the existing devices are used
         print_line("warning: JAX is already initialised; the number of devices is unchanged")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -301,3 +302,20 @@ def _alternates(tension: np.ndarray) -> bool:
         return False
     runs = np.lib.stride_tricks.sliding_window_view(both, ALTERNATING, axis=0)
     return bool(np.any(np.all(runs, axis=-1)))
+
+
+def check_tolerance(solution: Kind, tolerance: float, choice: Any) -> Kind:
+    """The solution with its estimated error; its status is not ok if this exceeds the tolerance."""
+    solution = replace(solution, settings={**solution.settings, "estimated_error": choice.summary()})
+    if choice.estimate <= tolerance or solution.status != "ok":
+        return solution
+    text = f"estimated error {choice.estimate:.2g} rad exceeds the tolerance of {tolerance:g} rad. Use a smaller step"
+    return replace(solution, status="not_converged", warnings=(*solution.warnings, text))
+
+
+def check_skip(skip: float, errors: bool, duration: float) -> None:
+    """Reject a time left out of the errors that is not within the run."""
+    if skip and not errors:
+        raise SceneError(f"--skip: {skip:g} s can only be left out together with --errors")
+    if not 0.0 <= skip < duration:
+        raise SceneError(f"--skip: {skip:g} is out of range; allowed: 0 to less than the {duration:g} s of the run")

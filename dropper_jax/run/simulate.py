@@ -346,5 +346,5 @@ def _with_errors(
     again = lambda variant: simulate(variant, step_check=False, **settings)  # noqa: E731
     found = load_errors(scene, again, skip, solution, lambda done, what: say(done, f"errors: {what}"))
     notes = tuple(f"{name}: peak tension not converged (see the errors)" for name in found["not_resolved"])
-    settings = {**solution.settings, "load_errors": found}
-    return replace(solution, settings=settings, warnings=(*solution.warnings, *notes))
+    known = {**solution.settings, "load_errors": found}
+    return replace(solution, settings=known, warnings=(*solution.warnings, *notes))

@@ -1,4 +1,4 @@
-"""Strong currents, coefficients that follow the flow, turning tides and rows of wakes, against closed forms and SciPy."""
+"""Strong currents, coefficients that follow the flow, turning tides, rows of wakes, against closed forms and SciPy."""
 
 from __future__ import annotations
 

@@ -16,9 +16,6 @@ from jax.lax import linalg
 
 from dropper_jax.backend.one_kernel import in_force, is_inside
 
-#: Number of rows per loop iteration of the row-by-row elimination.
-TOGETHER = 4
-
 
 def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
     """The solution (n,) of one system of n rows.
@@ -102,6 +99,8 @@ def _shift_rows(a: jax.Array, before: int, length: int) -> jax.Array:
 
 def _row_by_row(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
     """The same by forward elimination and back substitution."""
+    # number of rows per loop iteration of the row-by-row elimination
+    together = 4
     Row = tuple[jax.Array, ...]
 
     def down(before: Row, row: Row) -> tuple[Row, Row]:
@@ -116,5 +115,5 @@ def _row_by_row(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
         return x, x
 
     none = jnp.zeros_like(rhs[0])
-    rows = jax.lax.scan(down, (none, none), (lower, diagonal, upper, rhs), unroll=TOGETHER)[1]
-    return jax.lax.scan(back, none, rows, reverse=True, unroll=TOGETHER)[1]
+    rows = jax.lax.scan(down, (none, none), (lower, diagonal, upper, rhs), unroll=together)[1]
+    return jax.lax.scan(back, none, rows, reverse=True, unroll=together)[1]

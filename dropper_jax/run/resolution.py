@@ -17,9 +17,6 @@ from dropper_jax.run.samples import Kind, Samples
 from dropper_jax.scene import line_slices
 from dropper_jax.scene.data import point_nodes
 
-#: Static strain of a line above which a scene is an error: a rope breaks before.
-TORN = 0.5
-
 
 def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
     """One warning for each line above its breaking load or stretched by 10 %, each buoy under water or on the seabed.
@@ -36,10 +33,12 @@ def check_stretch(scene: Scene, positions: np.ndarray) -> None:
     Raises:
         SceneError: a strain of 50 % or more.
     """
+    # static strain of a line above which a scene is an error: a rope breaks before
+    torn = 0.5
     for line, strain in _strains(scene, positions):
-        if strain >= TORN:
+        if strain >= torn:
             raise SceneError(
-                f"line {line!r}: is stretched by {strain:.0%} at rest, more than {TORN:.0%}. Check its length "
+                f"line {line!r}: is stretched by {strain:.0%} at rest, more than {torn:.0%}. Check its length "
                 "and EA and the positions of its ends"
             )
 
@@ -87,8 +86,6 @@ def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
 #: Relative energy balance error above which the status of a run is not ok. A scheme with numerical damping (implicit
 #: Euler: 90 % of a lab dropper's energy) warns. It fails if it gains as much, or loses more than the energy scale.
 DRIFT_FAILED, LOSS_FAILED = 0.1, 1.0
-#: Tensions oscillate if they alternate for this many steps.
-ALTERNATING = 20
 #: Steps per period of the shortest link's swing and of the waves in a suggested step: the midpoint rule then has the
 #: period to 0.03 %. The packaged scenes take 45 to 200. The check of a run asks whipping droppers for 600 to 1400.
 SUGGESTED = 100
@@ -293,14 +290,16 @@ def _pulse_share(tension: np.ndarray) -> float:
 
 def _alternates(tension: np.ndarray) -> bool:
     """Whether a link's tension alternates at every step for some time, in addition to its smooth changes."""
+    # tensions oscillate if they alternate for this many steps
+    alternating = 20
     saw = (tension[:-2] - 2.0 * tension[1:-1] + tension[2:]) / 4.0
     flips = saw[1:] * saw[:-1] < 0.0
     # with oscillations of more than this fraction of the mean
     least = np.minimum(np.abs(saw[1:]), np.abs(saw[:-1])) > 0.05 * np.maximum(np.abs(tension[1:-2]), 1e-300)
     both = flips & least
-    if len(both) < ALTERNATING:
+    if len(both) < alternating:
         return False
-    runs = np.lib.stride_tricks.sliding_window_view(both, ALTERNATING, axis=0)
+    runs = np.lib.stride_tricks.sliding_window_view(both, alternating, axis=0)
     return bool(np.any(np.all(runs, axis=-1)))
 
 

@@ -13,9 +13,6 @@ import numpy as np
 
 from dropper_jax.sea.steady import SteadyWave, highest
 
-#: Sequence of orders.
-ORDERS_TRIED = (10, 14, 20, 28, 40, 56, 80)
-
 
 class NotSolved(ValueError):
     """No wave was found; `reached` [m] is the maximum solved height, at a length [m].
@@ -50,6 +47,8 @@ def stream_function(
     Raises:
         NotSolved: above the highest wave, or close to it.
     """
+    # sequence of orders
+    orders_tried = (10, 14, 20, 28, 40, 56, 80)
     speed, time = np.sqrt(gravity * depth), np.sqrt(depth / gravity)
     problem = _Problem(
         None if period is None else period / time,
@@ -57,7 +56,7 @@ def stream_function(
         current / speed,
         criterion,
     )
-    orders = ORDERS_TRIED if order is None else (*(n for n in ORDERS_TRIED if n < order), order)
+    orders = orders_tried if order is None else (*(n for n in orders_tried if n < order), order)
     x = _climb_orders(problem, height / depth, orders, depth)
     found, error = x, problem.between(x)
     for n in (n for n in orders if n > _order(x)):

@@ -94,8 +94,6 @@ def even(count: int, most: int) -> np.ndarray:
 
 #: Maximum number of frames of a page; a longer run is thinned, which keeps the file at a few MB and scrubbing smooth.
 FRAMES = 3000
-#: Points per side of the water surface.
-SURFACE_POINTS = 19
 #: Points of the seabed per side.
 BED_POINTS = 13
 COLOURS = 33
@@ -245,16 +243,18 @@ def _pack(values: np.ndarray) -> str:
 
 def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
     """Depth, a square grid of positions and the elevation there at times [s], in whole steps of `step` [m]."""
+    # points per side of the water surface
+    surface_points = 19
     low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
     # half width of the surface in sizes of the motion of the line
     reach = 0.9 * max(float((high - low).max()), 1.0)
-    x, y = (np.linspace(m - reach, m + reach, SURFACE_POINTS) for m in 0.5 * (low + high)[:2])
+    x, y = (np.linspace(m - reach, m + reach, surface_points) for m in 0.5 * (low + high)[:2])
     positions = np.stack([*(a.ravel() for a in np.meshgrid(x, y, indexing="ij")), np.zeros(x.size * y.size)], axis=-1)
     eta = np.asarray(elevation(sea, positions, times))
     step = max(float(np.abs(eta).max()), 1e-9) / 32767
     return {
         "depth": float(sea.depth),
-        "points": SURFACE_POINTS,
+        "points": surface_points,
         "x": x.tolist(),
         "y": y.tolist(),
         "frames": len(times),

@@ -40,8 +40,6 @@ help = "run a grid of cases in batches and keep the results in a Zarr folder"
 OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
 #: Quantities of `fitting.sweep`, which imports JAX.
 DEFAULT_QUANTITIES = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
-#: Maximum number of values of one path.
-MOST_VALUES = 10_000_000
 #: Tables of a scene whose values cannot be parameters of a fit.
 NOT_FITTED = ("start", "point", "sea")
 #: Maximum number of cases in the table of scores.
@@ -204,6 +202,8 @@ def use_cores(count: int | None) -> None:
 
 def _values(option: str) -> tuple[str, np.ndarray]:
     """Path and values of `NAME=LO:HI:N[:log]` or `NAME=A,B,C`."""
+    # maximum number of values of one path
+    most_values = 10_000_000
     import numpy as np
 
     path, equals, text = option.partition("=")
@@ -217,8 +217,8 @@ def _values(option: str) -> tuple[str, np.ndarray]:
         low, high, count, spacing = [*text.split(":"), "linear"][:4]
         if int(count) < 1:
             raise ValueError
-        if int(count) > MOST_VALUES:
-            raise SceneError(f"--vary: {path.strip()} has {int(count)} values; allowed: at most {MOST_VALUES}")
+        if int(count) > most_values:
+            raise SceneError(f"--vary: {path.strip()} has {int(count)} values; allowed: at most {most_values}")
         return path.strip(), getattr(np, SPACINGS[spacing])(float(low), float(high), int(count))
     except SceneError:
         raise

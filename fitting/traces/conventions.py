@@ -111,10 +111,6 @@ def units(named: Convention) -> Iterator[Change]:
     yield Change(f"the unit is {unit}", f"--unit {unit}", lambda theta: factor * theta)
 
 
-#: Minimum number of samples per period of the shortest link as a pendulum.
-SAMPLES_PER_PERIOD = 6
-
-
 def settle_convention(trace: Trace, model: Model, requested: Convention) -> tuple[Trace, list[str]]:
     """The trace in the model's convention, and warnings.
 
@@ -146,11 +142,13 @@ def settle_convention(trace: Trace, model: Model, requested: Convention) -> tupl
 
 def check_sampling(trace: Trace, model: Model) -> None:
     """Reject samples that are too far apart for the shortest link."""
+    # minimum number of samples per period of the shortest link as a pendulum
+    samples_per_period = 6
     period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / GRAVITY)
-    if trace.interval > period / SAMPLES_PER_PERIOD:
+    if trace.interval > period / samples_per_period:
         raise SceneError(
             f"{trace.name}: a sample every {trace.interval:g} s is too few per oscillation of {period:.2g} s; "
-            f"allowed: at most {period / SAMPLES_PER_PERIOD:.2g} s apart, times in s"
+            f"allowed: at most {period / samples_per_period:.2g} s apart, times in s"
         )
 
 

@@ -1,9 +1,9 @@
 """The paper's cases and a driven chain in MoorDyn v2 and here: motions, tensions, conventions, and speed on one thread.
 
-    python benchmarks/against_moordyn.py [--only conventions|cases|steps|schemes|speed|peaks] [--rows TEXT]
+    python benchmarks/against_moordyn.py [--only case_4|cases|step_sizes|schemes|speed|peaks]
 
 Needs the extra `moordyn`; takes about 15 minutes, a few more with the explicit schemes,
-an hour more with peaks. `--rows driven` measures the rows of speed or peaks whose names have `driven`.
+an hour more with peaks.
 
 Writes results/moordyn.json and prints what it finds. Both codes start
 from the paper's positions. MoorDyn's component waves (WaveKin 7) carry no dynamic pressure: an upright cylinder held
@@ -18,7 +18,7 @@ import one_thread  # noqa: F401 - before JAX
 
 # isort: split
 
-import os
+from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import Any
 
@@ -28,7 +28,7 @@ from explicit_schemes import schemes
 from moordyn_runs import Ours, theirs
 from moordyn_speed import peaks, speed
 from paper_cases import TABLE_7, case
-from study import describe, options, say, store, stored, versions
+from study import collect, command, describe, versions
 
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.fields import component
@@ -44,8 +44,6 @@ EVERY = 5  # our steps in 0.1 s: dt = 0.02 s
 STEP_COUNTS = (2, 5, 10, 100)
 #: MoorDyn's step [s] for each internal damping ratio: stronger dampers need smaller ones.
 STEPS = {1.0: 0.0001, 0.1: 0.0005, 0.0: 0.0005}
-#: Anchor tension [N] of MoorDyn v2 at rest. Table 7 has none at rest: its means and largest are of a start.
-AT_REST = 1535.2
 #: Numbers of links for the chain that reaches above the water.
 FINER = (24, 96)
 
@@ -63,7 +61,6 @@ def both(number: int, ratio: float) -> dict[str, Any]:
             "whole": rows.statistics(),
             "settled": rows.statistics(SETTLED),
         }
-    say(found)
     return found
 
 
@@ -77,51 +74,7 @@ def step_sizes(ratio: float) -> list[dict[str, Any]]:
         rows.append({"damping_ratio": ratio, "dt_s": 0.1 / every, "wall_s": run.wall_s, **settled})
     for row in rows:
         row["mean_against_smallest_step"] = row["anchor"]["mean"] / rows[-1]["anchor"]["mean"] - 1.0
-        say(row)
     return rows
-
-
-def main() -> None:
-    given = options(__doc__, only=(None, "conventions", "cases", "steps", "schemes", "speed", "peaks"), rows="")
-    only = given.only
-    found: dict[str, Any] = stored("moordyn", {}) if only else {}
-    found.update(
-        {
-            "schema": 1,
-            "machine": describe(),
-            "versions": versions("moordyn", "jax", "dropper-jax", "numpy"),
-            "load_average": os.getloadavg()[0],
-            "table_7": TABLE_7,
-        }
-    )
-
-    def keep() -> None:
-        store("moordyn", found)
-
-    if only in (None, "conventions"):
-        found["case_4"] = conventions()
-        keep()
-    if only in (None, "cases"):
-        found["cases"] = []
-        for number, ratio in [*((1, ratio) for ratio in RATIOS), (2, 0.1), (3, 0.1), (5, 0.1)]:
-            found["cases"].append(both(number, ratio))
-            keep()
-    if only in (None, "steps"):
-        found["step_sizes"] = [row for ratio in RATIOS for row in step_sizes(ratio)]
-        keep()
-    if only in (None, "schemes"):
-        found["schemes"] = []
-        for row in schemes(case):
-            found["schemes"].append(row)
-            keep()
-    for part, measure in (("speed", speed), ("peaks", peaks)):
-        if only in (None, part):
-            others = [row for row in found.get(part, []) if given.rows and given.rows not in row["name"]]
-            measured: list[dict[str, Any]] = []
-            for row in measure(case, only=given.rows):
-                measured.append(row)
-                found[part] = measured + others
-                keep()
 
 
 @component
@@ -173,8 +126,8 @@ def _one(value: Any) -> Any:
     return value[0] if isinstance(value, list) else value
 
 
-def conventions() -> list[dict[str, Any]]:
-    """Rows of the table, printed as they come."""
+def conventions() -> Iterator[dict[str, Any]]:
+    """Rows of the table."""
     scene = load_scene("paper-case-4")
     on_diameter = np.asarray(scene.effects["morison_drag"]["cdt"]) / np.pi
     centre = scene.with_values({"buoy.0.attachment": 0.5 * scene.buoys[0].height})
@@ -192,17 +145,24 @@ def conventions() -> list[dict[str, Any]]:
     for links in FINER:
         fine = _with_links(table, links)
         variants[f"the same, {links} links"] = lambda fine=fine: static_tension(fine)
-    rows = []
-    print(f"case 4, static tension at the anchor (MoorDyn v2 at rest: {AT_REST:g} N)")
     for name, tension in variants.items():
-        rows.append({"convention": name, "anchor_n": tension()})
-        print(f"  {name:64s} {rows[-1]['anchor_n']:8.1f} N  {rows[-1]['anchor_n'] / AT_REST - 1:+.1%}", flush=True)
+        yield {"convention": name, "anchor_n": tension()}
     last = theirs(scene.with_values({"start.kind": "points"}), 0.0005, 300.0)
     value = float(np.mean(last.mean[-100:, 0])) if last.status == "ok" else float("nan")
-    rows.append({"convention": "MoorDyn v2, after 300 s", "anchor_n": value})
-    print(f"  {rows[-1]['convention']:64s} {value:8.1f} N  {value / AT_REST - 1:+.1%}", flush=True)
-    return rows
+    yield {"convention": "MoorDyn v2, after 300 s", "anchor_n": value}
 
 
-if __name__ == "__main__":
-    main()
+@command(only=(None, "case_4", "cases", "step_sizes", "schemes", "speed", "peaks"))
+def main(given) -> None:
+    parts = {
+        "case_4": conventions(),
+        "cases": (
+            both(number, ratio) for number, ratio in [*((1, ratio) for ratio in RATIOS), (2, 0.1), (3, 0.1), (5, 0.1)]
+        ),
+        "step_sizes": (row for ratio in RATIOS for row in step_sizes(ratio)),
+        "schemes": schemes(case),
+        "speed": speed(case),
+        "peaks": peaks(case),
+    }
+    packages = versions("moordyn", "jax", "dropper-jax", "numpy")
+    collect("moordyn", parts, given.only, schema=1, machine=describe(), versions=packages, table_7=TABLE_7)

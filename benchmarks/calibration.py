@@ -8,12 +8,11 @@ The truth is the lab dropper of scenario A with b_l = 0.002 and b_q = 0.001, int
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from study import say, store, stored
+from study import command, say, store, stored
 
 from dropper_jax import load_scene
 from dropper_jax.load.scene import Scene
@@ -218,16 +217,6 @@ PARTS = {
 }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("part", choices=PARTS)
-    parser.add_argument("--seeds", type=int, default=0, help="how many noise seeds (default: the part's own)")
-    args = parser.parse_args()
-    found = PARTS[args.part](args.seeds)
-    store(f"calibration_{args.part.removesuffix('-small')}", found)
-    say({k: v for k, v in found.items() if k != "rows"})
-
-
 @dataclass(frozen=True)
 class Linear:
     """Linear theory of the `windows` estimator on one twin.
@@ -314,5 +303,8 @@ def _windows(twin: Any, noise: float, seed: int, length: float, dt: float, weigh
     return cut([trace], length, dt, [np.full(trace.links, noise if weight is None else weight)])
 
 
-if __name__ == "__main__":
-    main()
+@command(("part", tuple(PARTS)), seeds=0)
+def main(args):
+    found = PARTS[args.part](args.seeds)
+    store(f"calibration_{args.part.removesuffix('-small')}", found)
+    say({k: v for k, v in found.items() if k != "rows"})

@@ -19,7 +19,6 @@ cameras  the same chain kicked out of its plane at 0.15 m/s, in two cameras, the
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +27,7 @@ from typing import Any
 import numpy as np
 from channel_truths import CABLE, CHAIN, LONGLINES, cable_scene, cable_truth, chain_scene, chain_truth, longline, shaken
 from scipy.interpolate import CubicSpline
-from study import describe, say, store, stored
+from study import command, describe, say, store, stored
 
 import dropper_jax as dj
 from fitting.channels.fit import first_point, fit_channels, pose, settle_noise
@@ -313,17 +312,10 @@ def cameras(draws: int) -> dict[str, Any]:
 CASES = {"sea": sea, "cable": cable, "runs": runs, "cameras": cameras}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("cases", nargs="*", choices=(*CASES, []), default=[])
-    parser.add_argument("--draws", type=int, default=100)
-    given = parser.parse_args()
+@command(("cases", list(CASES)), draws=100)
+def main(given):
     kept = stored("channels", {})
-    for name in given.cases or CASES:
+    for name in given.cases:
         kept[name] = CASES[name](given.draws)
         store("channels", {**kept, "machine": describe()})
         say({name: kept[name]})
-
-
-if __name__ == "__main__":
-    main()

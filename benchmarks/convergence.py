@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 from error_bars import chain
-from study import RESULTS, describe, options, say, store, stored
+from study import RESULTS, command, describe, say, store, stored
 
 import dropper_jax as dj
 
@@ -97,14 +97,9 @@ def study(given: Any, largest: float, duration: float, window: float) -> list[di
     return rows
 
 
-def main() -> None:
-    args = options(__doc__, scenes=list(SCENES), out=RESULTS / "convergence.json")
+@command(scenes=list(SCENES), out=RESULTS / "convergence.json")
+def main(args) -> None:
     found = stored(args.out, {"scenes": {}})["scenes"]
     for name in args.scenes:
-        print(name, flush=True)
         found[name] = study(*SCENES[name])
         store(args.out, {"machine": describe(), "jax": jax.__version__, "scenes": found})
-
-
-if __name__ == "__main__":
-    main()

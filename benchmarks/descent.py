@@ -9,14 +9,13 @@ whose programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws w
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import matplotlib.style
 import numpy as np
-from study import describe, store, stored
+from study import command, describe, store, stored
 
 import dropper_jax as dj
 from dropper_jax.plots import style
@@ -87,7 +86,8 @@ def draw(found: dict[str, Any]) -> None:
         style.save(figure, PICTURE)
 
 
-if __name__ == "__main__":
-    if "--picture" not in sys.argv:
+@command(picture=False)
+def main(args):
+    if not args.picture:
         store("descent", measure())
     draw(stored("descent"))

@@ -7,8 +7,10 @@ Takes about a minute. Writes results/edulis_anchors.json, of which `python bench
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from study import store
+from study import collect, command
 
 from dropper_jax import load_scene
 from dropper_jax.study.sea_facts import tidal_cycle
@@ -17,19 +19,19 @@ NAMES = ("west-danforth", "east-danforth", "west-gravity", "east-gravity")
 HEADINGS = range(0, 91, 15)  # [deg] of the tide against the backbone
 
 
+def anchors(heading: int) -> dict[str, Any]:
+    """Largest loads over a tide at one heading [deg]."""
+    scene = load_scene("edulis-tide").with_values({"sea.current.direction": float(np.radians(heading))})
+    rows = tidal_cycle(scene)["rows"]
+    assert all(row["status"] == "ok" for row in rows)
+    return {
+        "heading_deg": heading,
+        "largest_load_n": {n: max(float(np.linalg.norm(row["held_load_n"][n])) for row in rows) for n in NAMES},
+        "utilisation": {n: max(row["anchor_utilisation"][n] for row in rows) for n in NAMES},
+        "moved_m": max(row["displacement_m"] for row in rows),
+    }
+
+
+@command()
 def main() -> None:
-    rows = []
-    for heading in HEADINGS:
-        scene = load_scene("edulis-tide").with_values({"sea.current.direction": float(np.radians(heading))})
-        found = tidal_cycle(scene)
-        assert all(row["status"] == "ok" for row in found["rows"])
-        loads = {n: max(float(np.linalg.norm(r["held_load_n"][n])) for r in found["rows"]) for n in NAMES}
-        used = {n: max(r["anchor_utilisation"][n] for r in found["rows"]) for n in NAMES}
-        moved = max(row["displacement_m"] for row in found["rows"])
-        rows.append({"heading_deg": heading, "largest_load_n": loads, "utilisation": used, "moved_m": moved})
-        print(rows[-1], flush=True)
-    store("edulis_anchors", {"schema": 1, "rows": rows})
-
-
-if __name__ == "__main__":
-    main()
+    collect("edulis_anchors", {"rows": map(anchors, HEADINGS)}, schema=1)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from study import options
+from study import command, show
 
 import dropper_jax as dj
 from dropper_jax.load.scene import Scene
@@ -92,11 +92,10 @@ def truth(scene: Scene, dt: float, at: float) -> dict[str, float]:
     return {name: row[name][0] for name in LOADS}
 
 
-def main() -> None:
-    args = options(__doc__, scenes=list(SCENES))
+@command(scenes=list(SCENES))
+def main(args) -> None:
     held, ratios, called = [], [], []
-    print("| scene | step [s] | load | value [N] | stated | true | stated/true | |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    show("scene", "step [s]", "load", "value [N]", "stated", "true", "stated/true", "")
     for name in args.scenes:
         given, steps = SCENES[name]
         scene = load_scene(given)
@@ -115,18 +114,9 @@ def main() -> None:
                 if load == "maximum":
                     called.append((found["not_resolved"], true / abs(right[at][load])))
                 cells = [f"{value:.5g}", f"{error:.2g}", f"{true:.2g}", f"{error / max(true, 1e-12):.2g}"]
-                print(
-                    "|",
-                    " | ".join([name, str(dt), load, *cells, "chaotic" if found["chaotic"] else ""]),
-                    "|",
-                    flush=True,
-                )
+                show(name, dt, load, *cells, "chaotic" if found["chaotic"] else "")
     wrongly = [share for said, share in called if said and share < 0.02]
     missed = [share for said, share in called if not said and share > 0.05]
     print(f"\n{np.mean(held):.0%} of {len(held)} true errors within twice the stated")
     print(f"median of stated over true: {np.median(ratios):.2g}")
     print(f"not resolved, said below a true 2 %: {len(wrongly)}; not said above 5 %: {len(missed)}; of {len(called)}")
-
-
-if __name__ == "__main__":
-    main()

@@ -51,7 +51,6 @@ def _driven(scene: Scene, ratio: float) -> dict[str, Any]:
 
     reference = runner("rk4").run(REFERENCE, SPAN)
     found: dict[str, Any] = {"damping_ratio": ratio, "reference": reference.statistics(SETTLED)}
-    print(f"driven chain, damping ratio {ratio:g}", flush=True)
     for name in EXPLICIT:
         ours = runner(name)
         rows, count = [], None
@@ -62,17 +61,13 @@ def _driven(scene: Scene, ratio: float) -> dict[str, Any]:
             if len(rows) == 2:
                 break
         found[name] = {"largest_stable_dt_s": rows[0]["dt_s"] if rows else None, "rows": rows}
-        for row in rows:
-            _show(name, row)
     smallest = min(found[name]["largest_stable_dt_s"] for name in EXPLICIT)
     common = [c for c in COUNTS if SAMPLE / c <= 0.5 * smallest][0]
     for name in EXPLICIT:
         row = {"dt_s": SAMPLE / common, **_errors(runner(name).run(common, SPAN), reference)}
         found[name]["common"] = row
-        _show(f"{name}, same step", row)
     row = {"dt_s": SAMPLE / 5, **_errors(base.run(5, SPAN), reference)}
     found["energy_momentum"] = row
-    _show("energy_momentum", row)
     return found
 
 
@@ -83,10 +78,6 @@ def _errors(run: Rows, reference: Rows, limit: float = np.inf) -> dict[str, floa
     a, b = (rows.statistics(SETTLED)["fairlead"] for rows in (run, reference))
     found = {key: abs(a[key] / b[key] - 1.0) for key in ("mean", "std")}
     return {**found, "cpu_per_s": run.cpu_s / SPAN} if max(found.values()) < limit else None
-
-
-def _show(name: str, row: dict[str, float]) -> None:
-    print(f"  {name:32s} dt {row['dt_s']:.2e} s: mean {row['mean']:.1e}, deviation {row['std']:.1e}", flush=True)
 
 
 def _released(base: Scene) -> dict[str, Any]:
@@ -113,5 +104,4 @@ def _released(base: Scene) -> dict[str, Any]:
             change = (energy - float(first.kinetic + first.potential)) / float(first.kinetic)
             row = {"scheme": name, "dt_s": dt, "end": float(change[-1]), "largest": float(np.max(np.abs(change)))}
             rows.append(row)
-            print(f"  released, {name:20s} dt {dt:.1e} s: {row['end']:+.1e}, at most {row['largest']:.1e}", flush=True)
     return {"released": rows}

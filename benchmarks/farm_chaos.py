@@ -13,7 +13,7 @@ import time
 
 import numpy as np
 from farm_design import problem
-from study import options, say, store, stored
+from study import command, say, store, stored
 
 from fitting.optimise.models import Still, sea_of, still, still_model
 from fitting.optimise.quantities import part_load
@@ -93,8 +93,8 @@ def foretold(kept, names, x):
     return table
 
 
-def main():
-    args = options(__doc__, loops=60, seeds=10, seconds=1e9)
+@command(loops=60, seeds=10, seconds=1e9)
+def main(args):
     begun = time.perf_counter()
     values = {"duration": DURATION, "seeds": args.seeds, "skip": WINDOW_RAMP, "ramp": WINDOW_RAMP}
     site, variables, x = problem(args.loops, values)
@@ -143,7 +143,3 @@ def main():
     put(done=True)
     for row in kept["table"]:
         say(row)
-
-
-if __name__ == "__main__":
-    main()

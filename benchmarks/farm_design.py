@@ -10,7 +10,7 @@ import resource
 import time
 
 import numpy as np
-from study import options, say, store, stored
+from study import command, say, store, stored
 
 from fitting.optimise.models import Still, sea_of, still, still_model
 from fitting.optimise.quantities import part_load
@@ -68,8 +68,8 @@ def problem(loops, run=RUN):
     return site, variables, np.array([v.value for v in variables])
 
 
-def main():
-    args = options(__doc__, loops=60, duration=60.0, seconds=1e9)
+@command(loops=60, duration=60.0, seconds=1e9)
+def main(args):
     begun = last = time.perf_counter()
 
     def lap():
@@ -83,10 +83,6 @@ def main():
     found = {"loops": args.loops, "duration": args.duration, "read_s": lap()}
     here = still(site, variables, x, case.storm)
     found |= {"links": here.model.line.links, "leaves": len(here.slopes), "model_slopes_s": lap()}
-    own = rest(here)
-    found["rest_first_s"] = lap()
-    own = rest(here, own.state)
-    found["rest_s"] = lap()
     sea = sea_of(site, with_design(site.scene, variables, x), case, WINDOW_RAMP)
     quantities = (part_load(here.model, site.parts[0]),)
     dt = site.scene.run.dt
@@ -94,14 +90,17 @@ def main():
     def peak(still_, pose, slopes, heights=None):
         return peaks(still_, pose, sea, quantities, dt, args.duration, slopes, heights)
 
-    peak(here, own, False)
-    found["run_first_s"] = lap()
-    peak(here, own, False)
-    found["run_s"] = lap()
-    peak(here, own, True)
-    found["gradient_first_s"] = lap()
-    value = peak(here, own, True)
-    found["gradient_s"] = lap()
+    own = None
+    calls = {
+        "rest": lambda: rest(here, own and own.state),
+        "run": lambda: peak(here, own, False),
+        "gradient": lambda: peak(here, own, True),
+    }
+    for name, call in calls.items():
+        for key in (f"{name}_first_s", f"{name}_s"):
+            value = call()
+            own = value if name == "rest" else own
+            found[key] = lap()
     found["cost_in_runs"] = round(found["gradient_s"] / found["run_s"], 2)
     found["memory_GB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, 2)
     found |= {"hard_peak": float(value.hard[0]), "soft_peak": float(value.soft[0])}
@@ -139,7 +138,3 @@ def main():
         rows[variable.name] = best
         say(best)
         put()
-
-
-if __name__ == "__main__":
-    main()

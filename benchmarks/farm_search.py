@@ -9,12 +9,11 @@ sizes of catalogues are left out for all, so that one problem is compared. The p
 programs are compiled. Writes `results/farm_search.json`.
 """
 
-import argparse
 import time
 from dataclasses import replace
 
 import numpy as np
-from study import store, stored
+from study import command, store, stored
 
 from dropper_jax.base.errors import SceneError
 from fitting.optimise.run import read_problem
@@ -112,12 +111,8 @@ def by_cma(judge, seed):
     cma.fmin2(judge, start, 0.15, settings)
 
 
-def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("way", choices=("gradient", "de", "cma"))
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--limit", type=float, default=None, help="processor time [s]; that of the gradient's search")
-    args = parser.parse_args()
+@command(("way", ("gradient", "de", "cma")), seed=1, limit=float)
+def main(args):
     kept = stored("farm_search", {})
     design = problem()
     design.settings = replace(design.settings, rounds=6)
@@ -144,7 +139,3 @@ def main():
     kept[name] = own | {"reduction": 1.0 - best / start.objective, "rows": judge.rows}
     store("farm_search", kept)
     print(name, {key: value for key, value in kept[name].items() if key != "rows"})
-
-
-if __name__ == "__main__":
-    main()

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from study import say, store
+from study import command, say, store
 
 from dropper_jax.run.wakes import START, WAKE_GROWTH, Elements, Wakes, solve_wakes
 
@@ -123,7 +123,8 @@ def crossed(rows: list[dict[str, Any]], level: float) -> float | None:
     return float(np.exp(np.interp(level, mean, np.log([r["ropes_per_m"] for r in rows]))))
 
 
-if __name__ == "__main__":
+@command()
+def main():
     rows = [row(ropes) for ropes in ROPES]
     middle = 2.0
     found = {

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from study import options, say, store
+from study import command, say, store
 
 from fitting.traces.synthetic import Motion
 from fitting.tracking import track
@@ -228,8 +228,8 @@ def spoiled(what: Film, draws: int = 40, seed: int = 0) -> dict[str, Any]:
     return {"film": what.name, **counts}
 
 
-def main() -> None:
-    args = options(__doc__, films=list(FILMS))
+@command(films=list(FILMS))
+def main(args) -> None:
     chosen = [FILMS[name] for name in args.films]
     rows = []
     for what in chosen:
@@ -242,7 +242,3 @@ def main() -> None:
     say(marks)
     if len(chosen) == len(FILMS):
         store("films", {"films": rows, "marks": marks})
-
-
-if __name__ == "__main__":
-    main()

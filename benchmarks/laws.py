@@ -16,7 +16,7 @@ import time
 from typing import Any
 
 import numpy as np
-from study import RESULTS, options, store, stored
+from study import RESULTS, command, say, show, store, stored
 
 import dropper_jax as dj
 from fitting.calibration.comparison import compare
@@ -74,13 +74,41 @@ def watched(run: Any, noise: str, rng: np.random.Generator, size: float = NOISE)
     return Trace("chain", run.t, angle + size * e, convention=Convention("down", 1, "rad"))
 
 
-def main() -> None:
-    some = [law for law, parts in LADDER.items() if 1 <= len(parts) <= 2]
-    noise = ["white", "filtered"]
-    args = options(__doc__, links=[1, 2, 3, 7], laws=some, draws=2, noise=noise, out=RESULTS / "laws.json", table=False)
-    if args.table:
-        print(table(stored(args.out)))
-        return
+def show_counts(rows: list[dict[str, Any]]) -> None:
+    """The rows counted, as docs/statistics-of-fits.md has them."""
+    show("links", "right law alone", "right law possible", "weak parts: right law possible", "of these undecided")
+    for links in sorted({row["links"] for row in rows}):
+        mine = [row for row in rows if row["links"] == links]
+        strong = [row for row in mine if row["strong"] and not row["weak"]]
+        weak = [row for row in mine if row["weak"]]
+        alone, inside = (sum(row[key] for row in strong) for key in ("alone", "inside"))
+        possible, left = sum(r["inside"] for r in weak), sum(r["inside"] and not r["alone"] for r in weak)
+        show(links, f"{alone} of {len(strong)}", inside, f"{possible} of {len(weak)}", left)
+
+
+def one(links: int, law: str, trace: Trace) -> dict[str, Any]:
+    """One trace compared."""
+    begun = time.process_time()
+    scene = chain(links, dict.fromkeys(("linear", "quadratic"), 0.01))
+    laws = compare(prepare(trace, scene, ["b_l", "b_q"], window=WINDOW))
+    by_name = {other: row for row in laws for other in (row.name, *row.equals)}
+    truth = by_name[law]
+    poorer = [by_name[o] for o in LADDER if set(LADDER[o]) < set(LADDER[law]) and by_name[o].name != truth.name]
+    cost = min((row.cost - truth.cost for row in poorer), default=np.inf)
+    found = {
+        "verdict": verdict(laws), "strong": bool(cost >= STRONG), "cost_of_a_part": float(cost),
+        "alone": truth.possible and sum(row.possible for row in laws) == 1, "inside": truth.possible,
+        "refuted": truth.refuted, "seconds": time.process_time() - begun,
+    }  # fmt: skip
+    say(found)
+    return found
+
+
+LAWS = [law for law, parts in LADDER.items() if 1 <= len(parts) <= 2]
+
+
+@command(links=[1, 2, 3, 7], laws=LAWS, draws=2, noise=["white", "filtered"], out=RESULTS / "laws.json")
+def main(args) -> None:
     rows = stored(args.out, [])
     done = {(row["links"], row["law"], row["draw"], row["noise"], row["weak"]) for row in rows}
     for links in args.links:
@@ -108,40 +136,4 @@ def main() -> None:
                             rows[-1]["sigma"] = size
                             store(args.out, rows)
                         cost = next(row["cost_of_a_part"] for row in rows if all(row[key] == name[key] for key in name))
-    print(table(rows))
-
-
-def table(rows: list[dict[str, Any]]) -> str:
-    """The rows counted, as docs/statistics-of-fits.md has them."""
-    lines = ["| links | right law alone | right law possible | weak parts: right law possible | of these undecided |"]
-    lines.append("| --- " * 5 + "|")
-    for links in sorted({row["links"] for row in rows}):
-        mine = [row for row in rows if row["links"] == links]
-        strong = [row for row in mine if row["strong"] and not row["weak"]]
-        weak = [row for row in mine if row["weak"]]
-        alone, inside = (sum(row[key] for row in strong) for key in ("alone", "inside"))
-        possible, left = sum(r["inside"] for r in weak), sum(r["inside"] and not r["alone"] for r in weak)
-        lines.append(f"| {links} | {alone} of {len(strong)} | {inside} | {possible} of {len(weak)} | {left} |")
-    return "\n".join(lines)
-
-
-def one(links: int, law: str, trace: Trace) -> dict[str, Any]:
-    """One trace compared."""
-    begun = time.process_time()
-    scene = chain(links, dict.fromkeys(("linear", "quadratic"), 0.01))
-    laws = compare(prepare(trace, scene, ["b_l", "b_q"], window=WINDOW))
-    by_name = {other: row for row in laws for other in (row.name, *row.equals)}
-    truth = by_name[law]
-    poorer = [by_name[o] for o in LADDER if set(LADDER[o]) < set(LADDER[law]) and by_name[o].name != truth.name]
-    cost = min((row.cost - truth.cost for row in poorer), default=np.inf)
-    found = {
-        "verdict": verdict(laws), "strong": bool(cost >= STRONG), "cost_of_a_part": float(cost),
-        "alone": truth.possible and sum(row.possible for row in laws) == 1, "inside": truth.possible,
-        "refuted": truth.refuted, "seconds": time.process_time() - begun,
-    }  # fmt: skip
-    print(links, law, "->", found["verdict"], f"({cost:.1f}) {truth.refuted} {found['seconds']:.0f} s", flush=True)
-    return found
-
-
-if __name__ == "__main__":
-    main()
+    show_counts(rows)

@@ -16,7 +16,6 @@ to 2 m/s. Prints a row for each that is not found, and the share that is.
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +24,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from layout_draws import DURATION, STEP, TOPOLOGIES, Scene, layout
-from study import options, store
+from study import command, show, store
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
@@ -115,28 +114,24 @@ def checked(seed: int) -> Scene:
     return {"moved": moved, "pulled": pulled, "failed": int(np.sum(path.failed)), "same": min(moved, pulled) <= SAME}
 
 
-def main() -> int:
-    args = options(__doc__, count=300, first=0, only="", check=0, out=Path)
+@command(count=300, first=0, only="", check=0, out=Path)
+def main(args) -> int:
     seeds = [int(seed) for seed in args.only.split(",") if seed] or range(args.first, args.first + args.count)
     write = lambda: args.out and store(args.out, {"rows": rows})  # noqa: E731
-    print("| layout | residual | stiffness | s | why |\n| --- | --- | --- | --- | --- |", flush=True)
+    show("layout", "residual", "stiffness", "s", "why")
     rows = []
     # layouts of one topology and one kind of bed share their programs
     for seed in sorted(seeds, key=lambda i: (i % (2 * len(TOPOLOGIES)), i)):
         rows.append(row := judged(seed))
         if not row["ok"] or args.only:
-            numbers = " | ".join(f"{row.get(key, np.nan):.1e}" for key in ("residual", "stiffness", "seconds"))
-            print(f"| {row['name']} | {numbers} | {row['why']} |", flush=True)
+            numbers = (f"{row.get(key, np.nan):.1e}" for key in ("residual", "stiffness", "seconds"))
+            show(row["name"], *numbers, row["why"])
         write()
     good = [row for row in rows if row["ok"]]
     print(f"found: {len(good)} of {len(rows)}, {len(good) / len(rows):.1%}")
     # evenly over topologies and beds, one after another as they stand
     for row in good[:: max(len(good) // args.check, 1)][: args.check] if args.check else ():
         row |= checked(row["seed"])
-        print(f"| {row['name']} | moved {row['moved']:.1e} | pulled {row['pulled']:.1e} | {row['same']} |", flush=True)
+        show(row["name"], f"moved {row['moved']:.1e}", f"pulled {row['pulled']:.1e}", row["same"])
         write()
     return int(len(good) < 0.99 * len(rows))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -18,7 +18,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from study import RESULTS, options, say, store, stored
+from study import RESULTS, command, say, store, stored
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
@@ -161,8 +161,14 @@ def summary(scenes: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    args = options(__doc__, scenes=list(scene_names()), out=RESULTS / "long_steps.json")
+def _write(out: Path, known: dict[str, dict[str, Any]]) -> None:
+    missing = [name for name in scene_names() if name not in known]
+    scenes = [known[name] for name in sorted(known)]
+    store(out, {**summary(scenes), "not_run": missing, "scenes": scenes})
+
+
+@command(scenes=list(scene_names()), out=RESULTS / "long_steps.json")
+def main(args) -> None:
     known = {row["scene"]: row for row in stored(args.out, {"scenes": []})["scenes"]}
     links = {name: sum(line.links for line in dj.load_scene(name).lines) for name in scene_names()}
     for name in sorted(args.scenes, key=links.__getitem__):
@@ -176,13 +182,3 @@ def main() -> None:
         _write(args.out, known)
     _write(args.out, known)  # without scenes: counted again
     say(summary(list(known.values())))
-
-
-def _write(out: Path, known: dict[str, dict[str, Any]]) -> None:
-    missing = [name for name in scene_names() if name not in known]
-    scenes = [known[name] for name in sorted(known)]
-    store(out, {**summary(scenes), "not_run": missing, "scenes": scenes})
-
-
-if __name__ == "__main__":
-    main()

@@ -10,16 +10,13 @@ exit code is 1 where a run failed, or `MOST_MAPS` or `MOST_MEMORY` was passed.
 from __future__ import annotations
 
 import itertools
-import platform
 import resource
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import jax
-from study import options
+from study import command, show
 
 import dropper_jax as dj
 from dropper_jax.backend.programs import memory_maps
@@ -67,22 +64,15 @@ def resident() -> int:
     return int(fields["VmRSS"].split()[0]) // 1024
 
 
-def main() -> int:
-    args = options(__doc__, kinds=80)
+@command(kinds=80)
+def main(args) -> int:
     count = args.kinds
-    print(f"Python {platform.python_version()}, JAX {jax.__version__}")
-    print("| kinds | maps | resident MB | peak MB | processor s | ok |")
-    print("| --- | --- | --- | --- | --- | --- |", flush=True)
+    show("kinds", "maps", "resident MB", "peak MB", "processor s", "ok")
     good, most = 0, 0
     for done, values in enumerate(itertools.islice(kinds(), count), start=1):
         good += dj.simulate(values).status == "ok"
         most = max(most, memory_maps())
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
         if done % 10 == 0 or done == count:
-            seconds = time.process_time()
-            print(f"| {done} | {memory_maps()} | {resident()} | {peak} | {seconds:.0f} | {good} |", flush=True)
+            show(done, memory_maps(), resident(), peak, f"{time.process_time():.0f}", good)
     return int(good < count or most > MOST_MAPS or peak > MOST_MEMORY)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

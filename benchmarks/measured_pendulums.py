@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from study import store, stored
+from study import command, say, store, stored
 
 from dropper_jax import load_scene
 from fitting.calibration.comparison import compare
@@ -118,19 +118,12 @@ def run(name: str, case: Case, folder: Path) -> dict:
     return found
 
 
-def main() -> None:
+@command(("rigs", list(CASES)))
+def main(args) -> None:
     named = os.environ.get("DROPPER_MEASURED_DATA")
     if not named or not Path(named).is_dir():
         sys.exit("error: DROPPER_MEASURED_DATA names no folder; allowed: the folder with the measured CSV files")
-    for name in sys.argv[1:] or CASES:
+    for name in args.rigs:
         found = run(name, CASES[name], Path(named))
         store(f"measured_{name}_pendulum", found)
-        print(name, "held out", np.round(found["held_out_rad"], 5), "ratio", round(found["ratio_of_means"], 3))
-        for law in found[LAWS]:
-            print(
-                f"  {law['name']:34s} {law['held_out']:.5f} rad  BIC {law['bic']:.0f}  {'<-' if law['chosen'] else ''}"
-            )
-
-
-if __name__ == "__main__":
-    main()
+        say(found)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from study import say, store, stored, versions
+from study import command, say, store, stored, versions
 
 from dropper_jax import Scene, equilibrium, load_scene
 from dropper_jax.base.errors import SceneError
@@ -168,6 +168,7 @@ def compare(name: str, links: int = 1) -> dict[str, Any]:
     return found
 
 
+@command()
 def main() -> None:
     names = sys.argv[1:] or scene_names()
     rows = [row for row in stored("moordyn_rest")["rows"] if row["scene"] not in names] if sys.argv[1:] else []
@@ -179,7 +180,3 @@ def main() -> None:
                 break  # a difference that goes with finer links is that of the codes' drag on a bent line
         rows.sort(key=lambda row: (row["scene"], row.get("links", 1)))
         store("moordyn_rest", {"schema": 1, "versions": versions("moordyn", "dropper-jax"), "rows": rows})
-
-
-if __name__ == "__main__":
-    main()

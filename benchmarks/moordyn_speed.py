@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from moordyn_runs import SAMPLE, Ours, Rows, theirs
+from study import say
 from table7_edulis import turned
 
 from dropper_jax import Scene
@@ -83,8 +84,8 @@ def driven_chain(base: Scene, motion: tuple[float, float, float]) -> Scene:
     return Scene.from_dict({**table, "name": "driven-chain"})
 
 
-def speed(case: Callable[[int], Scene], only: str = "") -> Iterator[dict[str, Any]]:
-    """One row per comparison whose name has `only` in it, printed as they come."""
+def speed(case: Callable[[int], Scene]) -> Iterator[dict[str, Any]]:
+    """Rows of all comparisons."""
     gridded, longline, law = case(3).with_values({"sea.interpolation": "grid"}), turned(), "rope"
     longline = longline.with_values({"sea.interpolation": "grid"})
     own = {"ways": {law: {}, f"{law}, as well": {"run.integrator": "generalized_alpha"}}, "across": (-60, 120)}
@@ -104,8 +105,7 @@ def speed(case: Callable[[int], Scene], only: str = "") -> Iterator[dict[str, An
         ("case 3, 29 components (both: exact kinematics)", case(3), 2.0, SAMPLE, {}),
         ("edulis-longline (both: wave grid)", longline, 1.0, SAMPLE, {"grid": True, **own}),
     ):
-        if only in name:
-            yield from compare(name, scene, wanted, calls, **options)
+        yield from compare(name, scene, wanted, calls, **options)
 
 
 def errors(rows: Rows, reference: Rows) -> dict[str, float] | None:
@@ -124,17 +124,15 @@ def compare(
     Args:
         calls: time between calls of MoorDyn [s] where its wall time is taken.
     """
-    print(f"speed: {name}", flush=True)
     there = largest_stable(scene, calls, **options)
     for law, values in ways.items():
         integrator = values.get("run.integrator", scene.run.integrator)
-        print(f" {law}, {integrator}", flush=True)
-        found = _ours(scene.with_values(values), wanted, there)
+        found = _ours(scene.with_values(values), there)
         head = {"name": name, "wanted": wanted, "law": law.split(",")[0], "integrator": integrator}
         yield {**head, "moordyn": there, **found}
 
 
-def _ours(scene: Scene, wanted: float, there: dict[str, Any]) -> dict[str, Any]:
+def _ours(scene: Scene, there: dict[str, Any]) -> dict[str, Any]:
     ours = Ours.of(scene)
     reference = ours.run(EVERY[-1], SPAN)
     rows = []
@@ -142,7 +140,7 @@ def _ours(scene: Scene, wanted: float, there: dict[str, Any]) -> dict[str, Any]:
         run = ours.run(every, SPAN, REPEATS)
         row = {"dt_s": 0.1 / every, "status": run.status, "retried": run.retried, "errors": errors(run, reference)}
         rows.append({**row, "wall_per_s": run.wall_s / SPAN, "cpu_per_s": run.cpu_s / SPAN})
-        _show(f"ours, dt {0.1 / every:.4f} s", rows[-1])
+        say(rows[-1])
     found: dict[str, Any] = {"our_runs": rows, "our_reference": reference.statistics(SETTLED)}
     for measure, keys in MEASURES.items():
         limit = there["errors"]
@@ -152,8 +150,6 @@ def _ours(scene: Scene, wanted: float, there: dict[str, Any]) -> dict[str, Any]:
                 break
             best = row
         found[measure] = {"ratio": there["cpu_per_s"] / best["cpu_per_s"], "ours_dt_s": best["dt_s"]} if best else None
-        words = f"{found[measure]['ratio']:.2f}, ours at {best['dt_s']:g} s" if best else "no run of ours is as exact"
-        print(f"  goal {wanted:g} times, {measure}: {words}", flush=True)
     return found
 
 
@@ -170,7 +166,7 @@ def largest_stable(scene: Scene, calls: float, **options: Any) -> dict[str, Any]
         runs = [theirs(scene, dt, SPAN, look=calls, **options) for _ in range(REPEATS)]
         row = {"dt_s": dt, "status": "ok", "errors": found}
         row.update({"wall_per_s": min(r.wall_s for r in runs) / SPAN, "cpu_per_s": min(r.cpu_s for r in runs) / SPAN})
-        _show(f"MoorDyn rk2, dt {dt:.4f} s", row)
+        say(row)
         return {**row, "reference": reference.statistics(SETTLED)}
     none = float("nan")
     found = {"dt_s": None, "status": "no stable step", "errors": None, "reference": None}
@@ -183,20 +179,17 @@ def _errors_run(scene: Scene, dt: float, look: float, **options: Any) -> Rows:
     return theirs(scene, dt, SPAN, look=max(look, dt), call=call, **options)
 
 
-def peaks(case: Callable[[int], Scene], runs: int = RUNS, only: str = "") -> Iterator[dict[str, Any]]:
-    """One row per scene whose name has `only` in it: errors of all steps in both codes, cheapest good ones, ratio."""
+def peaks(case: Callable[[int], Scene], runs: int = RUNS) -> Iterator[dict[str, Any]]:
+    """One row per scene: errors of all steps in both codes, cheapest good ones, ratio."""
     for name, drawn in (
         ("chain of 12 segments, top driven, hard", lambda i: _hard(case, i)),
         ("case 1 (MoorDyn: wave grid)", lambda i: (_shifted(case(1), i), {"grid": True})),
         ("case 3, 29 components (both: exact kinematics)", lambda i: (_shifted(case(3), i), {})),
     ):
-        if only in name:
-            print(f"peaks: {name}", flush=True)
-            scenes = [(scene.with_values(WAYS["damped_rope"]), options) for scene, options in map(drawn, range(runs))]
-            ours, there = _our_peaks([scene for scene, _ in scenes]), _their_peaks(scenes)
-            ratio = there["best"] and ours["best"] and there["best"]["cpu_per_s"] / ours["best"]["cpu_per_s"]
-            print(f"  MoorDyn's time over ours: {ratio}", flush=True)
-            yield {"name": name, "runs": runs, "limits": LIMITS, "ours": ours, "moordyn": there, "ratio": ratio}
+        scenes = [(scene.with_values(WAYS["damped_rope"]), options) for scene, options in map(drawn, range(runs))]
+        ours, there = _our_peaks([scene for scene, _ in scenes]), _their_peaks(scenes)
+        ratio = there["best"] and ours["best"] and there["best"]["cpu_per_s"] / ours["best"]["cpu_per_s"]
+        yield {"name": name, "runs": runs, "limits": LIMITS, "ours": ours, "moordyn": there, "ratio": ratio}
 
 
 def _hard(case: Callable[[int], Scene], i: int) -> tuple[Scene, dict[str, Any]]:
@@ -268,20 +261,8 @@ def _judged(done: list[Rows], reference: list[dict[str, float]]) -> dict[str, An
 def _chosen(rows: list[dict[str, Any]], reference: list[dict[str, float]], bound: dict[str, float]) -> dict[str, Any]:
     """The rows, the cheapest good one, means of the reference over the runs, and what bounds its errors."""
     for row in rows:
-        words = ", ".join(f"{key} {value:.1e}" for key, value in row["errors"].items())
-        print(
-            f"  dt {row['dt_s']:g} s, tolerance {row['tolerance']}: {words}; {1e3 * row['cpu_per_s']:.2f} ms",
-            flush=True,
-        )
+        say(row)
     good = [row for row in rows if row["good"]]
     best = min(good, key=lambda row: row["cpu_per_s"]) if good else None
     means = {key: float(np.mean([one[key] for one in reference])) for key in LIMITS}
     return {"steps": rows, "best": best, "reference": means, "reference_errors": bound}
-
-
-def _show(label: str, row: dict[str, Any]) -> None:
-    found, words = row["errors"], row["status"]
-    if found is not None:
-        words = f"off: mean {found['mean']:.1e}, std {found['std']:.1e}, below 5 Hz {found['std_of_rows']:.1e}"
-    times = f"{1e3 * row['cpu_per_s']:9.3f} ms per simulated s ({1e3 * row['wall_per_s']:.3f} on the wall)"
-    print(f"  {label:28s} {words:52s} {times}", flush=True)

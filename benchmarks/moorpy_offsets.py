@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from study import command, show, stored
 
 sys.path.insert(0, str(Path(__file__).parent))
 import moorpy_stiffness as samples
@@ -132,20 +133,14 @@ def differences(found: list[dict[str, Any]], known: list[dict[str, Any]]) -> tup
     return float(np.max(apart) / most), float(np.max(np.abs(tension - theirs)) / np.max(theirs))
 
 
-def main() -> None:
-    if "--reference" in sys.argv:
+@command(reference=False)
+def main(args) -> None:
+    if args.reference:
         found = {name: reference(name) for name in DISTANCES}
-        FILE.write_text(
-            json.dumps({"source": f"MoorPy {metadata.version('moorpy')}", "curves": found}, indent=1) + "\n"
-        )
-        return
-    known = json.loads(FILE.read_text())
-    print(f"| system | horizontal force against {known['source']} | maximum tension |")
-    print("| --- | --- | --- |")
+        found = {"source": f"MoorPy {metadata.version('moorpy')}", "curves": found}
+        FILE.write_text(json.dumps(found, indent=1) + "\n")
+        return  # MoorPy's environment lacks this package
+    known = stored(FILE)
+    show("system", f"horizontal force against {known['source']}", "maximum tension")
     for name in DISTANCES:
-        force, tension = differences(ours(name), known["curves"][name])
-        print(f"| {name} | {100 * force:.3f} % | {100 * tension:.3f} % |", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+        show(name, *(f"{100 * share:.3f} %" for share in differences(ours(name), known["curves"][name])))

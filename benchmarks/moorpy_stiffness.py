@@ -15,12 +15,12 @@ line that sags to the bed, which break the mirror symmetry of the floats.
 from __future__ import annotations
 
 import json
-import sys
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from study import command, show, stored
 
 FILE = Path(__file__).parent / "results" / "moorpy_stiffness.json"
 DENSITY, GRAVITY = 1025.0, 9.81
@@ -149,23 +149,16 @@ def difference(found: np.ndarray, known: np.ndarray) -> float:
     return float(np.max(np.abs(found - known)) / np.max(np.abs(known)))
 
 
-def main() -> None:
-    if "--reference" in sys.argv:
+@command(("systems", list(SYSTEMS)), reference=False)
+def main(args) -> None:
+    if args.reference:
         found = {name: reference(make()) for name, make in SYSTEMS.items()}
-        FILE.write_text(
-            json.dumps({"source": f"MoorPy {metadata.version('moorpy')}", "systems": found}, indent=1) + "\n"
-        )
-        return
-    known = json.loads(FILE.read_text())
-    print(f"| system | against {known['source']} | of the diagonal |")
-    print("| --- | --- | --- |")
-    for name, make in SYSTEMS.items():
-        if sys.argv[1:] and name not in sys.argv:
-            continue
-        found, theirs = ours(make()), np.array(known["systems"][name]["stiffness"])
+        found = {"source": f"MoorPy {metadata.version('moorpy')}", "systems": found}
+        FILE.write_text(json.dumps(found, indent=1) + "\n")
+        return  # MoorPy's environment lacks this package
+    known = stored(FILE)
+    show("system", f"against {known['source']}", "of the diagonal")
+    for name in args.systems:
+        found, theirs = ours(SYSTEMS[name]()), np.array(known["systems"][name]["stiffness"])
         diagonal = np.max(np.abs(np.diag(found) / np.diag(theirs) - 1.0))
-        print(f"| {name} | {100 * difference(found, theirs):.3f} % | {100 * diagonal:.3f} % |", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+        show(name, f"{100 * difference(found, theirs):.3f} %", f"{100 * diagonal:.3f} %")

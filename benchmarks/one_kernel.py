@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import jax
 from same_speed import CASES, HERE, Side, pairs
-from study import RESULTS, describe, options, say, store
+from study import RESULTS, collect, command, describe
 
 
 def row(name: str, count: int) -> dict[str, object]:
@@ -29,14 +29,7 @@ def row(name: str, count: int) -> dict[str, object]:
     }
 
 
-def main() -> None:
-    args = options(__doc__, pairs=5, cases=list(CASES), out=RESULTS / "one_kernel.json")
-    rows = []
-    for name in args.cases:
-        rows.append(row(name, args.pairs))
-        say(rows[-1])
-    store(args.out, {"machine": describe(), "jax": jax.__version__, "rows": rows})
-
-
-if __name__ == "__main__":
-    main()
+@command(pairs=5, cases=list(CASES), out=RESULTS / "one_kernel.json")
+def main(args) -> None:
+    rows = (row(name, args.pairs) for name in args.cases)
+    collect(args.out, {"rows": rows}, machine=describe(), jax=jax.__version__)

@@ -16,7 +16,7 @@ import one_thread  # noqa: F401 - before JAX
 from pathlib import Path
 from typing import Any
 
-from study import RESULTS, describe, store, versions
+from study import RESULTS, command, describe, say, store, versions
 
 from dropper_jax import Scene, load_scene
 from dropper_jax.plots import style
@@ -71,26 +71,12 @@ def compare(scene: Scene) -> dict[str, Any]:
     """Rows of all simulators on one scene, and its goals."""
     model, s = build(scene)
     target = reference(model, s, GRID, round(SPAN / GRID), 0.0)
-    print(f"{scene.name}: {SPAN:g} s, reference good to {target.error:.1e} rad", flush=True)
     schemes, _ = runnable(OURS, model)
     rows, _ = measure(model, s, schemes, DTS, target, repeats=REPEATS, pick=min)
     others, left = peer_rows(scene, model, s, target)
-    for item in left:
-        print(f"left out: {item['scheme']}: {item['reason']}")
+    say({"left out": left})
     rows += others
-    for row in rows:
-        show(row)
     return {"scene": scene.name, "reference": target.summary(), "rows": rows, "goals": goals(rows)}
-
-
-def show(row: dict[str, Any]) -> None:
-    """A row on one line."""
-    error, place = row["rms_angle_error_rad"], row["rms_position_error_m"]
-    if error is None:
-        print(f"  {row['label']:28s} dt {row['dt']:.5f} s  {row['status']}")
-        return
-    ms = 1e3 * row["wall_s_per_simulated_s"]
-    print(f"  {row['label']:28s} dt {row['dt']:.5f} s  {error:.1e} rad  {place:.1e} m  {ms:9.3f} ms per simulated s")
 
 
 def goals(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -110,10 +96,7 @@ def goals(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         low, high = min(ratios, key=lambda x: x["ratio"]), max(ratios, key=lambda x: x["ratio"])
         met = low["ratio"] >= wanted
         found.append({"goal": words, "wanted": wanted, "least": low, "largest": high, "met": met})
-        print(
-            f"  goal: {wanted:g} times faster than {words}: {'met' if met else 'MISSED'}, "
-            f"{low['ratio']:.3g} (at {low['error_m']:.1e} m) to {high['ratio']:.3g} times (at {high['error_m']:.1e} m)"
-        )
+        say(found[-1])
     return found
 
 
@@ -153,12 +136,9 @@ def picture(result: dict[str, Any], path: Path) -> Path:
     return style.save(figure, path)
 
 
+@command()
 def main() -> None:
     results = [compare(dropper_17()), compare(load_scene("dropper-release-a-undamped"))]
     packages = versions("mujoco", "diffrax", "jax", "dropper-jax")
     store("peers", {"schema": 1, "machine": describe(), "versions": packages, "scenes": results})
     picture(results[0], RESULTS / "peers-dropper-17-links.png")
-
-
-if __name__ == "__main__":
-    main()

@@ -10,10 +10,11 @@ spar, which tells how much of the difference is drag.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from study import store
+from study import collect, command
 
 import dropper_jax as dj
 from dropper_jax.load.packaged import packaged_scene, pitching
@@ -96,24 +97,20 @@ def without_drag(scene: dj.Scene) -> dj.Scene:
     return scene.with_values({path: 0.0})
 
 
+@command()
 def main() -> None:
-    rows = []
-    for case in CASES:
-        for form, name in (("upright", case), ("pitching", f"{case}-pitching")):
-            rows.append({"case": case, "form": form, **measured(dj.load_scene(name))})
-            print(rows[-1], flush=True)
-    swept = []
-    for centre in CENTRES:
+    def row(case: str, form: str, change: Callable[[dj.Scene], dj.Scene]) -> dict[str, Any]:
+        scene = dj.load_scene(case if form == "upright" else f"{case}-{form}")
+        return {"case": case, "form": form, **measured(change(scene))}
+
+    def moved(centre: float) -> dict[str, Any]:
         scene = dj.load_scene(pitching(packaged_scene(CASES[0]), centre))
-        swept.append({"centre_m": centre, "pitch_period_s": pitch_period(scene), **measured(scene)})
-        print(swept[-1], flush=True)
-    free = [
-        {"case": CASES[0], "form": form, **measured(without_drag(dj.load_scene(name)))}
-        for form, name in (("upright", CASES[0]), ("pitching", f"{CASES[0]}-pitching"))
-    ]
-    found = {"from_s": SKIP, "to_s": 200.0, "cases": rows, "centres": swept, "without_drag": free}
-    store("pitching", found)
+        return {"centre_m": centre, "pitch_period_s": pitch_period(scene), **measured(scene)}
 
-
-if __name__ == "__main__":
-    main()
+    forms = ("upright", "pitching")
+    parts = {
+        "cases": (row(case, form, lambda scene: scene) for case in CASES for form in forms),
+        "centres": map(moved, CENTRES),
+        "without_drag": (row(CASES[0], form, without_drag) for form in forms),
+    }
+    collect("pitching", parts, from_s=SKIP, to_s=200.0)

@@ -13,7 +13,7 @@ import time
 from typing import Any
 
 import numpy as np
-from study import RESULTS, options, store, stored
+from study import RESULTS, command, store, stored
 
 from fitting.calibration.fit import fit
 from fitting.calibration.plan import plan
@@ -59,29 +59,6 @@ PAIRS: tuple[tuple[str, tuple[str, ...], tuple[Any, ...], tuple[Any, ...]], ...]
 )
 
 
-def main() -> None:
-    args = options(__doc__, twins=20, out=RESULTS / "plans.json")
-    rows = stored(args.out, [])
-    done = {row["pair"] for row in rows}
-    for name, free, *both in PAIRS:
-        if name in done:
-            continue
-        begun = time.process_time()
-        found = [measured(free, *one, args.twins) for one in both]
-        row = {"pair": name, "measurements": found, "seconds": time.process_time() - begun}
-        # the errors asked for are those of drag, by the mean of their logarithms
-        foretold, seen = (
-            float(np.exp(np.mean([np.log(found[0][key][p] / found[1][key][p]) for p in names(found[0])])))
-            for key in ("predicted", "observed")
-        )
-        row |= {"foretold": foretold, "seen": seen}
-        row["order"] = None if max(foretold, 1 / foretold) < APART else bool((foretold > 1) == (seen > 1))
-        rows.append(row)
-        store(args.out, rows)
-        ratios = [f"{one['ratio'][p]:.2f}" for one in found for p in names(one)]
-        print(f"{name}: {', '.join(ratios)}; {foretold:.2f} foretold, {seen:.2f} seen", flush=True)
-
-
 def names(found: dict[str, Any]) -> list[str]:
     """Names of the coefficients of drag."""
     return [name for name in found["predicted"] if ".b_" in name]
@@ -107,5 +84,24 @@ def measured(free: tuple[str, ...], scene: dict[str, Any], duration: float, nois
     }
 
 
-if __name__ == "__main__":
-    main()
+@command(twins=20, out=RESULTS / "plans.json")
+def main(args) -> None:
+    rows = stored(args.out, [])
+    done = {row["pair"] for row in rows}
+    for name, free, *both in PAIRS:
+        if name in done:
+            continue
+        begun = time.process_time()
+        found = [measured(free, *one, args.twins) for one in both]
+        row = {"pair": name, "measurements": found, "seconds": time.process_time() - begun}
+        # the errors asked for are those of drag, by the mean of their logarithms
+        foretold, seen = (
+            float(np.exp(np.mean([np.log(found[0][key][p] / found[1][key][p]) for p in names(found[0])])))
+            for key in ("predicted", "observed")
+        )
+        row |= {"foretold": foretold, "seen": seen}
+        row["order"] = None if max(foretold, 1 / foretold) < APART else bool((foretold > 1) == (seen > 1))
+        rows.append(row)
+        store(args.out, rows)
+        ratios = [f"{one['ratio'][p]:.2f}" for one in found for p in names(one)]
+        print(f"{name}: {', '.join(ratios)}; {foretold:.2f} foretold, {seen:.2f} seen", flush=True)

@@ -12,7 +12,7 @@ import time
 from typing import Any
 
 import numpy as np
-from study import RESULTS, describe, options, say, store
+from study import RESULTS, command, describe, say, store
 
 import dropper_jax as dj
 from fitting.calibration.estimating import estimate
@@ -26,15 +26,22 @@ SCENE, DURATION, NOISE, OFF = "dropper-release-a", 16.0, 0.005, 1.5
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
-def main() -> None:
-    args = options(__doc__, draws=120, out=RESULTS / "posterior.json")
+def timed(work: Any) -> tuple[Any, dict[str, float]]:
+    """What a piece of work gives, and its seconds by the clock and of the processor."""
+    clock, processor = time.perf_counter(), time.process_time()
+    found = work()
+    return found, {"seconds": time.perf_counter() - clock, "processor_s": time.process_time() - processor}
+
+
+@command(draws=120, out=RESULTS / "posterior.json")
+def main(args) -> None:
     scene = dj.load_scene(SCENE)
     names = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
     truth = [scene.value(name) for name in names]
     trace = observe(simulate_truth(scene, DURATION, 60.0), Camera(rate=60.0, angle_noise=NOISE), seed=0)
     wrong = scene.with_values({name: OFF * value for name, value in zip(names, truth, strict=True)})
     solution, seconds = timed(lambda: estimate(prepare(trace, wrong, names), "shooting"))
-    print(f"shooting: {solution.status}, gap weight {solution.gap_weight:g}, {seconds}", flush=True)
+    say({"status": solution.status, **seconds})
     fitted = uncertainty(solution)
     rows: list[dict[str, Any]] = []
     samplers = {"importance": lambda: importance(solution, 200), "NUTS": lambda: nuts(solution, args.draws)}
@@ -51,14 +58,3 @@ def main() -> None:
         "machine": describe(),
     }  # fmt: skip
     store(args.out, found)
-
-
-def timed(work: Any) -> tuple[Any, dict[str, float]]:
-    """What a piece of work gives, and its seconds by the clock and of the processor."""
-    clock, processor = time.perf_counter(), time.process_time()
-    found = work()
-    return found, {"seconds": time.perf_counter() - clock, "processor_s": time.process_time() - processor}
-
-
-if __name__ == "__main__":
-    main()

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from study import RESULTS, options, store, stored
+from study import RESULTS, command, say, store, stored
 
 from dropper_jax import load_scene
 from dropper_jax.base.errors import SceneError
@@ -172,30 +172,7 @@ def judge(d: Draw, **options: Any) -> dict[str, Any]:
         },
         **{"windows": result.windows.count, "blocks": u.blocks, "warnings": result.warnings},
         **{"substeps": result.windows.substeps, "seconds": time.process_time() - begun},
-        # windows at the truth do not all determine their starts where samples are missing
-        **({"bound": bound(d, solution.problem.simulator).tolist()} if np.isfinite(d.trace.theta).all() else {}),
     }
-
-
-def bound(d: Draw, simulator: Any) -> np.ndarray:
-    """The least standard errors (2,) that the trace allows a fit, by the curvature at the truth with the true noise.
-
-    With free gaps between windows of a fixed length: tighter ones let the bound of a chaotic run fall without limit.
-
-    Args:
-        simulator: of the fit, whose programs serve these windows too.
-    """
-    from fitting.calibration.plan import at_weight
-    from fitting.calibration.preparation import prepare
-    from fitting.estimate.gauss_newton import fit_starts
-    from fitting.estimate.normal_equations import solve_spd
-
-    known = replace(d.trace, se=np.full_like(d.trace.theta, d.noise))
-    prepared = prepare([known], d.scene, NAMES, window=BOUND_WINDOW, simulator=simulator)
-    problem, values = prepared.problem(), prepared.values
-    _, evaluation = fit_starts(problem, values, prepared.starts, BOUND_ROUNDS)
-    step = at_weight(problem, evaluation, values, BOUND_GAP)
-    return np.sqrt(np.diag(solve_spd(step.information, np.eye(len(values)))))
 
 
 def residual_freedom(result: Any) -> float:
@@ -205,35 +182,8 @@ def residual_freedom(result: Any) -> float:
     return degrees_of_freedom(result.solution)
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """What the rows show, in a few lines."""
-    ok = [r for r in rows if r["status"] == "ok"]
-    fits = [r for r in ok if 0.95 <= r["residual"] / r["noise"] <= 1.05 and r["fitted"] >= 0.97]
-    wrong = [r["seed"] for r in ok if r["residual"] / r["noise"] > 1.4]
-    printed = [r for r in rows if abs(r["printed_noise"] / r["noise"] - 1) < 0.1]
-    lines = [
-        f"{len(rows)} draws: ok {len(ok)}, of these explain their trace {len(fits)}; ok and wrong: {wrong}; "
-        f"printed noise within 10 %: {len(printed)}"
-    ]
-    for i, name in enumerate(("b_l", "b_q")):
-        inside = [r["low"][i] <= r["truth"][i] <= r["high"][i] for r in ok]
-        sharp = [r for r in ok if not r["at_bound"][i] and r["std_error"][i] < 0.5 * r["values"][i]]
-        off = np.array([(r["values"][i] - r["truth"][i]) / r["std_error"][i] for r in sharp])
-        lines.append(
-            f"{name}: {np.mean(inside) if inside else 0:.1%} inside 90 % intervals; {len(off)} sharp ones, "
-            f"RMS of error over standard error {np.sqrt(np.mean(off**2)) if len(off) else np.nan:.2f}, "
-            f"largest {np.abs(off).max(initial=0):.1f}"
-        )
-    ratios = np.array([np.divide(r["std_error"], r["bound"]) for r in ok if not any(r["at_bound"]) and "bound" in r])
-    if len(ratios):
-        middle, high = np.median(ratios), np.quantile(ratios, 0.9)
-        lines.append(f"standard error over its bound: median {middle:.2f}, nine of ten below {high:.2f}")
-    others = {r["seed"]: r["status"] for r in rows if r["status"] != "ok"}
-    return "\n".join([*lines, f"not ok: {others}"])
-
-
-def main() -> None:
-    args = options(__doc__, seeds="0:60", kind=tuple(KINDS), window=float, out=RESULTS / "random_droppers.json")
+@command(seeds="0:60", kind=tuple(KINDS), window=float, out=RESULTS / "random_droppers.json")
+def main(args) -> None:
     low, colon, high = args.seeds.partition(":")
     seeds = range(int(low), int(high)) if colon else [int(s) for s in args.seeds.split(",")]
     rows = []
@@ -244,15 +194,6 @@ def main() -> None:
         except SceneError as error:
             row = {"seed": seed, "status": "invalid_input", "message": str(error), "noise": d.noise, "printed_noise": 0}
         rows.append(row)
-        short = {
-            k: row.get(k) for k in ("links", "peak", "chi2", "fitted", "windows", "substeps", "seconds", "message")
-        }
-        off = (np.array(row["values"]) - d.truth) / np.array(row["std_error"]) if "values" in row else None
-        print(seed, row["status"], row.get("residual", np.nan) / d.noise, off, short, flush=True)
+        say(row)
         known = stored(args.out, {})
         store(args.out, {**known, KINDS[args.kind]: rows})
-    print(table(rows))
-
-
-if __name__ == "__main__":
-    main()

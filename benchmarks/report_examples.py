@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from study import describe, store
+from study import command, describe, store
 
 import dropper_jax as dj
 from dropper_jax.report.build import report_run, report_runs
@@ -64,11 +64,8 @@ def storm() -> dict[str, Any]:
     return {"rows": rows, "retried": retried, "further_seeds": len(FURTHER), "further_largest_n": largest}
 
 
+@command()
 def main() -> None:
     rows = [damping_and_step(ratio, dt) for ratio in RATIOS for dt in STEPS]
     found = {"machine": describe(), "damping": rows, "storm": storm()}
     store("report_examples", found)
-
-
-if __name__ == "__main__":
-    main()

@@ -7,7 +7,7 @@ Writes `results/scene_sensitivity.json` (some minutes on a core); `tables.py` ma
 
 from __future__ import annotations
 
-from study import store
+from study import command, store
 
 import dropper_jax as dj
 from fitting.sensitivity import local, study
@@ -31,6 +31,7 @@ def by_differences(scene: dj.Scene, path: str) -> float:
     return float(ahead - behind) / (2 * STEP * value)
 
 
+@command()
 def main() -> None:
     scene = dj.load_scene(SCENE).with_values({"run.duration": DURATION})
     found = local(study(scene, OF, PATHS), check=True)
@@ -48,7 +49,3 @@ def main() -> None:
     ]
     values = {"scene": SCENE, "of": OF, "value": found.value, "modes_differ": found.mismatch, "rows": rows}
     store("scene_sensitivity", values)
-
-
-if __name__ == "__main__":
-    main()

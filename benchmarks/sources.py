@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from importlib import resources
 
 import numpy as np
-from study import store
+from study import command, store
 
 import dropper_jax as dj
 from dropper_jax import load_scene
@@ -22,18 +22,6 @@ from dropper_jax.study.sea_facts import tidal_cycle
 NOMINAL = 0.068
 LINES = ("ground", "leg", "backbone", "sock")
 Row = tuple[str, str, str, str]
-
-
-def main() -> None:
-    found = {
-        "schema": 1,
-        "thesis": list(thesis()),
-        "paper": [*paper(), nominal_diameters()],
-        "figures": list(figures()),
-    }
-    store("sources", found)
-    for row in (*found["thesis"], *found["paper"]):
-        print(" | ".join(row))
 
 
 def thesis() -> Iterator[Row]:
@@ -250,5 +238,12 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-if __name__ == "__main__":
-    main()
+@command()
+def main() -> None:
+    found = {
+        "schema": 1,
+        "thesis": list(thesis()),
+        "paper": [*paper(), nominal_diameters()],
+        "figures": list(figures()),
+    }
+    store("sources", found)

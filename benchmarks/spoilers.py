@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from closed_chain import Chain
 from scipy.interpolate import CubicSpline
-from study import RESULTS, options, store
+from study import RESULTS, command, say, store
 
 from fitting.calibration.advice import omitted_parameter_bias, wide
 from fitting.calibration.estimating import estimate, with_sound_windows
@@ -234,30 +234,20 @@ def one(kind: str, number: int, shared: list[Simulator]) -> dict[str, Any]:
     kind_of_noise = "white" if solution.problem.noise is None else solution.problem.noise.kind
     names = [candidate.name for candidate in at.names]
     first = next(iter([*([] if kind_of_noise == "white" else [kind_of_noise]), *names]), "")
-    row = {
+    return {
         "spoiler": kind, "draw": number, "truth": d.name, "first": first, "names": names, "noise": kind_of_noise,
         "status": solution.status, "values": solution.values[:2].tolist(), "std_error": u.std_error[:2].tolist(),
         "low": u.low[:2].tolist(), "high": u.high[:2].tolist(), "bound": bound(prepared, d, shared[0]).tolist(),
         "gap_weight": solution.gap_weight, "gains": [c.gain for c in at.names], "seconds": time.process_time() - begun,
     }  # fmt: skip
-    z = (solution.values[:2] - TRUTH) / u.std_error[:2]
-    ratio = u.std_error[:2] / np.array(row["bound"])
-    print(
-        f"{kind:16s} {number:2d} {solution.status} first {first!r} {names[1:]} noise {kind_of_noise} z {z.round(2)} "
-        f"SE/bound {ratio.round(2)} gap {solution.gap_weight} blocks {u.blocks} {row['seconds']:.0f} s", flush=True,
-    )  # fmt: skip
-    return row
 
 
-def main() -> None:
-    args = options(__doc__, draws=20, first=0, only=list(SPOILERS), out=RESULTS / "spoilers.json")
+@command(draws=20, first=0, only=list(SPOILERS), out=RESULTS / "spoilers.json")
+def main(args) -> None:
     shared: list[Simulator] = []
     rows: list[dict[str, Any]] = []
     for number in range(args.first, args.first + args.draws):
         for kind in args.only:
             rows.append(one(kind, number, shared))
+            say(rows[-1])
             store(args.out, rows)
-
-
-if __name__ == "__main__":
-    main()

@@ -10,13 +10,14 @@ another checkout.
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from study import command, show
 
 ROOT = Path(__file__).parents[1]
 #: Prints the heavy packages that were imported as the last line.
@@ -77,69 +78,53 @@ def starts(folder: Path, package: Path) -> list[list[str]]:
     ]
 
 
+def timed(words: list[str], folder: Path, **environment: str) -> tuple[float, subprocess.CompletedProcess[str]]:
+    """Processor time [s] of Python with these words in a folder, and the process."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    environment = {**os.environ, **environment}
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, env=environment, cwd=folder)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime, done
+
+
 def measure(argv: list[str], package: Path, repeats: int) -> tuple[float, str]:
     """Least processor time [s] of a start, and what heavy packages it imported."""
-    environment = {**os.environ, "PYTHONPATH": str(package)}
-    spent, imported = [], ""
-    for _ in range(repeats):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        call = [sys.executable, "-c", PROBE, *argv]
-        done = subprocess.run(call, capture_output=True, text=True, check=False, env=environment, cwd=package)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        spent.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
-        imported = done.stdout.splitlines()[-1]
-    return min(spent), imported
+    runs = [timed(["-c", PROBE, *argv], package, PYTHONPATH=str(package)) for _ in range(repeats)]
+    return min(spent for spent, _ in runs), runs[0][1].stdout.splitlines()[-1]
 
 
-def first_and_second(command: str, package: Path, folder: Path) -> tuple[float, float]:
+def first_and_second(line: str, package: Path, folder: Path) -> tuple[float, float]:
     """Processor times [s] of a command with an empty folder of compiled programs, and of the same command after it."""
-    cache = folder / "-".join(command.split()[:2])
-    words = [str(folder / "traces.csv") if word == "TRACES" else word for word in command.split()]
-    environment = {**os.environ, "PYTHONPATH": str(package), "DROPPER_COMPILE_CACHE": str(cache)}
-    spent = []
-    for _ in range(2):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        call = [sys.executable, "-m", "dropper_jax", *words]
-        done = subprocess.run(call, capture_output=True, text=True, check=False, env=environment, cwd=folder)
-        if done.returncode:
-            sys.exit(f"{command}: {done.stderr}")
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        spent.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
-    return spent[0], spent[1]
+    cache = folder / "-".join(line.split()[:2])
+    words = [str(folder / "traces.csv") if word == "TRACES" else word for word in line.split()]
+    paths = {"PYTHONPATH": str(package), "DROPPER_COMPILE_CACHE": str(cache)}
+    first, second = (timed(["-m", "dropper_jax", *words], folder, **paths) for _ in range(2))
+    if first[1].returncode:
+        sys.exit(f"{line}: {first[1].stderr}")
+    return first[0], second[0]
 
 
-def programs(package: Path, wanted: list[str]) -> None:
+def programs(package: Path) -> None:
     """The table of first and second starts."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    print("| command | first start [s] | second [s] |\n| --- | --- | --- |")
+    show("command", "first start [s]", "second [s]")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        if any("TRACES" in command for command in wanted):
-            call = [sys.executable, "-c", TRACES, str(folder / "traces.csv")]
-            subprocess.run(call, check=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
-        for command in wanted:
-            first, second = first_and_second(command, package, folder)
-            print(f"| `{command}` | {first:.1f} | {second:.1f} |", flush=True)
+        timed(["-c", TRACES, "traces.csv"], folder, PYTHONPATH=str(ROOT))
+        for line in PROGRAMS:
+            show(f"`{line}`", *(f"{spent:.1f}" for spent in first_and_second(line, package, folder)))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5, metavar="N")
-    parser.add_argument("--package", type=Path, default=ROOT, metavar="FOLDER")
-    parser.add_argument("--programs", nargs="*", choices=PROGRAMS, metavar="COMMAND")
-    args = parser.parse_args()
+@command(repeats=5, package=ROOT, programs=False)
+def main(args) -> None:
     package = args.package.resolve()
-    if args.programs is not None:
-        programs(package, args.programs or list(PROGRAMS))
+    if args.programs:
+        programs(package)
         return
-    print("| command | processor time [s] | imports |\n| --- | --- | --- |")
+    show("command", "processor time [s]", "imports")
     with tempfile.TemporaryDirectory() as folder:
         for argv in starts(Path(folder), package):
             spent, imported = measure(argv, package, args.repeats)
             words = " ".join(Path(word).name if word.startswith("/") else word for word in argv)
-            print(f"| dropper {words} | {spent:.2f} | {imported} |", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+            show(f"dropper {words}", f"{spent:.2f}", imported)

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import csv
 from importlib import resources
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
+from study import command, show
 
 import dropper_jax as dj
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
@@ -87,25 +87,11 @@ def fit_force(model: dj.Model, node: int, target: np.ndarray) -> tuple[np.ndarra
     return found.x, float(np.sqrt(np.mean(found.fun**2)))
 
 
-def table() -> list[dict[str, Any]]:
-    """A row per kind of links: misfits of scenarios A, B, C and of A's model column, with the forces."""
+@command()
+def main() -> None:
+    show("links", *LIFTED, "thesis' model column of A")
     targets = measured()
-    rows = []
+    cases = [(node, targets[scenario]["mean"]) for scenario, node in LIFTED.items()] + [(1, targets["A"]["model"])]
     for label, kind in KINDS.items():
         model = model_of(kind)
-        fits = {s: fit_force(model, node, targets[s]["mean"]) for s, node in LIFTED.items()}
-        column = fit_force(model, 1, targets["A"]["model"])
-        rows.append({"links": label, "fits": fits, "model column": column})
-    return rows
-
-
-def main() -> None:
-    print("| links | A | B | C | thesis' model column of A |")
-    print("| --- | --- | --- | --- | --- |")
-    for row in table():
-        cells = [f"{misfit:.4f}" for _, misfit in row["fits"].values()]
-        print(f"| {row['links']} | {' | '.join(cells)} | {row['model column'][1]:.4f} |")
-
-
-if __name__ == "__main__":
-    main()
+        show(label, *(f"{fit_force(model, node, target)[1]:.4f}" for node, target in cases))

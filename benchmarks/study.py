@@ -6,7 +6,8 @@ import argparse
 import json
 import os
 import platform
-from collections.abc import Callable, Iterable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -107,13 +108,55 @@ def kilo_range(interval: list[float]) -> str:
     return f"{kilo(interval[0])} to {kilo(interval[1])}"
 
 
-def options(doc: str, **known: Any) -> argparse.Namespace:
+def command(
+    words: tuple[str, Sequence[str]] | None = None, **known: Any
+) -> Callable[[Callable[..., int | None]], Callable[..., int | None]]:
+    """Run the function, the last of its file, as a command where the file is the program, with what `options` reads."""
+
+    def entered(run: Callable[..., int | None]) -> Callable[..., int | None]:
+        if run.__module__ == "__main__":
+            given = options(sys.modules["__main__"].__doc__, words, **known)
+            sys.exit(run(given) if words or known else run())
+        return run
+
+    return entered
+
+
+def collect(name: str | Path, parts: Mapping[str, Iterable[Found]], only: str | None = None, **head: Any) -> None:
+    """Measure the rows of all parts, or of one that replaces its stored rows; print each row and store it with `head`.
+
+    Args:
+        parts: rows by part, measured as they are taken.
+    """
+    found = {**(stored(name, {}) if only else {}), **head}
+    for part, rows in parts.items():
+        if only in (None, part):
+            found[part] = []
+            for row in rows:
+                found[part].append(row)
+                say(row)
+                store(name, found)
+
+
+def show(*cells: object) -> None:
+    """Print one row of a Markdown table."""
+    print("|", " | ".join(map(str, cells)), "|", flush=True)
+
+
+def options(doc: str | None, words: tuple[str, Sequence[str]] | None = None, **known: Any) -> argparse.Namespace:
     """Options of a command by name and default, described by the module's text.
 
     False: a flag. A list: some of its members. A tuple: one of its members, the first unless given, of which None is
-    none. A type: a value of it, None unless given.
+    none. A type: a value of it, None unless given. `words` are given without a name: of a list some of its members, all
+    unless given, of a tuple one.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    if words:
+        name, members = words
+        if isinstance(members, list):  # the default is compared with the choices too
+            parser.add_argument(name, nargs="*", choices=[*members, members], default=members, metavar=name)
+        else:
+            parser.add_argument(name, choices=members)
     for name, given in known.items():
         settings: dict[str, Any] = {"type": type(given), "default": given}
         if given is False:

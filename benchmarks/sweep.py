@@ -16,7 +16,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from study import RESULTS, describe, options, store
+from study import RESULTS, command, describe, say, store
 
 import dropper_jax as dj
 from fitting.cli.sweep import use_cores
@@ -61,8 +61,8 @@ def loop(runs: int, duration: float) -> float:
     return runs * steps / (time.perf_counter() - begun) / 1e6
 
 
-def main() -> None:
-    args = options(__doc__, cases=1000, duration=50.0, out=RESULTS / "sweep.json")
+@command(cases=1000, duration=50.0, out=RESULTS / "sweep.json")
+def main(args) -> None:
     use_cores(None)
     with tempfile.TemporaryDirectory() as folder:
         rows = [measure(cases, args.duration, folder) for cases in (max(args.cases // 4, 1), args.cases)]
@@ -75,11 +75,5 @@ def main() -> None:
         "single_runs_million_steps_per_s": single,
         "times_faster_than_single_runs": rows[-1]["million_steps_per_s"] / single,
     }
-    for row in rows:
-        print(", ".join(f"{key} {value:.4g}" for key, value in row.items()))
-    print(f"single runs {single:.3f} million steps/s, sweep {found['times_faster_than_single_runs']:.1f} times that")
+    say(found)
     store(args.out, found)
-
-
-if __name__ == "__main__":
-    main()

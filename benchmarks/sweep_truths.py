@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from closed_chain import Chain
-from study import RESULTS, describe, options, store
+from study import RESULTS, command, describe, say, store
 
 import dropper_jax as dj
 from fitting.calibration.fit import fit
@@ -74,8 +74,8 @@ def fitted(trace: Trace, pair: np.ndarray) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    args = options(__doc__, duration=50.0, out=RESULTS / "sweep_truths.json")
+@command(duration=50.0, out=RESULTS / "sweep_truths.json")
+def main(args) -> None:
     use_cores(None)
     found: dict[str, Any] = {"machine": describe(), "noise_rad": NOISE, "duration_s": args.duration, "rows": []}
     traces = []
@@ -87,15 +87,11 @@ def main() -> None:
             scores = sweep_against_trace(SCENE, PAIRS, traces[-1], out, listed=True, chunk=8, quantities=[])
             seconds = {"sweep_cpu_s": time.process_time() - start_s}
             found["rows"].append({"b_l": pair[0], "b_q": pair[1], **rank(scores, case), **seconds})
-            print(pair, {name: found["rows"][-1][name]["angle"]["rank"] for name in PARTS}, seconds)
+            say(found["rows"][-1])
     store(args.out, found)
     for trace, row in zip(traces, found["rows"], strict=True):
         start_s = time.process_time()
         row["fit"] = fitted(trace, np.array([row["b_l"], row["b_q"]]))
         row["fit_cpu_s"] = time.process_time() - start_s
-        print(trace.name, row["fit"], row["fit_cpu_s"])
+        say(row)
         store(args.out, found)
-
-
-if __name__ == "__main__":
-    main()

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from moordyn_runs import theirs
 from paper_cases import TABLE_7, case
-from study import describe, options, store, stored, versions
+from study import collect, command, describe, store, stored, versions
 from table7_edulis import edulis
 
 import dropper_jax as dj
@@ -76,65 +76,11 @@ def ours(scene: dj.Scene, spans: tuple[float, ...]) -> dict[str, Any]:
     return {"status": run.status, "spans": [of_run(run, span) for span in spans]}
 
 
-def show(name: str, found: dict[str, Any]) -> None:
-    spans = [
-        f"{s['anchor']['mean']:.0f} ({s['anchor']['min']:.0f} to {s['anchor']['max']:.0f})" for s in found["spans"]
-    ]
-    print(f"  {name}: {found['status']}, anchor {', '.join(spans)} N", flush=True)
-
-
 def in_moordyn(number: int, ratio: float) -> dict[str, Any]:
     """A case in MoorDyn v2: tensions of the end segments with their sign, and as sizes."""
     rows = theirs(case(number, ratio), STEPS[ratio], SPAN, look=0.01, grid=number != 4)
     found = rows.statistics()
-    if rows.status == "ok":
-        print(f"  case {number}, ratio {ratio:g}: {found['anchor']}", flush=True)
     return {"case": number, "damping_ratio": ratio, "dt_s": STEPS[ratio], **found}
-
-
-def main() -> None:
-    given = options(__doc__, only=(None, "cases", "moordyn", "conventions", "edulis"), missing=False)
-    only = given.only
-    found: dict[str, Any] = stored("table7", {}) if only else {}
-    packages = versions("moordyn", "jax", "dropper-jax", "numpy")
-    found |= {"schema": 1, "machine": describe(), "versions": packages, "table_7": TABLE_7, "span_s": SPAN}
-
-    def keep() -> None:
-        store("table7", found)
-
-    def wanted(part: str) -> bool:
-        return only in (None, part)
-
-    if wanted("cases"):
-        found["cases"] = []
-        for number in NUMBERS:
-            row = {"case": number, **ours(case(number), LENGTHS)}
-            show(f"case {number}", row)
-            found["cases"].append(row)
-            keep()
-    if wanted("moordyn"):
-        found["moordyn"] = []
-        for ratio in STEPS:
-            for number in NUMBERS:
-                found["moordyn"].append(in_moordyn(number, ratio))
-                keep()
-    if wanted("conventions"):
-        known = found.get("conventions", []) if given.missing else []
-        found["conventions"] = known
-        for one in CONVENTIONS:
-            print(one.name, flush=True)
-            there = {row["case"] for row in known if row["convention"] == one.name}
-            for number in (n for n in one.cases if n not in there):
-                row = {"convention": one.name, "case": number, **ours(one.changed(case(number)), (SPAN,))}
-                show(f"case {number}", row)
-                found["conventions"].append(row)
-                keep()
-        order = [one.name for one in CONVENTIONS]
-        known.sort(key=lambda row: (order.index(row["convention"]), row["case"]))
-        keep()
-    if wanted("edulis"):
-        found["edulis"] = edulis()
-        keep()
 
 
 @dataclass(frozen=True)
@@ -209,5 +155,18 @@ CONVENTIONS = (
 )
 
 
-if __name__ == "__main__":
-    main()
+@command(only=(None, "cases", "moordyn", "conventions", "edulis"))
+def main(given) -> None:
+    parts = {
+        "cases": ({"case": number, **ours(case(number), LENGTHS)} for number in NUMBERS),
+        "moordyn": (in_moordyn(number, ratio) for ratio in STEPS for number in NUMBERS),
+        "conventions": (
+            {"convention": one.name, "case": number, **ours(one.changed(case(number)), (SPAN,))}
+            for one in CONVENTIONS
+            for number in one.cases
+        ),
+    }
+    packages = versions("moordyn", "jax", "dropper-jax", "numpy")
+    collect("table7", parts, given.only, schema=1, machine=describe(), versions=packages, table_7=TABLE_7, span_s=SPAN)
+    if given.only in (None, "edulis"):
+        store("table7", {**stored("table7"), "edulis": edulis()})

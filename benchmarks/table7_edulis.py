@@ -108,7 +108,6 @@ def edulis() -> dict[str, Any]:
         solution = dj.simulate(variant)
         name = next(order)
         made[name] = statistics(*series_here(solution))
-        print(f"  edulis here, {name}: {solution.status}, {made[name][ENDS[1][0]]}", flush=True)
         return solution
 
     told = load_errors(scene, run, SKIP)
@@ -118,7 +117,6 @@ def edulis() -> dict[str, Any]:
     for dt in STEPS:
         t, found, status = series_there(scene, dt)
         there[str(dt)] = {"status": status, "rows": statistics(t, found) if status == "ok" else None}
-        print(f"  edulis, MoorDyn at {dt:g} s: {status}", flush=True)
     rows = [_row(name, made, there) for name in made["1"]]
     return {
         "span_s": SPAN, "skip_s": SKIP, "dt_s": scene.run.dt, "moordyn_dt_s": list(STEPS), "rows": rows,

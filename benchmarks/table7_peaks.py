@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from paper_cases import TABLE_7, case
-from study import describe, options, store, stored
+from study import command, describe, say, store, stored
 
 import dropper_jax as dj
 
@@ -45,8 +45,8 @@ def loads(number: int, scheme: str, dt: float, moved: float = 0.0) -> dict[str, 
     return found
 
 
-def main() -> None:
-    args = options(__doc__, cases="1,2,3,4,5", starts=10)
+@command(cases="1,2,3,4,5", starts=10)
+def main(args) -> None:
     found = stored("table7_peaks", {"rows": []})
     found |= {"schema": 1, "machine": describe(), "table_7": TABLE_7, "span_s": SPAN}
     draws = np.random.default_rng(7).uniform(-MOVED, MOVED, args.starts)
@@ -59,9 +59,5 @@ def main() -> None:
                 continue
             row = loads(number, scheme, dt, moved)
             found["rows"].append(row)
-            print(number, scheme, dt, f"{moved:.1e}", row["status"], row["anchor"], row["fairlead"], flush=True)
+            say(row)
             store("table7_peaks", found)
-
-
-if __name__ == "__main__":
-    main()

@@ -3,7 +3,7 @@
     python benchmarks/tables.py [--measure]
 
 With --measure the measurements are made again first: `dropper stability`, `dropper accuracy dropper-north-sea --quick`
-and `benchmarks/north_sea.py --effects`, about ten minutes. A table is in a document between the lines
+and `benchmarks/north_sea.py`, about ten minutes. A table is in a document between the lines
 `<!-- table: NAME -->` and `<!-- end -->`.
 """
 
@@ -15,7 +15,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from study import RESULTS, TABLES, markdown, stored
+from study import RESULTS, TABLES, command, markdown, stored
 
 for part in ("accuracy_tables", "fit_tables", "moordyn_tables", "paper_tables", "source_tables"):
     import_module(part)  # enters its tables
@@ -34,7 +34,7 @@ def measure() -> None:
         call = "import sys; from dropper_jax.cli import main; sys.exit(main(sys.argv[1:]))"
         done = subprocess.run([sys.executable, "-c", call, *arguments], stdout=subprocess.PIPE, text=True, check=False)
         (RESULTS / f"{name}.json").write_text(done.stdout)  # a case beyond its limit is a row like the others
-    subprocess.run([sys.executable, HERE / "north_sea.py", "--effects"], check=True)
+    subprocess.run([sys.executable, HERE / "north_sea.py"], check=True)
 
 
 def filled(text: str) -> str:
@@ -59,7 +59,8 @@ def write() -> None:
         document.write_text(filled(document.read_text()))
 
 
-if __name__ == "__main__":
-    if "--measure" in sys.argv:
+@command(measure=False)
+def main(args) -> None:
+    if args.measure:
         measure()
     write()

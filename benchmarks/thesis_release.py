@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from study import describe, say, store
+from study import collect, command, describe
 
 import dropper_jax as dj
 
@@ -58,16 +58,13 @@ def scenario(letter: str) -> dict[str, Any]:
         for b in DAMPINGS:
             row = end(run(name, b, integrator="thesis_angles", gamma=GAMMA))
             found[start]["thesis_angles"].append({"b_l": b[0], "b_q": b[1], **row})
-    say(found)
     return found
 
 
 def damping_row(b: tuple[float, float]) -> dict[str, Any]:
     """Scenario A with a damping, by the thesis' scheme."""
     ended = end(run("dropper-release-a-ramp", b, integrator="thesis_angles", gamma=GAMMA))
-    row = {"b_l": b[0], "b_q": b[1], "table_e_1": b in TABLE_E_1, **ended}
-    say(row)
-    return row
+    return {"b_l": b[0], "b_q": b[1], "table_e_1": b in TABLE_E_1, **ended}
 
 
 class PlaneScheme:
@@ -128,22 +125,14 @@ def independent(dt: float) -> dict[str, Any]:
     """How far the equations run undamped, in NumPy, corrected and as printed."""
     rest = dj.simulate("dropper-release-a-ramp", duration=dt, dt=dt)
     start = np.stack([rest.polar[0], np.zeros(7), rest.tension[0]])
-    row = {"dt_s": dt, **{key: PlaneScheme(dt, key == "printed").run(start) for key in ("corrected", "printed")}}
-    say(row)
-    return row
+    return {"dt_s": dt, **{key: PlaneScheme(dt, key == "printed").run(start) for key in ("corrected", "printed")}}
 
 
+@command()
 def main() -> None:
-    found: dict[str, Any] = {"schema": 1, "machine": describe(), "dt_s": STEP, "gamma": GAMMA}
     parts = {
-        "independent": (independent, (0.01, STEP)),
-        "dampings": (damping_row, (*OTHERS, *TABLE_E_1)),
-        "scenarios": (scenario, "abcde"),
+        "independent": map(independent, (0.01, STEP)),
+        "dampings": map(damping_row, (*OTHERS, *TABLE_E_1)),
+        "scenarios": map(scenario, "abcde"),
     }
-    for key, (measure, cases) in parts.items():
-        found[key] = [measure(case) for case in cases]
-        store("thesis_release", found)
-
-
-if __name__ == "__main__":
-    main()
+    collect("thesis_release", parts, schema=1, machine=describe(), dt_s=STEP, gamma=GAMMA)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from study import command
 
 from dropper_jax.plots import style
 from fitting.calibration.fit import estimate
@@ -86,13 +87,10 @@ def draw_scan(found: Scan, name: str, truth: float | None, path: str | Path) -> 
         return style.save(figure, path)
 
 
+@command()
 def main() -> None:
     trace = observe(simulate_truth(SCENE, DURATION), Camera(angle_noise=0.005), 0)
     prepared = prepare(trace, SCENE, [NAME], window=1.0)
     found = scan(prepared, NAME, np.unique(VALUES), estimate(prepared, "shooting"))
     PICTURE.parent.mkdir(parents=True, exist_ok=True)
     print(draw_scan(found, NAME, TRUTH, PICTURE))
-
-
-if __name__ == "__main__":
-    main()

@@ -34,7 +34,7 @@ PUBLIC = {
     "compile_cache": "backend.compile_cache",
     "component": "base.fields",
     "controlled_steps": "stepping.controlled",
-    "coupled_lines": "run.coupled",
+    "coupled_lines": "run.coupled_lines",
     "equilibrium": "run.build",
     "from_angles": "run.start",
     "initial_state": "run.start",

@@ -39,12 +39,12 @@ MADE = {
 ALL = [*PACKAGED, *MADE]
 #: Hard cases whose scenes have the effect: module of `study.stability`, what makes the scene, name of the case.
 HARD = {
-    "weight": ("sea_cases", "streaming", "strong-current"),
+    "weight": ("flow_cases", "streaming", "strong-current"),
     "linear_damping": ("energy_cases", "overdamped_pendulum", "heavy-damping-position"),
     "quadratic_damping": ("energy_cases", "fast", "quadratic-damping-fast"),
     "joint_friction": ("energy_cases", "sticky", "dry-friction-two-joints"),
     "end_motion": ("rod_cases", "clamped_rod", "clamped-rod"),
-    "buoyancy": ("sea_cases", "streaming", "strong-current"),
+    "buoyancy": ("flow_cases", "streaming", "strong-current"),
     "morison_drag": ("flow_cases", "rough", "flow-coefficients"),
     "morison_inertia": ("sea_cases", "pendulum", "pendulum-in-waves"),
     "seabed": ("contact_cases", "dropped_weight", "bed-impact-depth"),

@@ -12,9 +12,6 @@ from dropper_jax.axial.law import LinkStart
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot, mean_positive_part, never_more, positive_part, safe_norm
 
-#: Weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1].
-STRETCH_COUNTS = 1e-3
-
 
 def taut_or_slack(
     stretch: Callable[[jax.Array], jax.Array], size: jax.Array, slack: jax.Array, held: jax.Array
@@ -27,7 +24,8 @@ def taut_or_slack(
     """
     at, beyond = jnp.maximum(stretch(slack), 0.0), size - slack
     above = stretch(jnp.maximum(size, slack)) + jnp.minimum(beyond, 0.0)
-    taut = held - at + STRETCH_COUNTS * (above - at) > 0.0
+    # weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1]
+    taut = held - at + 1e-3 * (above - at) > 0.0
     return jnp.where(taut, above, jnp.maximum(stretch(jnp.minimum(size, slack)), 0.0)) - held
 
 

@@ -12,10 +12,6 @@ from dropper_jax.axial.law import AxialLaw
 from dropper_jax.axial.rope import Rope
 from dropper_jax.base.fields import component
 
-#: Relative change of length below which the mean tension is that in the middle of the change: exact to second order,
-#: where a difference of energies would be lost in rounding.
-SMALL_CHANGE = 1e-7
-
 
 @component
 class Tabulated(Rope):
@@ -62,7 +58,9 @@ class Tabulated(Rope):
 
     def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
         length, longer = step.length, size - step.size
-        little = jnp.abs(longer) < SMALL_CHANGE * length
+        # relative change of length below which the mean tension is that in the middle of the change: exact to second
+        # order, where a difference of energies would be lost in rounding
+        little = jnp.abs(longer) < 1e-7 * length
         work = self._stored_energy(size, length) - self._stored_energy(step.size, length)
         middle = self.spring(0.5 * (step.size + size), length)
         return jnp.where(little, middle, work / jnp.where(little, 1.0, longer))

@@ -31,8 +31,6 @@ from jax.tree_util import PyTreeDef
 from dropper_jax.backend.compile_cache import Entries
 from dropper_jax.base.plain_form import PROJECT, NoPlainForm, Plain, name_of, to_plain, tree_read, tree_written
 
-#: Folder that contains the packages of this project.
-ROOT = Path(__file__).parents[2]
 #: Environment variable: whether command lines cache traces; `off` disables it.
 VARIABLE = "DROPPER_KEEP_TRACES"
 ON = "on"
@@ -202,7 +200,8 @@ def _member(value: object) -> str:
     return name
 
 
-def _sources_digest(root: Path = ROOT) -> str:
+# the folder that contains the packages of this project
+def _sources_digest(root: Path = Path(__file__).parents[2]) -> str:
     """Digest of all sources of the installed packages of this project."""
     digest = hashlib.sha256()
     for package in PROJECT:

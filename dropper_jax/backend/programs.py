@@ -33,14 +33,6 @@ from dropper_jax.backend.one_kernel import one_kernel, tags_enabled
 P = ParamSpec("P")
 R = TypeVar("R")
 
-#: Number of programs kept, two or three for each kind of scene, with some 200 maps each.
-MOST = 64
-#: Number of memory maps above which fewer programs are kept (some are large), but never fewer than `LEAST`.
-MAPS = 16_000
-LEAST = 8
-#: After this number of new programs JAX's own caches are cleared too: traces (20 MB per kind of scene) and the programs
-#: of single operations, one for each shape. Programs kept here are not recompiled.
-CLEARED_AFTER = 48
 #: Compiler options, on the CPU, of programs that run briefly and should compile fast. They are not compiled to one
 #: kernel (see `one_kernel`). XLA's emitters of fused operations, which start a separate compiler for each of hundreds
 #: of functions, are switched off. One step of Edulis compiles in 36 s as one kernel, 16.2 s otherwise and 11.2 s
@@ -109,7 +101,10 @@ def give_back_memory() -> None:
 class Store:
     """Compiled programs by the key that they were compiled for."""
 
-    def __init__(self, most: int = MOST, cleared_after: int = CLEARED_AFTER):
+    # Two or three programs for each kind of scene, some 200 maps each. After `cleared_after` new programs JAX's own
+    # caches are cleared too: traces (20 MB per kind of scene) and the programs of single operations, one for each
+    # shape. Programs kept here are not recompiled.
+    def __init__(self, most: int = 64, cleared_after: int = 48):
         self.most, self.cleared_after = most, cleared_after
         self._programs: OrderedDict[Hashable, jax.stages.Compiled] = OrderedDict()
         self._new = 0
@@ -138,7 +133,8 @@ class Store:
 
     def _full(self) -> bool:
         count = len(self._programs)
-        return count > self.most or (count > LEAST and memory_maps() > MAPS)
+        # with more memory maps than this, fewer programs are kept (some are large), but never fewer than eight
+        return count > self.most or (count > 8 and memory_maps() > 16_000)
 
     def clear(self) -> None:
         """Remove all programs."""

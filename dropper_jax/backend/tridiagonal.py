@@ -5,7 +5,7 @@ log2(n) rounds of elementwise work that calls no library. It does not pivot: it 
 whose pivots are as large as the entries that they eliminate. Otherwise the device's library solves them, as one call
 among many kernels.
 
-With more than `WHOLE` rows, the last quarter is eliminated row by row: as fast there, with a fifth of the code.
+With more than 128 rows, the last quarter is eliminated row by row: as fast there, with a fifth of the code.
 """
 
 from __future__ import annotations
@@ -15,13 +15,6 @@ import jax.numpy as jnp
 from jax.lax import linalg
 
 from dropper_jax.backend.one_kernel import in_force, is_inside
-
-#: The first JAX that makes one kernel of a run by default, and the maximum number of rows for it.
-UNASKED, UNASKED_ROWS = (0, 12), 100
-#: Maximum number of rows of a system that is reduced to a single row.
-WHOLE = 128
-#: Number of rows per loop iteration of the row-by-row elimination.
-TOGETHER = 4
 
 
 def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
@@ -50,7 +43,8 @@ def one_kernel_of(rows: int) -> bool:
     chosen = is_inside()
     if chosen is not None:
         return chosen
-    return in_force() or (jax.__version_info__ >= UNASKED and rows <= UNASKED_ROWS)
+    # the first JAX that makes one kernel of a run by default, and the maximum number of rows for it
+    return in_force() or (jax.__version_info__ >= (0, 12) and rows <= 100)
 
 
 @jax.custom_jvp
@@ -60,7 +54,8 @@ def cyclic_reduction(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rh
     For systems inside inner loops. XLA's CPU compiler makes one function of a short loop even if it contains a library
     call, which is then not found (JAX 0.10.1).
     """
-    return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= WHOLE else diagonal.shape[0] // 4 + 1)
+    # maximum number of rows of a system that is reduced to a single row
+    return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= 128 else diagonal.shape[0] // 4 + 1)
 
 
 @cyclic_reduction.defjvp
@@ -104,6 +99,8 @@ def _shift_rows(a: jax.Array, before: int, length: int) -> jax.Array:
 
 def _row_by_row(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
     """The same by forward elimination and back substitution."""
+    # number of rows per loop iteration of the row-by-row elimination
+    together = 4
     Row = tuple[jax.Array, ...]
 
     def down(before: Row, row: Row) -> tuple[Row, Row]:
@@ -118,5 +115,5 @@ def _row_by_row(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
         return x, x
 
     none = jnp.zeros_like(rhs[0])
-    rows = jax.lax.scan(down, (none, none), (lower, diagonal, upper, rhs), unroll=TOGETHER)[1]
-    return jax.lax.scan(back, none, rows, reverse=True, unroll=TOGETHER)[1]
+    rows = jax.lax.scan(down, (none, none), (lower, diagonal, upper, rhs), unroll=together)[1]
+    return jax.lax.scan(back, none, rows, reverse=True, unroll=together)[1]

@@ -1,7 +1,8 @@
-"""Facts about this machine: its free memory, and the versions of the packages on which a result depends."""
+"""Facts about this machine: its free memory and cores, and the versions of the packages on which a result depends."""
 
 from __future__ import annotations
 
+import os
 import platform
 from contextlib import suppress
 from importlib import metadata
@@ -28,6 +29,11 @@ def available_memory() -> int:
         if limit != psutil.RLIM_INFINITY:
             found.append(limit - process.memory_info().vms)
     return max(min(found), 0)
+
+
+def available_cores() -> int:
+    """Number of cores available to this process."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def in_words(size: float) -> str:

@@ -65,7 +65,7 @@ def examine(scene: Scene) -> dict[str, Any]:
         }
         for line in whole_lines(scene)
     ]
-    points = [point for point in scene.points if point.kind == "free"]
+    points = [point for point in scene.points if point.is_free]
     mass, volume = (sum(float(getattr(p, key) or 0.0) for p in points) for key in ("mass", "volume"))
     lift = 0.0 if scene.sea is None else scene.sea.gravity * (scene.sea.density * volume - mass)
     return {

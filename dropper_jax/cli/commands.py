@@ -47,8 +47,6 @@ GROUPS = {
     "Checks": ("doctor", "accuracy", "cost", "stability"),
 }
 OTHERS = "Others"
-#: Columns of the list of commands, and of the names in it.
-WIDTH, NAMES = 100, 15
 
 
 class Command(Protocol):
@@ -130,12 +128,14 @@ def command_groups() -> dict[str, list[EntryPoint]]:
 
 def grouped_commands() -> str:
     """The commands by group, each with its line of help."""
+    # columns of the names in the list of commands
+    names = 15
     lines: list[str] = []
     for group, entries in command_groups().items():
         lines += ["", group]
         for entry in entries:
-            head = f"  {entry.name}".ljust(NAMES)
-            lines += textwrap.wrap(head + _help(entry), WIDTH, subsequent_indent=" " * NAMES, drop_whitespace=True)
+            head = f"  {entry.name}".ljust(names)
+            lines += textwrap.wrap(head + _help(entry), 100, subsequent_indent=" " * names, drop_whitespace=True)
     return "\n".join(lines[1:])
 
 

@@ -29,8 +29,6 @@ NO_BACKEND, NO_MEMORY = "Unable to initialize backend", ("RESOURCE_EXHAUSTED", "
 REFUSALS = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF, errno.EFBIG)
 #: Errors of a disk that cannot be written, which are not errors of the input.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG)
-#: Maximum length of the text of an error in its line.
-SHOWN = 300
 
 
 def with_streams() -> None:
@@ -126,6 +124,8 @@ def report_error(error: BaseException, as_json: bool) -> int:
 
 def classify_error(error: BaseException) -> tuple[str, str, int]:
     """Status, message and exit code of the error that ended a command."""
+    # maximum length of the text of an error in its line
+    shown = 300
     if isinstance(error, KeyboardInterrupt):
         return "interrupted", "interrupted", INTERRUPTED
     if isinstance(error, SceneError):
@@ -145,12 +145,12 @@ def classify_error(error: BaseException) -> tuple[str, str, int]:
     if isinstance(error, MemoryError) or any(word in text for word in NO_MEMORY):
         return (
             "out_of_memory",
-            f"out of memory: {text[:SHOWN] or 'no memory is free'}; a shorter run needs less",
+            f"out of memory: {text[:shown] or 'no memory is free'}; a shorter run needs less",
             FAILED,
         )
     if isinstance(error, RecursionError):
         return "invalid_input", "the input is nested too deeply", INVALID_INPUT
-    what = f"{type(error).__name__}: {text}"[:SHOWN]
+    what = f"{type(error).__name__}: {text}"[:shown]
     return "internal_error", f"internal: {what} ({TRACEBACK}=1 shows where; the input is not the cause)", FAILED
 
 

@@ -77,8 +77,8 @@ def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scen
     from dropper_jax.load.source import folder_of, plain_values
 
     register_installed()
-    with references_of(folder_of(args.scene, getattr(args, "allow_outside", True))):
-        scene = Scene.from_dict(plain_values(found, getattr(args, "depth", None)), name)
+    with references_of(folder_of(args.scene, vars(args).get("allow_outside", True))):
+        scene = Scene.from_dict(plain_values(found, vars(args).get("depth")), name)
     return with_step(scene.with_values(values) if values else scene, args)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
-from dropper_jax.model import Effect, Graph, Kinematics, ModelView, sum_of_pieces
+from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.scene import SceneData
 
 
@@ -53,7 +53,7 @@ class Bending(Effect):
                 raise SceneError(
                     f"effects.bending.directions.{i}: {list(direction)} has no direction; allowed: a non-zero vector"
                 )
-        held = [p.name for p in scene.points if p.kind == "fixed"]
+        held = [p.name for p in scene.points if not p.is_free]
         for i, name in enumerate(values["clamped"]):
             path = f"effects.bending.clamped.{i}"
             if name not in held:
@@ -68,7 +68,7 @@ class Bending(Effect):
         return self._energy(k, k.r)
 
     def force(self, k: Kinematics) -> jax.Array:
-        if isinstance(k.model.geometry, Graph):
+        if k.model.geometry.branched:
             return sum_of_pieces(self, k)
         return -jax.grad(lambda r: self._energy(k, r))(k.r)
 

@@ -18,8 +18,6 @@ from dropper_jax.model import Effect, Kinematics, ModelView
 LEVEL = 1e-2
 #: Fraction of 1 that remains where a body lies flat.
 LYING = math.sqrt(1.0 + LEVEL**2) - LEVEL
-#: Speed below which friction decreases [m/s]: a body under a steady force below its friction limit creeps more slowly.
-CREEP = 1e-3
 
 
 @component
@@ -125,5 +123,7 @@ class BodyBedFriction(BodyBed):
     def force(self, k: Kinematics) -> jax.Array:
         normal = self.normal(k)
         slip, back = jax.vjp(lambda v: self.slips(k.model, k.r, v), k.v)
-        rub = (self.friction * normal / jnp.sqrt(dot(slip, slip) + CREEP**2))[:, None] * slip
+        # speed below which friction decreases [m/s]: a body under a steady force below its friction limit creeps more
+        # slowly
+        rub = (self.friction * normal / jnp.sqrt(dot(slip, slip) + 1e-3**2))[:, None] * slip
         return self._contact_force(k, normal) - back(rub)[0]

@@ -12,9 +12,6 @@ from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.effects.body_buoyancy import Pieces, mix_corners, scatter_to_corners
 from dropper_jax.model import Effect, Kinematics, ModelView
 
-#: Part of its radius over which a level end enters the water.
-EDGE = 0.1
-
 
 class Around(NamedTuple):
     """The water at the pieces (p,) and at the ends (e,), frozen over a step: level [m], velocity and acceleration."""
@@ -78,7 +75,8 @@ class BodyWater(Effect):
 
     def _under(self, k: Kinematics, out: jax.Array, level: jax.Array) -> jax.Array:
         """Submerged fraction of the ends (e,)."""
-        across = jnp.sqrt(out[:, 0] ** 2 + out[:, 1] ** 2 + EDGE**2)
+        # part of its radius over which a level end enters the water
+        across = jnp.sqrt(out[:, 0] ** 2 + out[:, 1] ** 2 + 0.1**2)
         s = 0.5 + 0.5 * (level - self._ends(k.model, k.r)[:, 2]) / (self.end_radius * across)
         s = jnp.clip(s, 0.0, 1.0)
         return s * s * (3.0 - 2.0 * s)

@@ -52,10 +52,6 @@ class Buoyancy(Effect):
         return upright(up)
 
 
-#: Relative difference between two given volumes that is still attributed to rounding of printed values.
-VOLUME_TOLERANCE = 1e-3
-
-
 def _volume_from_weight(scene: SceneData, wet_weight: Plain) -> np.ndarray:
     """`(m g - wet)/(rho g)` of each link [m^3]."""
     line, sea = scene.line, scene.sea
@@ -83,7 +79,8 @@ def check_volume(scene: SceneData, wet_weight: Plain) -> None:
         return
     geometric = 0.25 * np.pi * line.diameter**2 * line.length
     error = np.abs(geometric / volume - 1.0)
-    if np.max(error) > VOLUME_TOLERANCE:
+    # relative difference between two given volumes that is still attributed to rounding of printed values
+    if np.max(error) > 1e-3:
         worst = int(np.argmax(error))
         fitting = np.sqrt(4.0 * volume[worst] / (np.pi * line.length[worst]))
         raise SceneError(

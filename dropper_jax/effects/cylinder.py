@@ -36,8 +36,6 @@ from dropper_jax.base.read import refuse
 
 #: Sources of coefficients: the scene's numbers, the rough cylinder above, a table over KC.
 SOURCES = ("given", "rough_cylinder", "table")
-#: KC/C_DS from which psi is 1, and the fraction of the current in current and wave from which it is 1.
-FADED, CARRIED = 60.0, 0.4 / 1.4
 #: Reynolds number above which cylinders as rough as mussel ropes are assumed to be post-critical.
 POST_CRITICAL = 1e5
 
@@ -50,10 +48,12 @@ def steady_drag(roughness: np.ndarray) -> np.ndarray:
 
 def amplification(kc: np.ndarray, steady: np.ndarray) -> np.ndarray:
     """psi at KC (...) for C_DS (...); 1 where KC is infinite (no waves)."""
+    # KC/C_DS from which psi is 1
+    faded = 60.0
     kc = np.asarray(kc, float)
     top = 1.50 - 0.024 * (12.0 / steady - 10.0)
-    finite = np.where(np.isfinite(kc), kc, FADED * steady)
-    high = top + (1.0 - top) * np.clip((finite - 12.0) / (FADED * steady - 12.0), 0.0, 1.0)
+    finite = np.where(np.isfinite(kc), kc, faded * steady)
+    high = top + (1.0 - top) * np.clip((finite - 12.0) / (faded * steady - 12.0), 0.0, 1.0)
     low = np.where(finite < 0.75, top - 1.0 - 2.0 * (finite - 0.75), top - 1.0)
     return np.where(finite >= 12.0, high, np.where(finite >= 2.0, top + 0.10 * (finite - 12.0), low))
 
@@ -61,7 +61,8 @@ def amplification(kc: np.ndarray, steady: np.ndarray) -> np.ndarray:
 def rough_drag(kc: np.ndarray, roughness: np.ndarray, current: np.ndarray) -> np.ndarray:
     """C_D at KC (...), k/D (...) and the fraction of the current in current and wave (...)."""
     steady = steady_drag(roughness)
-    return steady * np.where(np.asarray(current) > CARRIED, 1.0, amplification(kc, steady))
+    # fraction of the current in current and wave from which psi is 1
+    return steady * np.where(np.asarray(current) > 0.4 / 1.4, 1.0, amplification(kc, steady))
 
 
 def rough_added_mass(kc: np.ndarray, roughness: np.ndarray) -> np.ndarray:

@@ -22,10 +22,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-#: Minimum half height of a section divided by its radius: an upright cylinder has level sections.
-LEVEL = 1e-6
-#: Sections whose depths differ by less than this part of their half height along a piece are integrated numerically.
-FLAT = 0.25
 #: Gauss-Legendre points and weights on 0 to 1.
 POINTS, WEIGHTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(6)[1] / 2.0
 
@@ -143,9 +139,12 @@ class Cylinders(NamedTuple):
     def of(cls, ends: jax.Array, level: jax.Array, radius: jax.Array, length: jax.Array) -> Cylinders:
         """From both ends of their axes (n, 2, 3), the level of the surface over each, radius and length (n,) [m]."""
         across = (ends[:, 1, :2] - ends[:, 0, :2]) / length[:, None]
-        half = radius * jnp.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2 + LEVEL**2)
+        # minimum half height of a section divided by its radius: an upright cylinder has level sections
+        half = radius * jnp.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2 + 1e-6**2)
         first, last = level - ends[:, 0, 2], level - ends[:, 1, 2]
-        flat = jnp.abs(last - first) < FLAT * half
+        # sections whose depths differ by less than this part of their half height along a piece are integrated
+        # numerically
+        flat = jnp.abs(last - first) < 0.25 * half
         change = jnp.where(flat, 1.0, last - first)
         return cls(first, last, half, across, radius, radius**2 * length, change, flat)
 

@@ -19,11 +19,6 @@ from dropper_jax.effects.segments import contact_force, nearest_points, relative
 from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
 from dropper_jax.scene import SceneData
 
-#: Fraction of the reach by which links may move relative to each other in a step.
-PACE = 0.25
-#: Motion over a step, relative to the reach, below which the third-order error of the energy balance is not corrected.
-STILL = 1e-5
-
 
 @component
 class LineContact(Effect):
@@ -172,7 +167,9 @@ class LinksInContact(LineContact):
         gained = self._energy(bars, p + 0.5 * displacement) - self._energy(bars, p - 0.5 * displacement)
         lacking = gained + jnp.sum(force * displacement, axis=(-2, -1))
         own = displacement - jnp.mean(displacement, axis=-2, keepdims=True)  # the force has no net motion as a whole
-        size = jnp.sum(own**2, axis=(-2, -1)) + (STILL * bars.reach) ** 2
+        # motion over a step, relative to the reach, below which the third-order error of the energy balance is not
+        # corrected
+        size = jnp.sum(own**2, axis=(-2, -1)) + (1e-5 * bars.reach) ** 2
         return -(lacking / size)[..., None, None] * own
 
     def _dissipative_force(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
@@ -190,7 +187,8 @@ class LinksInContact(LineContact):
         start, end = (bars.axes(at_pieces(k, nodes)[0]) for k in (before, after))
         way = relative_motion(start, end)
         distance = nearest_points(start, bars.reach, bars.spread).distance
-        return jnp.any((way > PACE * bars.reach) & (distance - way < bars.reach))
+        # fraction of the reach by which links may move relative to each other in a step
+        return jnp.any((way > 0.25 * bars.reach) & (distance - way < bars.reach))
 
 
 @component

@@ -16,9 +16,6 @@ from dropper_jax.base.scatter import scatter_add
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.scene import SceneData
 
-#: Minimum diameter over which a body enters the water [m], so that a mass without volume causes no jump.
-SMALLEST = 1e-2
-
 
 @component
 class PointBodies(Effect):
@@ -51,7 +48,9 @@ class PointBodies(Effect):
         return model.geometry.point_node[list(self.points)]
 
     def _diameter(self) -> jax.Array:
-        return jnp.maximum(jnp.cbrt(6.0 * self.volume / jnp.pi + SMALLEST**3), SMALLEST)
+        # minimum diameter over which a body enters the water [m], so that a mass without volume causes no jump
+        smallest = 1e-2
+        return jnp.maximum(jnp.cbrt(6.0 * self.volume / jnp.pi + smallest**3), smallest)
 
     def point_mass(self, model: ModelView) -> jax.Array:
         return scatter_add(self.nodes(model), self.mass, model.free_nodes)

@@ -38,7 +38,7 @@ class RecordedMotion(Effect):
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         path = f"effects.{cls.name}"
-        held = [p.name for p in scene.points if p.kind == "fixed"]
+        held = [p.name for p in scene.points if not p.is_free]
         for i, name in enumerate(values["points"]):
             if name not in held:
                 raise SceneError(f"{path}.points.{i}: {name!r} is not a fixed point; {nearest(name, held)}")

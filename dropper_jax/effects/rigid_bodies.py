@@ -17,11 +17,6 @@ from dropper_jax.model import HolonomicConstraint, Kinematics, ModelView
 
 #: Pairs of corners of a body, whose distances are constant.
 FIRST, SECOND = np.triu_indices(4, 1)
-#: Fraction of a body's mass carried by each node on it: a node without a line must not be without inertia.
-CARRIED = 1e-3
-#: Scales of force and gap residuals, as fractions of a body's size. A step leaves an energy error of their order: with
-#: these fractions tumbling bodies conserve energy to 3e-10 in 6000 steps (1e-9 with fractions of 1).
-MOVE, GAP = 0.001, 0.1
 #: Pairs of axes of the six moments and products of inertia.
 MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
@@ -128,7 +123,8 @@ class RigidBodies(HolonomicConstraint):
 
     def gap_size(self, model: ModelView) -> jax.Array:
         # rounding of positions a kilometre away allows no finer tolerance
-        return self._per_row(GAP * jnp.maximum(jnp.max(self.lengths(), axis=1), 1.0))
+        # a fraction of a body's size, as for forces: it determines the energy error of a step
+        return self._per_row(0.1 * jnp.maximum(jnp.max(self.lengths(), axis=1), 1.0))
 
     def force_size(self, model: ModelView) -> jax.Array:
         return self._per_row(GRAVITY * self.mass)
@@ -163,7 +159,8 @@ class RigidBodies(HolonomicConstraint):
         return replace(self, matrix=self.mass_matrix())
 
     def _carried_mass(self) -> jax.Array:
-        return CARRIED * self.mass[np.array(self.owner, int)]
+        # fraction of a body's mass carried by each node on it: a node without a line must not be without inertia
+        return 1e-3 * self.mass[np.array(self.owner, int)]
 
     def point_mass(self, model: ModelView) -> jax.Array:
         own = jnp.diagonal(self.mass_matrix(), axis1=1, axis2=2).ravel()
@@ -177,7 +174,9 @@ class RigidBodies(HolonomicConstraint):
         return scatter_add(corners.ravel(), force.reshape(-1, 3), model.free_nodes)
 
     def node_size(self, model: ModelView) -> jax.Array:
-        size = MOVE * jnp.max(self.lengths(), axis=1)
+        # a step leaves an energy error of the order of this fraction of a body's size: with it tumbling bodies conserve
+        # energy to 3e-10 in 6000 steps (1e-9 with a fraction of 1)
+        size = 0.001 * jnp.max(self.lengths(), axis=1)
         found = scatter_add(self.body_nodes(model).ravel(), jnp.repeat(size, 4), model.free_nodes)
         return found + scatter_add(self.seats(model), size[np.array(self.owner, int)], model.free_nodes)
 

@@ -15,9 +15,6 @@ from dropper_jax.base.numerics import REST, cross, dot, lag, mean_positive_part,
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 
-#: Part of a cell, on either side of a grid line, over which one slope of the seabed blends into the next.
-ROUNDED = 0.02
-
 
 @component
 class Seabed(Effect):
@@ -66,7 +63,8 @@ class Seabed(Effect):
             values["depth"] = scene.sea.depth
         return cls(**values)
 
-    def bed_height(self, r: jax.Array, rounded: float = ROUNDED) -> jax.Array:
+    # part of a cell, on either side of a grid line, over which one slope of the seabed blends into the next
+    def bed_height(self, r: jax.Array, rounded: float = 0.02) -> jax.Array:
         """Height z of the seabed (nodes,) [m] at positions r (nodes, 3); with `rounded` = 0 its creases are sharp."""
         if self.bed_x is None:
             return -self.depth * jnp.ones_like(r[:, 2])

@@ -15,8 +15,6 @@ from dropper_jax.base.numerics import dot
 #: Rounding of the nearest point for parallel axes, relative to the square of their lengths. Parallel axes meet at their
 #: middles, and the contact point moves smoothly (over 0.3 degrees) as they turn away from parallel.
 SPREAD = 1e-5
-#: Distance relative to the reach below which axes count as this far apart, so that the force direction stays defined.
-CORE = 1e-2
 
 
 class Nearest(NamedTuple):
@@ -52,14 +50,15 @@ def nearest_points(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest
     s = jnp.clip((b * t + e) / a, 0.0, 1.0)
     apart = off + s[..., None] * u - t[..., None] * w
     least = dot(apart, apart) + spread * ((s - 0.5) ** 2 + (t - 0.5) ** 2)
-    distance = jnp.sqrt(least + (CORE * reach) ** 2)
+    # distance relative to the reach below which axes count as this far apart, so that the force direction stays defined
+    distance = jnp.sqrt(least + (1e-2 * reach) ** 2)
     return Nearest(distance, apart / distance[..., None], jnp.stack([1.0 - s, s, t - 1.0, -t], axis=-1))
 
 
 def contact_force(distance: jax.Array, reach: jax.Array, stiffness: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Energy [J] and force [N] of compressed bars: `V = k/2 p^2 R/d`, `N = k p (R/d) (1 + p/(2 d))`, p = R - d.
 
-    A spring k at first touch; with d of at least `CORE` R the axes meet at 49 k R^2.
+    A spring k at first touch; with d of at least R/100 the axes meet at 49 k R^2.
     """
     deep, ratio = jnp.maximum(reach - distance, 0.0), reach / distance
     return 0.5 * stiffness * deep**2 * ratio, stiffness * deep * ratio * (1.0 + 0.5 * deep / distance)

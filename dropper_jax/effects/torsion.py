@@ -14,7 +14,7 @@ from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.model import Effect, Geometry, Graph, Kinematics, ModelView, sum_of_pieces
+from dropper_jax.model import Effect, Geometry, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.scene import SceneData
 
 #: Twist phi (nodes,) [rad] and its rate (nodes,) [rad/s], nodes line after line with both ends of each.
@@ -134,7 +134,7 @@ class CoupledTorsion(Torsion):
         return where.twists * self.coupling * where.differences(phi) / model.line.length
 
     def force(self, k: Kinematics) -> jax.Array:
-        if isinstance(k.model.geometry, Graph):
+        if k.model.geometry.branched:
             return sum_of_pieces(self, k)
         return k.model.gather(self.twist_tension(k.model)[:, None] * k.tangents)
 

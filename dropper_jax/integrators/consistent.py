@@ -15,7 +15,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import AddedMass, Graph, Kinematics, Model
+from dropper_jax.model import AddedMass, Kinematics, Model
 from dropper_jax.residual import CondensedParts, StepProblem, Unknowns, couples_inertia, node_blocks
 from dropper_jax.solvers import SOLVERS
 
@@ -118,7 +118,7 @@ def _solve_projection(problem: ProjectionProblem) -> Unknowns:
     k, model = problem.k, problem.model
     u = Unknowns(jnp.zeros_like(k.r), jnp.zeros_like(k.line.length))
     coupled = k.line.compound or (problem.added and couples_inertia(model))
-    solver = SOLVERS["network" if isinstance(model.geometry, Graph) else "banded" if coupled else "condensed"]
+    solver = SOLVERS["network" if model.geometry.branched else "banded" if coupled else "condensed"]
     found = solver.apply(solver.factor(problem, u), problem.residual(u))
     return Unknowns(-found.x, -found.y)
 

@@ -29,7 +29,7 @@ import numpy as np
 
 from dropper_jax.backend.tridiagonal import cyclic_reduction
 from dropper_jax.base.numerics import dot
-from dropper_jax.model import Graph, Kinematics, Model, State, book_works, work_names
+from dropper_jax.model import Kinematics, Model, State, book_works, work_names
 from dropper_jax.model.model import MOVING_ENDS
 from dropper_jax.residual import Explicit, point_masses_only
 
@@ -124,7 +124,7 @@ class ProjectedRungeKutta(Explicit):
     tolerance: ClassVar[float] = 1e-6
 
     def refuse(self, model: Model) -> str | None:
-        if isinstance(model.geometry, Graph):
+        if model.geometry.branched:
             return "it runs single lines only; use energy_momentum, theta_midpoint"
         if model.line.failures is not None:
             return "it has no links that break; use energy_momentum"

@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -125,6 +125,8 @@ class Geometry(ABC):
 
     members: tuple[Member, ...]
     held: tuple[bool, ...]
+    #: Whether it is a system of lines joined at points.
+    branched: ClassVar[bool] = False
 
     @property
     def links(self) -> int:
@@ -190,6 +192,18 @@ class Geometry(ABC):
     @abstractmethod
     def link_length(self, length: jax.Array) -> jax.Array:
         """Length of the links at each free node (free,) [m]."""
+
+    @abstractmethod
+    def without_fixed(self, points: Sequence[int]) -> Geometry:
+        """The same with these points free."""
+
+    @abstractmethod
+    def node_of_point(self, point: int) -> int:
+        """Number of a free point among the free nodes."""
+
+    def name_of_node(self, node: int, points: Sequence[str]) -> str:
+        """A free node by its point or by its line and number, with the names of all points."""
+        return f"node {node + 1}"
 
     def values_or_zero(self, value: jax.Array | None, like: jax.Array) -> jax.Array:
         """Values of the fixed points, zero if None, in the form of the nodal field `like`."""

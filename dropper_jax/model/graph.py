@@ -11,8 +11,10 @@ Node j = 1..n is the far node of link j; free nodes are 1..n, or 1..n - 1 if the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -84,6 +86,12 @@ class Path(Geometry):
     def link_length(self, length: jax.Array) -> jax.Array:
         return length[: self.free]
 
+    def without_fixed(self, points: Sequence[int]) -> Path:
+        return replace(self, held=(True, self.held[1] and self.members[0].end not in points))
+
+    def node_of_point(self, point: int) -> int:
+        return self.free - 1
+
 
 class LinkEnd(Part):
     """One end of all links: rows are links; sums per node are gathers over the graph."""
@@ -114,6 +122,7 @@ class Graph(Geometry):
 
     members: tuple[Member, ...]
     held: tuple[bool, ...]
+    branched: ClassVar[bool] = True
 
     @cached_property
     def inner(self) -> int:
@@ -233,3 +242,17 @@ class Graph(Geometry):
         one = jnp.ones_like(length)
         links, count = (self.from_first(x) + self.from_last(x) for x in (length, one))
         return links / jnp.maximum(count, 1.0)
+
+    def without_fixed(self, points: Sequence[int]) -> Graph:
+        return replace(self, held=tuple(held and i not in points for i, held in enumerate(self.held)))
+
+    def node_of_point(self, point: int) -> int:
+        return int(self.point_node[point])
+
+    def name_of_node(self, node: int, points: Sequence[str]) -> str:
+        if node >= self.inner:
+            return f"point {points[int(self.free_points[node - self.inner])]!r}"
+        for member, path in zip(self.members, self.paths, strict=True):
+            if node in path[1:-1]:
+                return f"node {int(np.flatnonzero(path == node)[0])} of line {member.name!r}"
+        return f"node {node}"

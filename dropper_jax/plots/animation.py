@@ -28,8 +28,6 @@ from dropper_jax.plots.run import Run
 
 #: Longest side of the drawn box [inch].
 LONGEST = 4.2
-#: Number of points on a cut through the surface.
-SURFACE_POINTS = 80
 
 SUFFIXES = (".gif", ".mp4")
 
@@ -244,13 +242,15 @@ class _Stage:
 def _water(run: Run, positions: np.ndarray, frames: np.ndarray) -> tuple[Any, dict[int, np.ndarray]]:
     """Points of the drawn surface, (2, points, 3) along x and along y through the middle of the line, and its
     heights."""
+    # number of points on a cut through the surface
+    surface_points = 80
     if run.surface is None:
         return None, {}
     limits = view.box(positions)
     middle = positions.reshape(-1, 3).mean(axis=0)
-    cuts = np.tile(middle, (2, SURFACE_POINTS, 1))
+    cuts = np.tile(middle, (2, surface_points, 1))
     for axis in (0, 1):
-        cuts[axis, :, axis] = np.linspace(*limits[axis], SURFACE_POINTS)
+        cuts[axis, :, axis] = np.linspace(*limits[axis], surface_points)
     heights = run.surface(cuts.reshape(-1, 3), run.t[frames])
     return cuts, dict(zip(frames.tolist(), heights, strict=True))
 

@@ -85,10 +85,6 @@ def _surface(run: Run, path: np.ndarray, name: str) -> Panel | None:
     return Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True)
 
 
-#: Height of the axis of a spectrum [decades], and the fraction of the power that its frequency axis shows.
-DECADES, SHOWN = 4, 0.999
-
-
 @style.with_style
 def angle_traces(run: Run, path: str | Path) -> Path:
     """Polar angle [rad] of every link against time, positive below the horizontal; in space also the azimuth."""
@@ -131,6 +127,8 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     link vector [-], since the angles of a conical motion are constant or grow without limit.
     Of a system it is that of tensions [N or kN] and of motions [m] under the surface, as in their histories.
     """
+    # height of the axis of a spectrum [decades]
+    decades = 4
     if run.scene is not None:
         return _system_spectra(run, path)
     t, positions = run.t, run.positions
@@ -143,7 +141,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
         spectra = {name: spectrum.amplitude_spectrum(t[:uniform], values[:uniform]) for name, values in series.items()}
     amplitudes = np.array([a for _, a in spectra.values()])
     top = max(amplitudes.max(), ANGLE)
-    floor = top * 10.0**-DECADES
+    floor = top * 10.0**-decades
     last = _last_frequency(next(iter(spectra.values()))[0], amplitudes)
 
     def draw(axes: Axes, link: int) -> None:
@@ -153,7 +151,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
             axes.text(0.5, 0.5, "too few samples", transform=axes.transAxes, ha="center", color=style.FAINT)
         axes.set_yscale("log")
         axes.set_ylim(floor, 2 * top)
-        axes.yaxis.set_major_locator(LogLocator(numticks=DECADES + 2))
+        axes.yaxis.set_major_locator(LogLocator(numticks=decades + 2))
         axes.yaxis.minorticks_off()
         axes.set_xlim(0, last)
 
@@ -215,4 +213,5 @@ def _last_frequency(frequency: np.ndarray, amplitudes: np.ndarray) -> float:
     power = np.cumsum((amplitudes**2).sum(axis=(0, 2)))
     if power[-1] == 0:
         return float(frequency[-1])
-    return float(min(frequency[-1], 2 * frequency[np.searchsorted(power, SHOWN * power[-1])] + 2 * frequency[1]))
+    # the frequency axis shows this fraction of the power
+    return float(min(frequency[-1], 2 * frequency[np.searchsorted(power, 0.999 * power[-1])] + 2 * frequency[1]))

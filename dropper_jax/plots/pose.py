@@ -15,9 +15,8 @@ from dropper_jax.plots import style, system, view
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.system import draw_bodies
 
-#: Number of past configurations in a snapshot, and the displacement between two of them as a fraction of the picture's
-#: size.
-PAST, STRIDE = 8, 0.07
+#: Number of past configurations in a snapshot.
+PAST = 8
 
 
 @style.with_style
@@ -125,6 +124,7 @@ def _past(positions: np.ndarray, now: int) -> list[int]:
         return []
     way = np.abs(np.diff(positions[: now + 1], axis=0)).max(axis=(1, 2))
     back = np.cumsum(way[::-1])
-    marks = STRIDE * view.size(positions) * np.arange(1, PAST + 1)
+    # displacement between two past configurations as a fraction of the picture's size
+    marks = 0.07 * view.size(positions) * np.arange(1, PAST + 1)
     steps = np.searchsorted(back, marks[marks <= back[-1]]) + 1
     return [now - int(step) for step in steps[::-1]]

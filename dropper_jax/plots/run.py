@@ -86,7 +86,7 @@ class Bodies(NamedTuple):
 
 def bodies_of(solution: Solution, last: int) -> Bodies | None:
     """The rigid bodies of a run up to a sample; None without any."""
-    specs: tuple[BodySpec, ...] = getattr(solution.scene, "bodies", ())
+    specs: tuple[BodySpec, ...] = solution.scene.bodies
     if not specs or solution.body_position is None:
         return None
     shapes = [
@@ -266,7 +266,7 @@ def readable(solution: Solution) -> Run:
 
 
 def _extremes(solution: Solution, last: int) -> tuple[np.ndarray, np.ndarray] | None:
-    least, largest = (getattr(solution, name, None) for name in ("tension_min", "tension_max"))
+    least, largest = solution.tension_min, solution.tension_max
     return None if least is None or largest is None else (least[:last], largest[:last])
 
 
@@ -278,17 +278,17 @@ def elevations(scene: Scene, positions: np.ndarray, times: np.ndarray) -> np.nda
 
 def _lines(solution: Solution) -> dict[str, Any]:
     """The lines and, for a system, their points."""
-    if not getattr(solution.scene, "branched", False):
+    if not solution.scene.branched:
         links = solution.tension.shape[1]
         single = {"lines": (LineSlice("line", slice(0, links + 1), slice(0, links)),)}
-        wet = getattr(solution.scene, "sea", None) is not None
+        wet = solution.scene.sea is not None
         return {**single, "surface": partial(elevations, solution.scene)} if wet else single
     scene, node = solution.scene, point_nodes(solution.scene)
     return {
         "lines": solution.lines,
         "scene": scene,
         "point_names": node,
-        "held": tuple(node[p.name] for p in scene.points if p.kind == "fixed"),
-        "joints": tuple(node[p.name] for p in scene.points if p.kind != "fixed"),
+        "held": tuple(node[p.name] for p in scene.points if not p.is_free),
+        "joints": tuple(node[p.name] for p in scene.points if p.is_free),
         "buoys": tuple(Float(node[b.point], b.diameter, b.height, b.attachment) for b in scene.buoys),
     }

@@ -14,9 +14,8 @@ from dropper_jax.plots.run import Run
 
 #: Intervals of an envelope, and cycles of a zoom.
 INTERVALS, CYCLES = 320, 8
-#: Two curves closer than this fraction of the maximum range look like one: the later is dashed, so that both are
-#: visible.
-ALIKE, DASHES = 0.01, (0.0, (4.0, 4.0))
+#: Dashes of the later of two curves that look like one, so that both are visible.
+DASHES = (0.0, (4.0, 4.0))
 
 
 class Curve(NamedTuple):
@@ -118,8 +117,9 @@ def hides(curves: list[Curve], index: int) -> bool:
     """Whether a curve coincides with a previous one, as in a symmetric farm."""
     this = curves[index].values
     reach = max((float(np.ptp(curve.values)) for curve in curves if np.all(np.isfinite(curve.values))), default=0.0)
+    # two curves closer than this fraction of the maximum range look like one
     return any(
-        other.values.shape == this.shape and np.max(np.abs(other.values - this), initial=0.0) < ALIKE * reach
+        other.values.shape == this.shape and np.max(np.abs(other.values - this), initial=0.0) < 0.01 * reach
         for other in curves[:index]
     )
 

@@ -165,10 +165,6 @@ def bold(run: Run) -> float:
     return 1.0 if len(run.lines) == 1 else 0.75 if len(run.lines) <= 12 else 0.4
 
 
-#: Number of tensions above which 1 % may be outside the colour range.
-MANY = 1000
-
-
 @functools.cache
 def tension_map() -> Colormap:
     """Plasma without its pale end, which vanishes on white."""
@@ -191,12 +187,13 @@ def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **wh
 def tension_norm(tension: np.ndarray) -> Normalize:
     """Colour range of tensions [N]: from the 1st to the 99th percentile, so that one snap load does not hide the rest.
 
-    For fewer than `MANY` values, as in one configuration, the full range: a percentile would only cut the maximum.
+    For fewer than 1000 values, as in one configuration, the full range: a percentile would only cut the maximum.
     """
     known = tension[np.isfinite(tension)]
     if known.size == 0:
         return Normalize(0.0, 1.0)
-    low, high = np.percentile(known, (1, 99) if known.size >= MANY else (0, 100))
+    # number of tensions above which 1 % may be outside the colour range
+    low, high = np.percentile(known, (1, 99) if known.size >= 1000 else (0, 100))
     if high - low <= 1e-9 * max(abs(low), abs(high)):
         pad = 0.05 * max(abs(low), abs(high)) or 1.0
         low, high = low - pad, high + pad

@@ -71,8 +71,6 @@ def body_motion(run: Run, path: str | Path) -> Path:
 
 
 BUOY, WATER, SURFACE, BED = style.CYCLE[4], "#DCEBF5", style.CYCLE[5], "#D8CBB4"
-#: Points along a surface line, and number of lines of a surface in space per side.
-ALONG, ACROSS = 161, 13
 
 
 def limits(run: Run, positions: np.ndarray) -> np.ndarray:
@@ -130,11 +128,11 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
     """The surface (k, lines, points, 3) [m] at times (k,): a line in a plane, a net in space; None without water."""
     if run.scene is None or run.scene.sea is None:
         return None
-    x, y = (np.linspace(*box[axis], ALONG) for axis in (0, 1))
+    x, y = (np.linspace(*box[axis], 161) for axis in (0, 1))
     if flat:
         lines = np.stack([x, np.full_like(x, box[1].mean()), np.zeros_like(x)], axis=-1)[None]
     else:
-        rows, columns = (np.linspace(*box[axis], ACROSS) for axis in (0, 1))
+        rows, columns = (np.linspace(*box[axis], 13) for axis in (0, 1))
         along = [np.stack([np.full_like(y, one), y, np.zeros_like(y)], axis=-1) for one in rows]
         lines = np.stack(along + [np.stack([x, np.full_like(x, one), np.zeros_like(x)], axis=-1) for one in columns])
     positions = np.broadcast_to(lines.reshape(1, -1, 3), (len(times), lines.shape[0] * lines.shape[1], 3))

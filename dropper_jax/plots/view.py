@@ -11,8 +11,6 @@ from mpl_toolkits.mplot3d import proj3d
 
 #: Motion is planar if y stays within this fraction of the picture's size.
 FLAT = 1e-9
-#: Margin around the nodes, and minimum width or height of a picture, as fractions of the larger extent.
-MARGIN, LEAST = 0.06, 0.4
 #: Longest side of the drawn box, and space for labels, title and colour bar around a view in space, left, right, bottom
 #: and top [inch].
 LONGEST, SPACE_MARGINS = 6.5, (0.35, 1.45, 0.75, 0.45)
@@ -28,11 +26,12 @@ def size(positions: np.ndarray) -> float:
     return float(np.ptp(positions.reshape(-1, 3), axis=0).max())
 
 
-def box(positions: np.ndarray, least: float = LEAST) -> np.ndarray:
+def box(positions: np.ndarray, least: float = 0.4) -> np.ndarray:
     """Limits (3, 2) [m] with a margin around all nodes; no side is shorter than `least` of the longest."""
     low, high = positions.reshape(-1, 3).min(axis=0), positions.reshape(-1, 3).max(axis=0)
     side = (high - low).max() or 1.0
-    half = np.maximum((high - low) / 2 + MARGIN * side, least * side / 2)
+    # margin around the nodes, and minimum width or height of a picture, as fractions of the larger extent
+    half = np.maximum((high - low) / 2 + 0.06 * side, least * side / 2)
     middle = (high + low) / 2
     return np.stack([middle - half, middle + half], axis=1)
 

@@ -29,11 +29,6 @@ from dropper_jax.sea import Sea
 from dropper_jax.sea.spectrum import wave_number
 from dropper_jax.sea.steady import LINEAR, STOKES_HEIGHT, STOKES_LENGTH, highest, second_harmonic
 
-#: Drawn range of d/(g T^2).
-DEPTHS = np.geomspace(4e-4, 0.3, 300)
-#: Depth over wavelength above which water is deep, and below which it is shallow.
-DEEP, SHALLOW = 0.5, 0.05
-
 
 @style.plot_style()
 def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, path: str | Path) -> Path:
@@ -44,19 +39,22 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     Args:
         waves: marked ones: label, height [m], period [s], depth [m].
     """
-    length = _length(DEPTHS)
-    limit = np.array([highest(x, d) for x, d in zip(length, DEPTHS, strict=True)])
-    linear = np.array([LINEAR / second_harmonic(1.0, x, d) for x, d in zip(length, DEPTHS, strict=True)])
-    stokes = np.where(length < STOKES_LENGTH * DEPTHS, STOKES_HEIGHT * limit, linear)
+    # drawn range of d/(g T^2)
+    depths = np.geomspace(4e-4, 0.3, 300)
+    length = _length(depths)
+    limit = np.array([highest(x, d) for x, d in zip(length, depths, strict=True)])
+    linear = np.array([LINEAR / second_harmonic(1.0, x, d) for x, d in zip(length, depths, strict=True)])
+    stokes = np.where(length < STOKES_LENGTH * depths, STOKES_HEIGHT * limit, linear)
     figure = style.new_figure(7.6, 6.2)
     axes = figure.subplots()
     low = min([1e-5, *(0.5 * h / (gravity * t**2) for _, h, t, _ in waves)])
-    axes.fill_between(DEPTHS, low, linear, color=style.CYCLE[5], alpha=0.25, label="linear", lw=0)
-    axes.fill_between(DEPTHS, linear, stokes, color=style.CYCLE[2], alpha=0.25, label="Stokes V", lw=0)
-    axes.fill_between(DEPTHS, stokes, limit, color=style.CYCLE[4], alpha=0.3, label="stream function", lw=0)
-    axes.plot(DEPTHS, limit, color=style.ALERT, lw=1.8, label="breaking (Williams 1981)")
-    for share, name in ((DEEP, "deep"), (SHALLOW, "shallow")):
-        _line(axes, float(np.interp(-share, -DEPTHS[::-1] / length[::-1], DEPTHS[::-1])), f"d/L = {share:g}, {name}")
+    axes.fill_between(depths, low, linear, color=style.CYCLE[5], alpha=0.25, label="linear", lw=0)
+    axes.fill_between(depths, linear, stokes, color=style.CYCLE[2], alpha=0.25, label="Stokes V", lw=0)
+    axes.fill_between(depths, stokes, limit, color=style.CYCLE[4], alpha=0.3, label="stream function", lw=0)
+    axes.plot(depths, limit, color=style.ALERT, lw=1.8, label="breaking (Williams 1981)")
+    # depth over wavelength above which water is deep, and below which it is shallow
+    for share, name in ((0.5, "deep"), (0.05, "shallow")):
+        _line(axes, float(np.interp(-share, -depths[::-1] / length[::-1], depths[::-1])), f"d/L = {share:g}, {name}")
     for i, (label, height, period, depth) in enumerate(waves):
         scale = gravity * period**2
         axes.plot(depth / scale, height / scale, "o", color=style.CYCLE[1 - i % 2], ms=8, label=label, zorder=5)
@@ -65,7 +63,7 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
         yscale="log",
         xlabel="depth d/(g T²)",
         ylabel="height H/(g T²)",
-        xlim=(DEPTHS[0], DEPTHS[-1]),
+        xlim=(depths[0], depths[-1]),
         ylim=(low, 0.05),
     )
     figure.legend(loc="outside lower center", ncols=3)
@@ -83,10 +81,6 @@ def _line(axes: Axes, at: float, text: str) -> None:
     axes.annotate(text, (at, 0.03), (4, 0), ("data", "axes fraction"), "offset points", fontsize=8, rotation=90)
 
 
-#: Number of points along and across the current.
-ALONG, ACROSS = 90, 160
-
-
 @style.plot_style()
 def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     """Current [m/s] at the mean height of the lines, along and across it, with the lines' links [m]."""
@@ -94,8 +88,8 @@ def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     weight = e.drag * e.area + 1e-12
     height = float(np.sum(weight * e.z) / np.sum(weight))
     size = max(float(np.ptp(e.x)), float(np.ptp(e.y)), 10.0)
-    x = np.linspace(e.x.min() - 0.1 * size, e.x.max() + 0.8 * size, ALONG)
-    y = np.linspace(e.y.min() - 0.25 * size, e.y.max() + 0.25 * size, ACROSS)
+    x = np.linspace(e.x.min() - 0.1 * size, e.x.max() + 0.8 * size, 90)
+    y = np.linspace(e.y.min() - 0.25 * size, e.y.max() + 0.25 * size, 160)
     speed = wakes.velocity(x, y, height)
     figure = style.new_figure(9.0, 5.6)
     axes = figure.subplots()

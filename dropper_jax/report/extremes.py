@@ -13,8 +13,6 @@ from dropper_jax.report.settings import Settings
 EULER = 0.5772156649015329
 #: Minimum number of runs for a spread.
 LEAST_RUNS = 3
-#: Number of bootstrap samples of the interval and their seed, which makes the report reproducible.
-BOOTSTRAP_SAMPLES, SEED = 4000, 20240901
 
 
 class Gumbel(NamedTuple):
@@ -77,7 +75,8 @@ def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence:
         return {"skipped": f"no load at all in {idle} of {len(maxima)} runs"}
     times = storm / duration
     whole = one.over(times)
-    drawn = -np.log(-np.log(np.random.default_rng(SEED).random((BOOTSTRAP_SAMPLES, len(maxima)))))
+    # the seed makes the report reproducible
+    drawn = -np.log(-np.log(np.random.default_rng(20240901).random((4000, len(maxima)))))
     mode, scale = _fit(np.sort(drawn, axis=1))
     tails = [0.5 * (1 + confidence), 0.5 * (1 - confidence)]
 
@@ -103,10 +102,6 @@ def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence:
         "confidence": confidence,
         "extrapolated": times,
     }
-
-
-#: Relative thresholds of a link: slack below this part of its mean tension, a snap above this multiple of it.
-SLACK_SHARE, SNAP = 0.1, 2.0
 
 
 class Snap(NamedTuple):
@@ -164,8 +159,9 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
         for j in range(spec.links):
             tension = record.tension[:, where.links.start + j]
             mean = max(float(tension.mean()), 0.0)
-            slack = SLACK_SHARE * mean if settings.slack is None else settings.slack
-            snap = max(SNAP * mean if settings.snap is None else settings.snap, slack)
+            # slack below this part of the link's mean tension, a snap above this multiple of it
+            slack = 0.1 * mean if settings.slack is None else settings.slack
+            snap = max(2.0 * mean if settings.snap is None else settings.snap, slack)
             own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap)
             counts.append(len(own))
             share.append(float(np.mean(tension < slack)))

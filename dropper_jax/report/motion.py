@@ -73,14 +73,10 @@ def node_arc(lengths: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(lengths)])
 
 
-#: Number of evenly spaced instants: they are close enough that no approach of lines is missed.
-MOTION_TIMES = 2000
-
-
 def line_distances(record: Record) -> list[dict[str, Any]]:
     """Per line: the nearest line, the minimum distance of the axes [m], its time [s] and arc length along both [m].
 
-    The distance is exact between straight links at the saved times (of a long record at `MOTION_TIMES` of them). Links
+    The distance is exact between straight links at the saved times (of a long record at 2000 of them). Links
     that end in a common point of both lines are left out.
     """
     lines = range(len(record.written_lines))
@@ -105,7 +101,8 @@ def line_distances(record: Record) -> list[dict[str, Any]]:
 
 def looks_every(record: Record) -> int:
     """Samples between two instants."""
-    return -(-len(record.t) // MOTION_TIMES)
+    # number of evenly spaced instants: they are close enough that no approach of lines is missed
+    return -(-len(record.t) // 2000)
 
 
 def _describe_distance(record: Record, index: int, distance: float, near: dict[str, Any] | None) -> dict[str, Any]:

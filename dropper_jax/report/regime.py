@@ -7,14 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.model import Graph, Model
+from dropper_jax.base.constants import VISCOSITY
+from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from dropper_jax.run.row_store import take_every
 from dropper_jax.run.simulate import Solution
 from dropper_jax.sea import Sea
-
-#: Kinematic viscosity of sea water at 10 degrees [m^2/s].
-VISCOSITY = 1.35e-6
 
 
 def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]:
@@ -74,5 +72,5 @@ def _across(sea: Sea, free: jax.Array, nodes: jax.Array, v: jax.Array, t: jax.Ar
 def _far_ends(solution: Solution, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """End nodes of the evaluated links, and the links: of one line all except a fixed end, of a system all."""
     nodes = np.concatenate([np.arange(line.nodes.start + 1, line.nodes.stop) for line in solution.lines])
-    kept = np.arange(len(nodes) if isinstance(model.geometry, Graph) else model.free_nodes)
+    kept = np.arange(len(nodes) if model.geometry.branched else model.free_nodes)
     return nodes[kept], kept

@@ -14,8 +14,6 @@ from dropper_jax.run.storage import extra
 from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
 
-PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
-
 
 def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
     """Per line: min, mean, standard deviation, max and percentiles of each link [N] against arc length [m].
@@ -42,6 +40,7 @@ def _ends(forces: np.ndarray) -> list[tuple[str, float, str]]:
 
 
 def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any]:
+    percentiles = (1, 5, 25, 50, 75, 95, 99)
     spec = where.spec
     tension, s = record.tension[:, where.links], arc(spec.length)
     least, largest, square = (a[:, where.links] for a in (record.least, record.largest, record.square))
@@ -54,7 +53,7 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any
         "mean_n": mean,
         "std_n": np.sqrt(tension.var(axis=0) + np.mean(square - tension**2, axis=0)),
         "max_n": largest.max(axis=0),
-        "percentiles_n": dict(zip(map(str, PERCENTILES), np.percentile(tension, PERCENTILES, axis=0), strict=True)),
+        "percentiles_n": dict(zip(map(str, percentiles), np.percentile(tension, percentiles, axis=0), strict=True)),
         "largest": _extreme(record, largest, s, high),
         "least": _extreme(record, least, s, low),
         "mean_first_link_n": float(tension[:, 0].mean()),

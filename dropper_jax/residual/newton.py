@@ -14,18 +14,13 @@ from dropper_jax.residual.scheme import Solver
 Linear = Callable[[Unknowns], Unknowns]
 #: Fractions of a correction tried by the damped iteration; the residual must fall.
 FRACTIONS = (1.0, 0.5, 0.2, 0.05)
-#: Fractions for a cycling iteration, which is detected by rows above this fraction of their value two corrections
-#: before.
-SEARCHED, CIRCLING = (0.85, 0.7, 0.55, 0.4, 0.25, 0.12, 0.06, 0.03), 0.5
+#: Fractions for a cycling iteration.
+SEARCHED = (0.85, 0.7, 0.55, 0.4, 0.25, 0.12, 0.06, 0.03)
 #: Sequence of smoothings of set-valued laws, as a fraction of the rate that friction stops within the step.
 EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
 #: With such a law corrections stop at this fraction of the tolerance, near rounding, so that sticking joints do not
 #: creep.
 CONVERGED = 1e-3
-#: If many iterations are allowed they stop at this fraction of the tolerance, at rounding, to conserve energy.
-ROUNDED = 1e-5
-#: Minimum number of corrections of a step: in float32 a guess may be within the tolerance, and a line would not move.
-LEAST = {"float32": 2}
 
 
 def newton(
@@ -33,7 +28,7 @@ def newton(
 ) -> tuple[Unknowns, jax.Array]:
     """`u <- u - P^-1 R(u)` a fixed number of times; returns the unknowns and the maximum scaled row.
 
-    With a limit corrections stop if the rows are at `ROUNDED` times it, or below it and no longer decreasing.
+    With a limit corrections stop if the rows are at 1e-5 times it, or below it and no longer decreasing.
     """
 
     prepared, scale = solver.prepare(problem, u), problem.row_scale()
@@ -45,7 +40,8 @@ def newton(
     if limit is None or iterations <= 2:
         u, _ = jax.lax.scan(lambda u, _: (apply_correction(u, problem.residual(u)), None), u, None, length=iterations)
         return u, norm(problem.residual(u), scale)
-    enough = ROUNDED * limit
+    # if many iterations are allowed they stop at this fraction of the tolerance, at rounding, to conserve energy
+    enough = 1e-5 * limit
 
     def unfinished(now: tuple[Any, ...]) -> jax.Array:
         _, _, _, done, count = now
@@ -93,7 +89,8 @@ def newton_until(problem: StepProblem, solver: Solver, u: Unknowns, most: int, l
     """
     scale = problem.row_scale()
     rows, evaluated = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(problem.evaluate, u))
-    least = LEAST.get(str(u.x.dtype), 0)
+    # minimum number of corrections of a step: in float32 a guess may be within the tolerance, and a line would not move
+    least = {"float32": 2}.get(str(u.x.dtype), 0)
     fractions, never = jnp.asarray(SEARCHED, u.x.dtype), jnp.full((), jnp.inf, u.x.dtype)
 
     def keep_iterating(carry: tuple[Any, ...]) -> jax.Array:
@@ -108,7 +105,8 @@ def newton_until(problem: StepProblem, solver: Solver, u: Unknowns, most: int, l
             lambda: jax.tree.map(jnp.zeros_like, u),
             lambda: solver.apply(solver.factor(problem, u), rows),
         )
-        circling = size > CIRCLING * last_but_one
+        # a cycling iteration has rows above this fraction of their value two corrections before
+        circling = size > 0.5 * last_but_one
         # one evaluation with the full correction, or one with each fraction and one with the best
         most_trials = jnp.where(circling, len(SEARCHED), 0)
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 import jax
 
 from dropper_jax.base.read import read_number
-from dropper_jax.model import AddedMass, Graph, Model, State
+from dropper_jax.model import AddedMass, Model, State
 from dropper_jax.residual.problem import StepProblem, Unknowns
 
 Factors = TypeVar("Factors")
@@ -55,6 +55,8 @@ class Integrator:
     holds_length: ClassVar[bool] = True
     #: Time of the reported tension within the step: 0.5 for step averages, 1.0 for values at the new time.
     tension_time: ClassVar[float] = 1.0
+    #: Whether a step solves equations.
+    implicit: ClassVar[bool] = True
     #: Whether the scheme chooses its steps by its own error.
     controls_error: ClassVar[bool] = False
 
@@ -116,7 +118,7 @@ class Implicit(Integrator, ABC):
         return self.equations(model.with_internal_state(s.own), s, h)
 
     def refuse(self, model: Model) -> str | None:
-        if isinstance(model.geometry, Graph) and not self.networkable:
+        if model.geometry.branched and not self.networkable:
             elastic = ", rk2, rk4, semi_implicit_euler" if model.line.axial.elastic else ""
             return f"it runs single lines only; use energy_momentum, theta_midpoint{elastic}"
         if model.line.failures is not None and not self.networkable:
@@ -131,6 +133,8 @@ class Implicit(Integrator, ABC):
 @dataclasses.dataclass(frozen=True)
 class Explicit(Integrator, ABC):
     """An explicit scheme, for lines that stretch."""
+
+    implicit: ClassVar[bool] = False
 
     @abstractmethod
     def advance(self, model: Model, s: State, h: jax.Array) -> State:

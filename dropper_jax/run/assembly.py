@@ -19,7 +19,7 @@ from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Model, Parted, work_names
 from dropper_jax.model.slots import Force
-from dropper_jax.residual import Implicit, node_blocks
+from dropper_jax.residual import node_blocks
 from dropper_jax.run.arrays import breaks, words
 from dropper_jax.run.bends import twist_remarks
 from dropper_jax.run.bodies import body_motion
@@ -225,7 +225,7 @@ def _explicit(stepper: Stepper, model: Model) -> str:
     """The step limit of an explicit scheme on elastic lines: about 2/omega, omega^2 = 4 EA/(L m) of the stiffest
     link."""
     line = model.line
-    if isinstance(stepper.integrator, Implicit) or not line.axial.elastic:
+    if stepper.integrator.implicit or not line.axial.elastic:
         return ""
     omega = 2.0 * float(np.sqrt(np.max(np.asarray(line.axial.EA / (line.length * line.mass)))))
     return f"; {stepper.integrator.name} is explicit; its stability limit with these lines is about {2.0 / omega:.1g} s"

@@ -34,10 +34,6 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
     return found
 
 
-#: Writhe [turns] and its fraction of the torque above which a run warns that it is omitted.
-COILED, FELT = 1e-3, 0.1
-
-
 def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torque: np.ndarray) -> Iterator[str]:
     """Warnings about lines that would form loops under their torque, and lines whose coils would change their twist.
 
@@ -69,7 +65,8 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
             nodes = positions[:, where.nodes]
             turns = float(np.ptp(writhe(nodes, nodes[0, -1] - nodes[0, 0])))
             gives = 2.0 * np.pi * turns * float(np.min(twisting[where.links])) / float(np.sum(line.length))
-            if turns > COILED and gives > FELT * float(np.max(turning)):
+            # writhe [turns] and its fraction of the torque above which a run warns that it is omitted
+            if turns > 1e-3 and gives > 0.1 * float(np.max(turning)):
                 yield (
                     f"{line.name}: it coils by {turns:.2g} turns in the run; its twist would change by as many, which "
                     "the torsion model omits"

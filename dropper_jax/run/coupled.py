@@ -8,178 +8,30 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import SceneError, SimulationError, nearest
+from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.effects.coupled_motion import CoupledMotion
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.model import Displacement, Model, State
-from dropper_jax.run.build import SceneLike, build_model, stepper_of
+from dropper_jax.run.build import SceneLike
 from dropper_jax.run.carry import name_leaves, restore_carry, same_scene
-from dropper_jax.run.coupled_forces import half_link_mass, point_forces, set_free
-from dropper_jax.run.start import initial_state
-from dropper_jax.stepping.integrate import Progress, begin, step_failed
-from dropper_jax.stepping.step import step
-from dropper_jax.stepping.stepper import FULL_STEP, Stepper
+from dropper_jax.run.coupled_lines import (
+    CoupledLines,
+    CoupledOutputs,
+    CoupledState,
+    PointMotion,
+    Vectors,
+    coupled_lines,
+    coupled_points,
+)
 
-Array = jax.Array | np.ndarray
-Vectors = Sequence[Sequence[float]] | Array
-
-
-class PointMotion(NamedTuple):
-    """Positions [m], velocities [m/s] and accelerations [m/s^2] of the coupled points at one instant, each (c, 3)."""
-
-    positions: Array
-    velocities: Array
-    accelerations: Array | None = None
-
-
-class CoupledState(NamedTuple):
-    """The whole state of a coupling: the lines, the points at the end of the last step, forces (c, 3) [N] on them."""
-
-    progress: Progress
-    motion: PointMotion
-    forces: Array
-
-
-class CoupledOutputs(NamedTuple):
-    """Forces (c, 3) [N], maximum scaled residual, inner steps solved by the fallback, whether a step failed so far."""
-
-    forces: jax.Array
-    residual: jax.Array
-    retried: jax.Array
-    failed: jax.Array
-
-
-@partial(jax.tree_util.register_dataclass, data_fields=["model", "start"], meta_fields=["stepper"])
-@dataclass(frozen=True)
-class CoupledLines:
-    """Lines between points that a JAX program moves: a pure component, to `jit`, `vmap`, `grad`, `scan` and shard.
-
-        lines = dj.coupled_lines("mooring.txt", ["fairlead"])
-        state = lines.init()
-        state, outputs = lines.step(state, (positions, velocities), dt)
-
-    Attributes:
-        model: the model; its leaves are the parameters. `replace(lines, model=...)` is the same scene with others.
-        start: the state at t = 0. `dj.settle(lines.model, lines.start)` follows changes of the model.
-        stepper: static settings; `replace(lines, stepper=lines.stepper.plain)` leaves out the fallback solvers.
-    """
-
-    model: Model
-    start: State
-    stepper: Stepper
-
-    def init(self, start: State | None = None) -> CoupledState:
-        """The state at t = 0, from `start` (default: that of the scene) with the points where the scene has them."""
-        motion, start = self._motion, self.start if start is None else start
-        progress = begin(self.stepper, self.model, start)
-        at_rest = PointMotion(motion.home, motion.velocities[0], jnp.zeros_like(motion.home))
-        return CoupledState(progress, at_rest, _forces(self, progress.state))
-
-    def step(
-        self, state: CoupledState, inputs: PointMotion | tuple[Array, ...], dt: Array | float, count: Array | int = 1
-    ) -> tuple[CoupledState, CoupledOutputs]:
-        """Advance by dt [s] in `count` equal steps of the scheme; see `Coupled` for path and forces.
-
-        Args:
-            inputs: positions, velocities (and accelerations) of the points at the end of dt, each (c, 3).
-            count: a Python integer for derivatives in reverse mode.
-
-        Returns:
-            State and outputs. A step that fails raises nothing; `outputs.failed` stays true from then on.
-        """
-        given = [jnp.asarray(a, self.model.dtype) for a in inputs if a is not None]
-        motion = PointMotion(*given, *[jnp.zeros_like(given[0])] * (3 - len(given)))
-        dt = jnp.asarray(dt, self.model.dtype)
-        lines = self.moving(state.motion, motion, state.progress.t, dt)
-
-        def one(_: jax.Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
-            (s0, done, first_bad), residual, retried = result
-            s, report = step(lines.stepper, lines.model, s0, dt / count, first_bad < 0)
-            bad = step_failed(lines.stepper, lines.model, s, report.residual)
-            first_bad = jnp.where(bad & (first_bad < 0), done, first_bad)
-            # not `maximum`, which would lose a NaN
-            worst = jnp.where(report.residual <= residual, residual, report.residual)
-            return Progress(s, done + 1, first_bad), worst, retried + (report.level > FULL_STEP)
-
-        zero = jnp.zeros((), lines.model.dtype), jnp.zeros((), jnp.int32)
-        progress, residual, retried = jax.lax.fori_loop(0, count, one, (state.progress, *zero))
-        forces = lines.forces(progress.state)
-        outputs = CoupledOutputs(forces, residual, retried, progress.has_failed)
-        return CoupledState(progress, motion, forces), outputs
-
-    def moving(self, since: PointMotion, to: PointMotion, t: Array | float, dt: Array | float) -> CoupledLines:
-        """The lines with points that move from one motion to the other between t and t + dt [s]."""
-        positions, rates, bends = (jnp.stack(both) for both in zip(since, to, strict=True))
-        bends = None if self._motion.accelerations is None else bends
-        values = {"begin": jnp.asarray(t, rates.dtype), "width": jnp.asarray(dt, rates.dtype), "places": positions}
-        motion = replace(self._motion, velocities=rates, accelerations=bends, **values)
-        return replace(self, model=replace(self.model, effects=(*self.model.effects[:-1], motion)))
-
-    def forces(self, s: State) -> jax.Array:
-        """Forces (c, 3) [N] on the points in a state."""
-        return point_forces(self.model, set_free(self.model, self.indices), s, self.indices)
-
-    @property
-    def mass(self) -> jax.Array:
-        """Mass (c,) [kg] of the halves of links at the points, added mass left out."""
-        return half_link_mass(set_free(self.model, self.indices), self.indices)
-
-    @property
-    def indices(self) -> tuple[int, ...]:
-        """The coupled points among those of the model."""
-        names = [p.name for p in self.model.points]
-        return tuple(names.index(name) for name in self._motion.points)
-
-    @property
-    def _motion(self) -> CoupledMotion:
-        return self.model.effects[-1]
-
-
-_forces = cached_jit()(CoupledLines.forces)
 _step = cached_jit()(CoupledLines.step)
-
-
-def coupled_lines(
-    scene: SceneLike,
-    points: Sequence[str] | None = None,
-    velocities: Vectors | None = None,
-    accelerations: bool = False,
-) -> CoupledLines:
-    """The component of a scene whose fixed points a JAX program moves.
-
-    Args:
-        scene, points: as for `Coupled`.
-        velocities: of the points at t = 0 (c, 3) [m/s]; default at rest.
-        accelerations: whether the inputs of `step` have accelerations.
-
-    Raises:
-        SceneError: as `Coupled`.
-    """
-    scene = load_scene(scene)
-    points = _points(scene, points)
-    model = build_model(scene)
-    if any(e.moves(name) for e in model.having(Displacement) for name in points):
-        raise SceneError("points: already moved by an effect of the scene; allowed: fixed points")
-    home = np.array([scene.point(name).position for name in points])
-    rates = np.zeros_like(home) if velocities is None else np.asarray(velocities, float)
-    motion = CoupledMotion.uniform(points, home, rates, accelerations)
-    model = replace(model, effects=(*model.effects, motion)).cast(model.dtype)
-    stepper = stepper_of(model, scene.run)
-    if stepper.integrator.controls_error or scene.run.step_tolerance is not None:
-        raise SceneError("run: chooses its own steps, which a coupling cannot use. Use a scheme of equal steps")
-    return CoupledLines(model, initial_state(model, scene.start), stepper)
 
 
 class Coupled:
@@ -227,7 +79,7 @@ class Coupled:
     ) -> None:
         scene = load_scene(scene)
         self.scene: Scene = scene if dt is None else scene.with_values({"run.dt": dt})
-        self.points = _points(self.scene, points)
+        self.points = coupled_points(self.scene, points)
         self.accelerations = accelerations
         self.status, self.failure, self.residual, self.retried = "ok", "", 0.0, 0
         self._saved: CoupledState | None = None
@@ -395,21 +247,3 @@ class Coupled:
         if points != self.points:
             raise SceneError(f"{path}: couples {', '.join(points)}; allowed: {', '.join(self.points)}")
         return arrays
-
-
-def _points(scene: Scene, given: Sequence[str] | None) -> tuple[str, ...]:
-    """The coupled points, checked."""
-    held = [p.name for p in scene.points if not p.is_free]
-    if given is None:
-        if len(held) != 1:
-            raise SceneError(f"points: missing; needed: names of the fixed points that move: {', '.join(held)}")
-        return tuple(held)
-    names = (given,) if isinstance(given, str) else tuple(given)
-    for i, name in enumerate(names):
-        if name not in held:
-            raise SceneError(f"points.{i}: {name!r} is not a fixed point; {nearest(name, held)}")
-        if name in names[:i]:
-            raise SceneError(f"points.{i}: {name!r} is a duplicate; allowed: every point once")
-    if not names:
-        raise SceneError(f"points: is empty; allowed: names of fixed points: {', '.join(held)}")
-    return names

@@ -16,6 +16,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.constants import VISCOSITY
 from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import POST_CRITICAL, from_table, rough_added_mass, rough_drag
 from dropper_jax.effects.morison_drag import relative_roughness
@@ -25,8 +26,6 @@ from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.scene import line_slices
 from dropper_jax.sea import Sea
 
-#: Kinematic viscosity of sea water at 10 degrees [m^2/s].
-VISCOSITY = 1.35e-6
 #: Effects whose coefficients may depend on the flow, and these coefficients.
 FOLLOWING = {"morison_drag": "cdn", "morison_inertia": "can"}
 

@@ -26,9 +26,6 @@ from dropper_jax.model.geometry import Member
 from dropper_jax.statics.modes import natural_periods
 from dropper_jax.stepping.integrate import Trajectory, observe
 
-#: Slope of the S-N curve in `fatigue`; 3 is usual for ropes and chains (DNV-OS-E301).
-SLOPE = 3.0
-
 #: Signals in time: unit, what WHERE names, meaning.
 SIGNALS = {
     "tension": ("N", "link", "tension of a link; of a line or of all links the highest"),
@@ -56,8 +53,10 @@ def _root(x: jax.Array, power: float = 0.5) -> jax.Array:
 
 
 def _fatigue(x: jax.Array) -> jax.Array:
+    # slope of the S-N curve in `fatigue`; 3 is usual for ropes and chains (DNV-OS-E301)
+    slope = 3.0
     size = jnp.abs(x - jnp.mean(x, axis=0))
-    return _root(jnp.mean(size**SLOPE), 1 / SLOPE)
+    return _root(jnp.mean(size**slope), 1 / slope)
 
 
 def _peak(x: jax.Array) -> jax.Array:

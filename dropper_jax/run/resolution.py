@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -15,9 +16,6 @@ from dropper_jax.residual import Implicit
 from dropper_jax.run.samples import Kind, Samples
 from dropper_jax.scene import line_slices
 from dropper_jax.scene.data import point_nodes
-
-#: Static strain of a line above which a warning is given, and above which a scene is an error: a rope breaks before.
-STRETCHED, TORN = 0.1, 0.5
 
 
 def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
@@ -35,10 +33,12 @@ def check_stretch(scene: Scene, positions: np.ndarray) -> None:
     Raises:
         SceneError: a strain of 50 % or more.
     """
+    # static strain of a line above which a scene is an error: a rope breaks before
+    torn = 0.5
     for line, strain in _strains(scene, positions):
-        if strain >= TORN:
+        if strain >= torn:
             raise SceneError(
-                f"line {line!r}: is stretched by {strain:.0%} at rest, more than {TORN:.0%}. Check its length "
+                f"line {line!r}: is stretched by {strain:.0%} at rest, more than {torn:.0%}. Check its length "
                 "and EA and the positions of its ends"
             )
 
@@ -53,7 +53,7 @@ def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]
 
 def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     for line, strain in _strains(scene, positions):
-        if strain > STRETCHED:
+        if strain > 0.1:
             yield f"{line}: is stretched by {strain:.0%} at rest; check its length and EA"
 
 
@@ -86,15 +86,9 @@ def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
 #: Relative energy balance error above which the status of a run is not ok. A scheme with numerical damping (implicit
 #: Euler: 90 % of a lab dropper's energy) warns. It fails if it gains as much, or loses more than the energy scale.
 DRIFT_FAILED, LOSS_FAILED = 0.1, 1.0
-#: Tensions oscillate if they alternate for this many steps by more than this fraction of their mean.
-ALTERNATING, ALTERNATION = 20, 0.05
-#: Steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`.
-AXIAL_STEPS = 60
 #: Steps per period of the shortest link's swing and of the waves in a suggested step: the midpoint rule then has the
 #: period to 0.03 %. The packaged scenes take 45 to 200. The check of a run asks whipping droppers for 600 to 1400.
 SUGGESTED = 100
-#: Steps per axial period of the stiffest link for explicit schemes, which are unstable below pi.
-EXPLICIT = 6
 #: Maximum number of lines listed for one fault: a farm may have thousands with the same.
 MOST_WARNINGS = 20
 
@@ -140,11 +134,12 @@ def periods(scene: Scene) -> dict[str, float]:
 def suggest_step(scene: Scene) -> float:
     """A time step [s], two digits: `SUGGESTED` per swing of the shortest link and per wave.
 
-    Explicit schemes also need `EXPLICIT` steps per axial period. A first guess: `with_step_check` measures the error.
+    Explicit schemes also need 6 steps per axial period. A first guess: `with_step_check` measures the error.
     """
     found, axial = periods(scene), []
     if "axial" in found and not issubclass(INTEGRATORS[scene.run.integrator], Implicit):
-        axial = [found["axial"] / EXPLICIT]
+        # explicit schemes are unstable below pi steps per axial period of the stiffest link
+        axial = [found["axial"] / 6]
     step = min(found["swing"] / SUGGESTED, found.get("waves", np.inf) / SUGGESTED, *axial, scene.run.duration)
     unit = 10.0 ** (np.floor(np.log10(step)) - 1.0)
     return float(f"{np.floor(step / unit * (1.0 + 1e-9)) * unit:.2g}")
@@ -155,15 +150,16 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
 
     Returns:
         axial_period_s: `2 pi/omega` of the stiffest link, `omega^2 = 4 EA/(L m)`, None if no link stretches.
-        steps_per_axial_period, axial_step_s: steps per period, and the step that gives `AXIAL_STEPS` steps per period.
+        steps_per_axial_period, axial_step_s: steps per period, and the step that gives 60 steps per period.
         largest_turn_rad: maximum rotation of a link between two saved times. slack_to_taut_steps: number of steps,
             summed over the links, in which a link changes from slack to taut. None unless every step is saved.
     """
     used, period = solution.settings, periods(solution.scene).get("axial")
+    # steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`
     facts: dict[str, float | int | None] = {
         "axial_period_s": period,
         "steps_per_axial_period": None if period is None or "dt" not in used else period / used["dt"],
-        "axial_step_s": None if period is None else period / AXIAL_STEPS,
+        "axial_step_s": None if period is None else period / 60,
         "largest_turn_rad": None,
         "slack_to_taut_steps": None,
     }
@@ -294,11 +290,31 @@ def _pulse_share(tension: np.ndarray) -> float:
 
 def _alternates(tension: np.ndarray) -> bool:
     """Whether a link's tension alternates at every step for some time, in addition to its smooth changes."""
+    # tensions oscillate if they alternate for this many steps
+    alternating = 20
     saw = (tension[:-2] - 2.0 * tension[1:-1] + tension[2:]) / 4.0
     flips = saw[1:] * saw[:-1] < 0.0
-    least = np.minimum(np.abs(saw[1:]), np.abs(saw[:-1])) > ALTERNATION * np.maximum(np.abs(tension[1:-2]), 1e-300)
+    # with oscillations of more than this fraction of the mean
+    least = np.minimum(np.abs(saw[1:]), np.abs(saw[:-1])) > 0.05 * np.maximum(np.abs(tension[1:-2]), 1e-300)
     both = flips & least
-    if len(both) < ALTERNATING:
+    if len(both) < alternating:
         return False
-    runs = np.lib.stride_tricks.sliding_window_view(both, ALTERNATING, axis=0)
+    runs = np.lib.stride_tricks.sliding_window_view(both, alternating, axis=0)
     return bool(np.any(np.all(runs, axis=-1)))
+
+
+def check_tolerance(solution: Kind, tolerance: float, choice: Any) -> Kind:
+    """The solution with its estimated error; its status is not ok if this exceeds the tolerance."""
+    solution = replace(solution, settings={**solution.settings, "estimated_error": choice.summary()})
+    if choice.estimate <= tolerance or solution.status != "ok":
+        return solution
+    text = f"estimated error {choice.estimate:.2g} rad exceeds the tolerance of {tolerance:g} rad. Use a smaller step"
+    return replace(solution, status="not_converged", warnings=(*solution.warnings, text))
+
+
+def check_skip(skip: float, errors: bool, duration: float) -> None:
+    """Reject a time left out of the errors that is not within the run."""
+    if skip and not errors:
+        raise SceneError(f"--skip: {skip:g} s can only be left out together with --errors")
+    if not 0.0 <= skip < duration:
+        raise SceneError(f"--skip: {skip:g} is out of range; allowed: 0 to less than the {duration:g} s of the run")

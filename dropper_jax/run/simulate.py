@@ -31,7 +31,7 @@ from dropper_jax.run.carry import (
     same_scene,
 )
 from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
-from dropper_jax.run.resolution import check_stretch, with_quality_checks
+from dropper_jax.run.resolution import check_skip, check_stretch, check_tolerance, with_quality_checks
 from dropper_jax.run.row_store import InMemory, OnDisk
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.start import initial_state
@@ -246,7 +246,7 @@ def simulate(
     scene = load_scene(scene)
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
     scene = scene.with_values(changed) if changed else scene
-    _check_skip(skip, errors, scene.run.duration)
+    check_skip(skip, errors, scene.run.duration)
     if start is not None:
         may_go_on(start.status, start.failure)
         same_scene(scene, start.scene)
@@ -291,7 +291,7 @@ def simulate(
     if step_check and tolerance is None and not errors:
         solution = with_step_check(solution, compiled, outcome, start_s + outcome.late_s)
     if choice is not None:
-        solution = _check_tolerance(solution, tolerance, choice)
+        solution = check_tolerance(solution, tolerance, choice)
     if errors and is_finished(solution):
         solution = _with_errors(solution, scene, skip, settings, say)
     for text in solution.warnings:
@@ -304,8 +304,7 @@ def simulate(
 
 
 def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution | None) -> tuple[Last, TimeOrigin]:
-    """The initial state of a run, from the start of its scene or the end of the previous run, and the origin of its
-    times."""
+    """The initial state of a run, from its scene's start or the end of an earlier run, and the origin of its times."""
     run, names = scene.run, work_names(model) if stepper.track_work else ()
     if before is None:
         s = initial_state(model, scene.start)
@@ -338,22 +337,6 @@ def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, An
     return scene.with_values({"run.dt": choice.dt}), choice
 
 
-def _check_tolerance(solution: Solution, tolerance: float, choice: Any) -> Solution:
-    """The solution with its estimated error; its status is not ok if this exceeds the tolerance."""
-    solution = replace(solution, settings={**solution.settings, "estimated_error": choice.summary()})
-    if choice.estimate <= tolerance or solution.status != "ok":
-        return solution
-    text = f"estimated error {choice.estimate:.2g} rad exceeds the tolerance of {tolerance:g} rad. Use a smaller step"
-    return replace(solution, status="not_converged", warnings=(*solution.warnings, text))
-
-
-def _check_skip(skip: float, errors: bool, duration: float) -> None:
-    if skip and not errors:
-        raise SceneError(f"--skip: {skip:g} s can only be left out together with --errors")
-    if not 0.0 <= skip < duration:
-        raise SceneError(f"--skip: {skip:g} is out of range; allowed: 0 to less than the {duration:g} s of the run")
-
-
 def _with_errors(
     solution: Solution, scene: Scene, skip: float, settings: dict[str, Any], say: Callable[[float, str], None]
 ) -> Solution:
@@ -363,6 +346,5 @@ def _with_errors(
     again = lambda variant: simulate(variant, step_check=False, **settings)  # noqa: E731
     found = load_errors(scene, again, skip, solution, lambda done, what: say(done, f"errors: {what}"))
     notes = tuple(f"{name}: peak tension not converged (see the errors)" for name in found["not_resolved"])
-    return replace(
-        solution, settings={**solution.settings, "load_errors": found}, warnings=(*solution.warnings, *notes)
-    )
+    known = {**solution.settings, "load_errors": found}
+    return replace(solution, settings=known, warnings=(*solution.warnings, *notes))

@@ -19,9 +19,6 @@ import numpy as np
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import GRAVITY
 
-#: Quadrature points of U_e, and the depth over which it is taken, in units of 1/k (e^-40 is rounding).
-DEPTH_POINTS, FADE_DEPTH = 64, 20.0
-
 
 def fenton(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
     """Wave number [rad/m] of omega [rad/s] at depth [m], Fenton's explicit approximation, within 0.052 %.
@@ -68,8 +65,9 @@ def effective_current(k: jax.Array, depth: jax.Array, profile: Callable[[jax.Arr
 
     Exact for uniform and, to first order in the shear, for linear profiles: `U - O tanh(kd)/(2k)` for `U + O z`.
     """
-    x, weight = np.polynomial.legendre.leggauss(DEPTH_POINTS)
-    height = jnp.minimum(depth, FADE_DEPTH / k)[:, None]
+    # quadrature points of U_e, and the depth over which it is taken, in units of 1/k (e^-40 is rounding)
+    x, weight = np.polynomial.legendre.leggauss(64)
+    height = jnp.minimum(depth, 20.0 / k)[:, None]
     z = height * (0.5 * (x - 1.0))
     k2 = 2.0 * k[:, None]
     kernel = -k2 * (jnp.exp(k2 * z) + jnp.exp(-k2 * (z + 2.0 * depth))) / jnp.expm1(-2.0 * k2 * depth)
@@ -114,9 +112,6 @@ def action_factor(
 
 
 SHAPES = ("jonswap", "pierson_moskowitz", "tma")
-#: Range of the tabulated shape in peak frequencies: less than 1e-6 of the energy is outside.
-LOWEST, HIGHEST = 0.3, 30.0
-TABLE = 20001
 
 
 class Components(NamedTuple):
@@ -146,7 +141,8 @@ def density(omega: np.ndarray, hs: float, tp: float, gamma: float = 3.3) -> np.n
 
 def _table(gamma: float) -> tuple[np.ndarray, np.ndarray]:
     """Points x and energies per point of the shape, trapezoidal on a logarithmic grid."""
-    x = np.geomspace(LOWEST, HIGHEST, TABLE)
+    # range of the tabulated shape in peak frequencies: less than 1e-6 of the energy is outside
+    x = np.geomspace(0.3, 30.0, 20001)
     energy = shape(x, gamma) * np.gradient(x)
     return x, energy
 

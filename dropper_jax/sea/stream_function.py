@@ -13,11 +13,6 @@ import numpy as np
 
 from dropper_jax.sea.steady import SteadyWave, highest
 
-#: Sequence of orders, and the tolerance of the surface conditions between the points.
-ORDERS_TRIED, SURFACE_GOOD, SURFACE_ENOUGH = (10, 14, 20, 28, 40, 56, 80), 1e-6, 1e-3
-#: Newton steps per height; minimum step of the height, relative to the full height.
-NEWTON_STEPS, SMALLEST_STEP = 25, 1.0 / 256.0
-
 
 class NotSolved(ValueError):
     """No wave was found; `reached` [m] is the maximum solved height, at a length [m].
@@ -52,6 +47,8 @@ def stream_function(
     Raises:
         NotSolved: above the highest wave, or close to it.
     """
+    # sequence of orders
+    orders_tried = (10, 14, 20, 28, 40, 56, 80)
     speed, time = np.sqrt(gravity * depth), np.sqrt(depth / gravity)
     problem = _Problem(
         None if period is None else period / time,
@@ -59,16 +56,17 @@ def stream_function(
         current / speed,
         criterion,
     )
-    orders = ORDERS_TRIED if order is None else (*(n for n in ORDERS_TRIED if n < order), order)
+    orders = orders_tried if order is None else (*(n for n in orders_tried if n < order), order)
     x = _climb_orders(problem, height / depth, orders, depth)
     found, error = x, problem.between(x)
     for n in (n for n in orders if n > _order(x)):
-        if order is None and error < SURFACE_GOOD:
+        # relative tolerance of the surface conditions between the points
+        if order is None and error < 1e-6:
             break
         finer = _newton(problem, _refine_harmonics(found, n), height / depth)
         if finer is not None:
             found, error = finer, problem.between(finer)
-    if (error > SURFACE_ENOUGH) if order is None else (_order(found) < order):
+    if (error > 1e-3) if order is None else (_order(found) < order):
         raise NotSolved(height, depth * 2.0 * np.pi / found[0], depth)
     k, eta, v, flow, flux, head = _parts(found)
     eulerian = problem.eulerian(flow, flux)
@@ -148,7 +146,7 @@ class _Problem:
 def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | None:
     """The solution at a height from a guess; None if Newton's method fails."""
     count, tiny = x.size, 1e-30
-    for _ in range(NEWTON_STEPS):
+    for _ in range(25):
         # derivatives by complex steps: exact, one evaluation for all columns
         shifted = x[:, None] + 1j * tiny * np.eye(count)
         with np.errstate(all="ignore"):
@@ -187,7 +185,8 @@ def _climb(problem: _Problem, height: float, order: int, depth: float) -> np.nda
         x = _newton(problem, _guess(problem, past, share, height, order), share * height)
         if x is None:
             step *= 0.5
-            if step < SMALLEST_STEP:
+            # minimum step of the height, relative to the full height
+            if step < 1.0 / 256.0:
                 length = 2.0 * np.pi / past[-1][1][0] if past else _first(problem)[1]
                 raise NotSolved(depth * done * height, depth * length, depth)
             continue

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.numerics import inverse3
-from dropper_jax.model import Model, Path
+from dropper_jax.model import Model
 from dropper_jax.residual import Implicit, StepProblem, Unknowns
 
 
@@ -80,7 +80,7 @@ class Banded:
     name: str = "banded"
 
     def refuse(self, model: Model, integrator: Implicit) -> str | None:
-        if not isinstance(model.geometry, Path):
+        if model.geometry.branched:
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if model.laws:
             return f"effect {model.laws[0].name!r} has its own unknowns; use dense"

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.components import Components, components, dot, inverse_rows
-from dropper_jax.model import Model, Path, gather_links, link_differences
+from dropper_jax.model import Model, gather_links, link_differences
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns
 
 #: Inverses of the node blocks: (nodes,), or three rows of three components (nodes,).
@@ -84,7 +84,7 @@ class Condensed:
     name: str = "condensed"
 
     def refuse(self, model: Model, integrator: Implicit) -> str | None:
-        if not isinstance(model.geometry, Path):
+        if model.geometry.branched:
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if not integrator.condensable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense or banded"

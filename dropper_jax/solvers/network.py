@@ -16,7 +16,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import ElementForce, Graph, Model
+from dropper_jax.model import ElementForce, Model
 from dropper_jax.residual import Implicit, StepProblem, Unknowns, node_blocks
 from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
 from dropper_jax.solvers.elimination import apply, multiply, optimization_barrier
@@ -71,7 +71,7 @@ class Network:
     name: str = "network"
 
     def refuse(self, model: Model, integrator: Implicit) -> str | None:
-        if not isinstance(model.geometry, Graph):
+        if not model.geometry.branched:
             return "it is for systems of lines, but the scene is one line; use condensed, banded or dense"
         if not integrator.networkable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense"

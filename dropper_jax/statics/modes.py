@@ -156,8 +156,6 @@ def _matrices(model: Model, pose: State) -> tuple[tuple[jax.Array, jax.Array] | 
 #: Stiffness relative to the maximum (per mass) that is rounding; that of swinging is 1e-11 of the axial stiffness of a
 #: chain.
 ROUNDING = 1e-13
-#: Number of instants per period at which damping forces are summed; exact for powers of the speed up to 30.
-INSTANTS = 32
 
 
 @dataclass(frozen=True)
@@ -283,8 +281,10 @@ def _damping(model: Model, pose: State, shapes: jax.Array) -> jax.Array:
 @cached_jit(brief=True)
 def _mean_power(model: Model, pose: State, speeds: jax.Array) -> jax.Array:
     """Mean power (modes,) [W] of all forces over a period with the velocity amplitudes (modes, nodes, 3)."""
+    # number of instants per period at which damping forces are summed; exact for powers of the speed up to 30
+    instants = 32
     model = rest(model)
-    phases = jnp.cos(2 * jnp.pi * (jnp.arange(INSTANTS) + 0.5) / INSTANTS)
+    phases = jnp.cos(2 * jnp.pi * (jnp.arange(instants) + 0.5) / instants)
     power = lambda v: jnp.sum(_speeding(model, pose, v) * v)  # noqa: E731
     return jax.lax.map(lambda v: jnp.mean(jax.vmap(lambda c: power(c * v))(phases)), speeds)
 

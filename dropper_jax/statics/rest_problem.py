@@ -26,13 +26,9 @@ from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.scatter import scatter_add
 from dropper_jax.effects.seabed import Seabed
-from dropper_jax.model import Effect, Graph, Kinematics, Law, Model, State, state
+from dropper_jax.model import Effect, Kinematics, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, damped_newton, newton
 from dropper_jax.solvers import SOLVERS
-
-#: K over the stiffness of a link, and the maximum displacement at full friction [m]: a stiffer K would be lost in
-#: rounding.
-GRIP, GIVE = 100.0, 1e-7
 
 
 @component
@@ -46,7 +42,7 @@ class StaticSeabedFriction(Effect):
     mu: jax.Array
 
     def force(self, k: Kinematics) -> jax.Array:
-        bed = next(e for e in k.model.effects if isinstance(e, Seabed))
+        bed = k.model.having(Seabed)[0]
         u = jnp.concatenate([k.r[:, :2] - self.position, jnp.zeros_like(k.r[:, :1])], axis=1)
         slides = self.mu * bed.normal(k) / safe_norm(u)
         return -jnp.minimum(self.grip, slides)[:, None] * u
@@ -69,23 +65,21 @@ def with_static_seabed_friction(model: Model, s: State, mu: jax.Array) -> tuple[
         along = jnp.cumsum(length[span])[:-1, None]
         inner.append(path[1:-1])
         positions.append(jnp.where(laid, start + along * (end - start) / jnp.where(laid, across, 1.0), 0.0))
-        grips.append(jnp.where(laid, GRIP * stiffness[span][:-1], 0.0))
+        # K over the stiffness of a link, and the maximum displacement at full friction [m]: a stiffer K would be lost
+        # in rounding
+        grips.append(jnp.where(laid, 100.0 * stiffness[span][:-1], 0.0))
     where = np.concatenate(inner).astype(int)
     at = scatter_add(where, jnp.concatenate(positions), graph.free)
     grip = scatter_add(where, jnp.concatenate(grips), graph.free)
-    grip = jnp.minimum(grip, GRAVITY_SCALE * mu * model.line.node_mass / GIVE)
+    grip = jnp.minimum(grip, GRAVITY_SCALE * mu * model.line.node_mass / 1e-7)
     size = jnp.max(jnp.abs(field)) + jnp.max(length)
     rounding = 10.0 * jnp.finfo(model.dtype).eps * jnp.max(grip) * size
     held = StaticSeabedFriction(position=at, grip=grip, mu=jnp.asarray(mu))
     return replace(model, effects=(*model.effects, held)), rounding / force_scale(model)
 
 
-#: Maximum scaled row (forces by m g, elongations by L) of a converged equilibrium, and the rounding error in units of
-#: the
-#: last place.
-TOLERANCE, UNITS = 1e-10, 1e4
-#: Fraction of the weight of the heaviest body that scales residual forces.
-PART = 1e-2
+#: Maximum scaled row (forces by m g, elongations by L) of a converged equilibrium.
+TOLERANCE = 1e-10
 #: Minimum kappa over the weight per length: prevents drift of unconstrained parts (a float in calm water).
 SMALLEST = 1e-9
 
@@ -140,13 +134,14 @@ class RestProblem(StepProblem):
 
 
 def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
-    """Scale of residual forces, a scalar [N]: the mean weight of a link, or `PART` of that of a body.
+    """Scale of residual forces, a scalar [N]: the mean weight of a link, or 1 % of that of a body.
 
     NumPy on the host: each operation on JAX arrays would be a separate program.
     """
     mass = xp.mean(xp.asarray(model.line.mass))
     if model.constraints:
-        mass = xp.maximum(mass, PART * xp.max(xp.asarray(model.constraints[0].mass)))
+        # fraction of the weight of the heaviest body that scales residual forces
+        mass = xp.maximum(mass, 1e-2 * xp.max(xp.asarray(model.constraints[0].mass)))
     return GRAVITY_SCALE * mass
 
 
@@ -168,7 +163,8 @@ def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
         contact = xp.max(xp.asarray(bed.stiffness)) * xp.max(xp.asarray(line.diameter) * length)
         stiffness = xp.maximum(stiffness, contact)
     extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
-    units = xp.maximum(UNITS, 10.0 * stiffness * extent / force_scale(model, xp))
+    # rounding error in units of the last place
+    units = xp.maximum(1e4, 10.0 * stiffness * extent / force_scale(model, xp))
     return xp.maximum(10.0 * TOLERANCE if model.constraints else TOLERANCE, jnp.finfo(model.dtype).eps * units)
 
 
@@ -197,7 +193,7 @@ def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tup
 
 def rest_solver(model: Model) -> Solver:
     """The cheapest solver of the exact Jacobian for the model; the network solver is for systems."""
-    if isinstance(model.geometry, Graph):
+    if model.geometry.branched:
         return SOLVERS["dense"] if model.node_reach > 0 else SOLVERS["network"]
     # maximum number of unknowns for LU of the full Jacobian
     return SOLVERS["dense"] if SOLVERS["dense"].size(model) <= 200 else SOLVERS["banded"]
@@ -225,12 +221,4 @@ def solve_statics(model: Model, s: State, loads: jax.Array) -> tuple[State, floa
 
 def name_of(model: Model, node: int) -> str:
     """The name of a free node: its point, or its line and number."""
-    graph = model.geometry
-    if not isinstance(graph, Graph):
-        return f"node {node + 1}"
-    if node >= graph.inner:
-        return f"point {model.points[int(graph.free_points[node - graph.inner])].name!r}"
-    for member, path in zip(graph.members, graph.paths, strict=True):
-        if node in path[1:-1]:
-            return f"node {int(np.flatnonzero(path == node)[0])} of line {member.name!r}"
-    return f"node {node}"
+    return model.geometry.name_of_node(node, [point.name for point in model.points])

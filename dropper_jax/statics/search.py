@@ -17,7 +17,7 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model import Effect, Ends, Graph, Model, State, state
+from dropper_jax.model import Effect, Ends, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.catenary import catenary_guess, hang
 from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance, with_static_seabed_friction
@@ -69,7 +69,7 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
         return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
     full, model = model, rest(model)
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
-    if isinstance(model.geometry, Graph):
+    if model.geometry.branched:
         return _by_descent(full, model, loads, t, near)
     share, message = 1.0, ""
     s, residual = _hang_and_solve(model, loads, t)
@@ -126,12 +126,7 @@ def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[S
 def outward(full: Model) -> Effect | None:
     """The static seabed friction of the lines of a system, or None."""
     friction = full.effect("seabed_friction")
-    outward = (
-        friction is not None
-        and friction.statics == "outward"
-        and isinstance(full.geometry, Graph)
-        and not full.constraints
-    )
+    outward = friction is not None and friction.statics == "outward" and full.geometry.branched and not full.constraints
     return friction if outward else None
 
 

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 #: Degrees of freedom of a point [m], and of a body, [m] and [rad].
 POINT, BODY = ("x", "y", "z"), ("x", "y", "z", "roll", "pitch", "yaw")
-#: Limits for a link on the verge of going slack: stretch over its length, and tension over the maximum tension.
-VERGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -79,9 +77,11 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: ja
 
 def verges(model: Model, pose: State) -> tuple[str, ...]:
     """Warnings about links at their unstretched length, which are in tension on one side only."""
+    # limits for a link on the verge of going slack: stretch over its length, and tension over the maximum tension
+    verge = 1e-9
     size = np.linalg.norm(np.asarray(model.links(pose.r, model.ends(pose.t))), axis=1)
     length, tension = np.asarray(model.line.length), np.asarray(pose.tension)
-    there = (np.abs(size / length - 1.0) <= VERGE) & (np.abs(tension) <= VERGE * max(np.max(np.abs(tension)), 1e-300))
+    there = (np.abs(size / length - 1.0) <= verge) & (np.abs(tension) <= verge * max(np.max(np.abs(tension)), 1e-300))
     if not np.any(there):
         return ()
     links = ", ".join(str(i + 1) for i in np.flatnonzero(there)[:5])
@@ -122,8 +122,7 @@ def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, tuple[str, i
 
 
 def _node(model: Model, point: int) -> int:
-    graph = model.geometry
-    return int(graph.point_node[point]) if hasattr(graph, "point_node") else model.free_nodes - 1
+    return model.geometry.node_of_point(point)
 
 
 def _shifted_residual(

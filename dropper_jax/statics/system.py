@@ -28,11 +28,6 @@ from dropper_jax.statics.bodies import BodyMoves, moves_of
 from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, balanced, force_scale, name_of, soft_scale
 from dropper_jax.statics.tangent import NodeMoves, stiffness_matrix
 
-#: Maximum number of free nodes for the stability check, the negative stiffness (over the weight of a link per its
-#: length)
-#: that is rounding, and the first displacement from an unstable equilibrium, in lengths of a link.
-FEW, ROUNDING, NUDGE = 200, 1e-6, 0.1
-
 
 @cached_jit(brief=True)
 def stiffness_and_motions(model: Model, s: State) -> tuple[jax.Array, jax.Array]:
@@ -70,12 +65,14 @@ def stable(model: Model, s: State) -> bool:
 
     Smallest eigenvalue of the stiffness on the null space of the constraints (minimum real part if drag makes it
     unsymmetric: every slow motion returns), relative to the mean weight of a link per length. A line with all links in
-    tension under dead loads is stable. Systems of more than `FEW` nodes are not checked.
+    tension under dead loads is stable. Systems of more than 200 nodes are not checked.
     """
-    if model.constant_force and np.all(np.asarray(s.tension) > 0.0) or model.free_nodes > FEW:
+    # the check is too slow for more free nodes than this
+    if model.constant_force and np.all(np.asarray(s.tension) > 0.0) or model.free_nodes > 200:
         return True
     scale = float(force_scale(model, np)) / np.mean(np.asarray(model.line.length))
-    return softest(model, s)[0] > -ROUNDING * scale
+    # a negative stiffness up to this fraction of the weight of a link per its length is rounding
+    return softest(model, s)[0] > -1e-6 * scale
 
 
 def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
@@ -109,7 +106,8 @@ def escape(
     if stable(model, s):
         return s, residual
     stiffness, side = softest(model, s)
-    nudge = NUDGE * float(np.mean(np.asarray(model.line.length))) * side
+    # the first displacement from an unstable equilibrium, in lengths of a link
+    nudge = 0.1 * float(np.mean(np.asarray(model.line.length))) * side
     for start in (s.r + nudge, s.r - nudge):
         found, size = find(state(model, start, tension=s.tension, t=s.t), stiffness)
         if size <= tolerance and stable(model, found):
@@ -119,12 +117,6 @@ def escape(
 
 #: Maximum number of iterations.
 ROUNDS = 1000
-#: Minimum kappa after a shortened correction, over the weight of a link per its length.
-FIRST = 1e-2
-#: Stretch of the springs that replace rigid links.
-GIVE = 1e-4
-#: Factors on kappa after a full, a good and a short step.
-FALL, KEEP, RISE = 0.2, 0.7, 4.0
 
 
 def correct_pose(
@@ -154,8 +146,10 @@ def correct_pose(
     # the full correction is tried first in the same loop, so that the program contains the rows only once
     never = jnp.full((), -jnp.inf, dx.dtype)
     share, _, size = jax.lax.while_loop(overshoots, shorter, (jnp.full((), 2.0, dx.dtype), never, -never))
-    harder = jnp.maximum(RISE * kappa, FIRST * soft)
-    kappa = jnp.where(share == 1.0, FALL * kappa, jnp.where(share >= 0.25, KEEP * kappa, harder))
+    harder = jnp.maximum(4.0 * kappa, 1e-2 * soft)
+    # factors on kappa after a full, a good and a short step, and its minimum after a short one over the weight of a
+    # link per its length
+    kappa = jnp.where(share == 1.0, 0.2 * kappa, jnp.where(share >= 0.25, 0.7 * kappa, harder))
     return moves.move_pose(s, loads, share * dx), size, jnp.maximum(kappa, SMALLEST * soft)
 
 
@@ -242,8 +236,9 @@ def with_axial(model: Model, axial: AxialLaw) -> Model:
 
 
 def springy(model: Model) -> Model:
-    """The model with stiff springs instead of rigid links, which stretch by about `GIVE` of their length."""
-    weight = force_scale(model) * model.line.links / GIVE
+    """The model with stiff springs instead of rigid links, which stretch by about 0.01 % of their length."""
+    # stretch of the springs that replace rigid links
+    weight = force_scale(model) * model.line.links / 1e-4
     return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape)))
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.model import Geometry, Graph, Model, State, state
+from dropper_jax.model import Geometry, Model, State, state
 from dropper_jax.solvers.dense import LU
 from dropper_jax.solvers.elimination import Elimination, Order, eliminate, elimination_order, solve
 from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale, unbalanced_at
@@ -53,11 +53,8 @@ def pattern(geometry: Geometry, reach: int) -> Pattern:
     from scipy.sparse import coo_array, eye_array  # noqa: PLC0415
 
     free = geometry.free
-    if isinstance(geometry, Graph):
-        first, last = geometry.first, geometry.last
-    else:
-        first, last = np.arange(free - 1), np.arange(1, free)
-    inside = (first < free) & (last < free)
+    first, last = (np.concatenate([path[part] for path in geometry.paths]) for part in (slice(-1), slice(1, None)))
+    inside = (first >= 0) & (first < free) & (last < free)
     first, last = first[inside], last[inside]
     beside = coo_array((np.ones(len(first)), (first, last)), shape=(free, free))
     near = (beside + beside.T + eye_array(free)).tocsr()

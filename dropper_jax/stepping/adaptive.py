@@ -4,7 +4,7 @@
 
 T0 and T1 are the tensions of the previous and of this step, and the roughness is the speed that their change could give
 to a link. On a snapping chain it gives the same standard deviation and peaks with half the steps of an estimate of the
-position error (Zienkiewicz and Xie 1991). The next step is `SAFETY (tolerance/roughness)^(1/2)` times this one, within
+position error (Zienkiewicz and Xie 1991). The next step is `0.85 (tolerance/roughness)^(1/2)` times this one, within
 bounds. Steps end at the saved times, which are evenly spaced.
 """
 
@@ -20,12 +20,6 @@ from dropper_jax.model import Model, State
 from dropper_jax.stepping.integrate import Progress, Trajectory, begin, step_failed
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
-
-SAFETY, SLOWER, FASTER = 0.85, 0.25, 1.6
-#: Minimum step as a fraction of the interval between saved times; such a step is accepted at any roughness.
-SHORTEST = 1.0 / 4096.0
-#: Roughness over tolerance assigned to a step that is not solved; the inverse is the minimum used.
-MOST = 1e6
 
 
 class Adaptive(NamedTuple):
@@ -159,17 +153,21 @@ class _Tried(NamedTuple):
 def _try(
     stepper: Stepper, model: Model, adaptive: Adaptive, end: jax.Array, dt: jax.Array, tolerance: jax.Array
 ) -> _Tried:
+    # minimum step as a fraction of the interval between saved times; such a step is accepted at any roughness
+    shortest = 1.0 / 4096.0
+    # roughness over tolerance assigned to a step that is not solved; the inverse is the minimum used
+    most = 1e6
     (state, _, first_bad), wanted, _ = adaptive
     left = end - state.t
     h = left / jnp.ceil(left / wanted - 1e-9)
     s1, report = step(stepper, model, state, h, first_bad < 0)
     bad = step_failed(stepper, model, s1, report.residual)
     rough = roughness(model, state, s1, h) / tolerance
-    rough = jnp.where(bad | ~jnp.isfinite(rough), MOST, rough)
+    rough = jnp.where(bad | ~jnp.isfinite(rough), most, rough)
     # a failed run continues to its end with any roughness
-    take = (rough <= 1.0) | (h <= 1.01 * SHORTEST * dt) | (first_bad >= 0)
-    factor = jnp.clip(SAFETY / jnp.sqrt(jnp.maximum(rough, 1.0 / MOST)), SLOWER, FASTER)
-    return _Tried(s1, report, h, bad, take, jnp.clip(h * factor, SHORTEST * dt, dt))
+    take = (rough <= 1.0) | (h <= 1.01 * shortest * dt) | (first_bad >= 0)
+    factor = jnp.clip(0.85 / jnp.sqrt(jnp.maximum(rough, 1.0 / most)), 0.25, 1.6)
+    return _Tried(s1, report, h, bad, take, jnp.clip(h * factor, shortest * dt, dt))
 
 
 def adaptive_step_lengths(

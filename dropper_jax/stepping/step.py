@@ -23,7 +23,7 @@ def step(
     if s.parted is not None:
         return step_and_part(lambda current, now: step(stepper, current, now, h, alive), model, s)
     integrator = stepper.integrator
-    if isinstance(integrator, Explicit):
+    if not integrator.implicit:
         return _explicit(integrator, model, s, h)
     if len(integrator.stages) == 1:
         return _implicit(stepper, model, s, h, alive)

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from dropper_jax.backend.one_kernel import inside, is_inside
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
-from dropper_jax.model import Graph, Model
-from dropper_jax.residual import Explicit, Implicit, Integrator
+from dropper_jax.model import Model
+from dropper_jax.residual import Implicit, Integrator
 from dropper_jax.solvers import SOLVERS
 
 
@@ -36,14 +36,14 @@ def make_stepper(
     reason = scheme.refuse(model)
     if reason:
         raise SceneError(f"run.integrator: {integrator!r} cannot run this scene: {reason}")
-    if isinstance(scheme, Explicit):
+    if not scheme.implicit:
         if solver != "auto":
             raise SceneError(f"run.solver: {solver!r} is given, but integrator {integrator!r} solves nothing; use auto")
         return Stepper(scheme, "none", "none", 0, **settings)
     if solver != "auto" and (reason := SOLVERS[solver].refuse(model, scheme)):
         raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
     chosen = _choose(model, scheme) if solver == "auto" else solver
-    if isinstance(model.geometry, Graph):
+    if model.geometry.branched:
         # maximum number of Newton corrections of a step of a system of lines; a step that needs more is halved
         settings = {"iterations": 16, "until_converged": True, **settings}
         return Stepper(scheme, chosen, chosen, settings.pop("iterations"), **settings)
@@ -85,7 +85,7 @@ def _choose(model: Model, scheme: Implicit) -> str:
 
 
 def _exact(model: Model, scheme: Implicit) -> str:
-    if isinstance(model.geometry, Graph):
+    if model.geometry.branched:
         return "dense" if SOLVERS["network"].refuse(model, scheme) else "network"
     # number of unknowns below which LU of the full Jacobian is faster than block elimination (measured at 3 compound
     # links)

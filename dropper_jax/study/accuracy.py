@@ -24,8 +24,6 @@ from dropper_jax.study.reference import Reference, reference, trusted_span
 from dropper_jax.study.work_precision import energy_loss, measure, orders
 
 SCENE = "dropper-release-a-undamped"
-#: Duration of the runs for the energy table of the schemes [s].
-REPORT_DURATION = 6.5
 #: Damping fitted in the thesis [kg/s], with its scheme and step [s].
 THESIS_B_L = 0.002
 THESIS_DT = 0.0065
@@ -49,7 +47,7 @@ def numerical_damping(
     schemes: tuple[Scheme, ...] = REPORT_SCHEMES,
     dts: tuple[float, ...] = DAMPING_DTS,
     scene: str = SCENE,
-    duration: float = REPORT_DURATION,
+    duration: float = 6.5,
 ) -> dict[str, Any]:
     """Equivalent damping `b = E_lost / sum over nodes of the integral of |v|^2` [kg/s] of each scheme and step.
 
@@ -108,8 +106,6 @@ def _thesis(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 #: Default steps [s]: powers of two, which divide whole seconds and each other.
 REPORT_DTS = tuple(2.0**-k for k in range(5, 12))
-#: Target errors [rad] of the advice.
-TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 #: Maximum relative error of each load for the advice.
 WANTED = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.08}
 
@@ -185,7 +181,9 @@ def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], s
     }
 
 
-def advice(rows: list[dict[str, Any]], targets: tuple[float, ...] = TARGETS) -> list[dict[str, Any]]:
+def advice(
+    rows: list[dict[str, Any]], targets: tuple[float, ...] = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+) -> list[dict[str, Any]]:
     """The fastest measured run for each RMS angle error [rad], with its margin (target over error)."""
     return [_cheapest_run(rows, target) for target in targets]
 
@@ -275,7 +273,6 @@ CLAIMS = (
     (Scheme("theta", 1.0), "implicit Euler loses energy", -1),
     (Scheme("semi_implicit_euler"), "semi-implicit Euler does neither", 0),
 )
-EULER_DTS = (0.01, 0.005, 0.0025)
 EULER_DURATION = 5.0
 
 
@@ -297,7 +294,9 @@ def single_pendulum() -> Scene:
     )
 
 
-def euler_claims(dts: tuple[float, ...] = EULER_DTS, duration: float = EULER_DURATION) -> list[dict[str, Any]]:
+def euler_claims(
+    dts: tuple[float, ...] = (0.01, 0.005, 0.0025), duration: float = EULER_DURATION
+) -> list[dict[str, Any]]:
     """Energy gained over `duration` [s] by the three schemes at each step, over the energy scale, and whether the claim
     holds.
 

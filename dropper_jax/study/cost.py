@@ -23,8 +23,6 @@ from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.integrate import Progress, advance, begin
 from dropper_jax.stepping.stepper import Stepper, make_stepper
 
-#: Steps of one timed run, and number of repetitions of the interleaved runs of all variants.
-COST_STEPS, COST_ROUNDS = 2000, 7
 FULL, BARE = "whole scene", "bare scene"
 
 
@@ -39,7 +37,7 @@ class Unused(Effect):
         return self.strength * jnp.cosh(k.r)
 
 
-def cost(scene: Scene, steps: int = COST_STEPS, rounds: int = COST_ROUNDS) -> dict[str, Any]:
+def cost(scene: Scene, steps: int = 2000, rounds: int = 7) -> dict[str, Any]:
     """Flops and bytes of the compiled step, and measured time per step, with all effects, without each, and bare.
 
     Times are medians of interleaved runs in one process; `ratio` is relative to the complete scene. Runs without an

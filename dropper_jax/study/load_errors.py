@@ -102,10 +102,8 @@ QUANTITIES = ("mean", "deviation", "window_maximum", "maximum", "minimum", "snap
 FINER = (1, 2, 4)
 #: Ratio of the error of the links to the change with twice the links, for second order.
 LINK_RATIO = 4.0 / 3.0
-#: Windows of maxima without waves [s], and number of batches for the random error.
-WINDOW, BATCHES = 10.0, 8
-#: Relative change of all masses, and the amplification of this change in the motion above which it is chaotic.
-PERTURBED, AMPLIFIED = 1e-8, 1e4
+#: Relative change of all masses.
+PERTURBED = 1e-8
 #: Relative error of the maximum tension of a line above which it is not resolved.
 UNRESOLVED = 0.05
 
@@ -210,7 +208,8 @@ def _horizon(first: Samples, other: Samples) -> float:
     apart = np.abs(first.positions[:k] - other.positions[:k]).max(axis=(1, 2))
     # minimum range of a motion, as a fraction of the longest line
     moved = max(float(np.ptp(first.positions, axis=0).max()), 1e-3 * max(line.total for line in first.scene.lines))
-    over = np.flatnonzero(apart > AMPLIFIED * PERTURBED * moved)
+    # amplification of the change in the motion above which it is chaotic
+    over = np.flatnonzero(apart > 1e4 * PERTURBED * moved)
     return float(first.t[over[0]]) if over.size else first.scene.run.duration
 
 
@@ -251,7 +250,7 @@ def _statistics(
     sample."""
     square = tension**2 + within
     tops, bottoms = (_windows(found, values) for values in (largest, -least))
-    batches = [part for part in np.array_split(np.arange(len(tension)), BATCHES) if part.size]
+    batches = [part for part in np.array_split(np.arange(len(tension)), 8) if part.size]
     means = np.array([tension[part].mean() for part in batches])
     deviations = np.array([np.sqrt(max(square[part].mean() - tension[part].mean() ** 2, 0.0)) for part in batches])
     spread = lambda x: float(x.std(ddof=1)) if len(x) > 1 else float("nan")  # noqa: E731
@@ -276,10 +275,10 @@ def _windows(found: Record, values: np.ndarray) -> np.ndarray:
 
 
 def _period(scene: Scene) -> float:
-    """Period of the waves with the most energy [s], else `WINDOW`."""
+    """Period of the waves with the most energy [s], else the length of a window without waves, 10 s."""
     waves = None if scene.sea is None else scene.sea.waves
     if waves is None:
-        return WINDOW
+        return 10.0
     if waves.tp is not None:
         return float(waves.tp)
     if waves.period is None:

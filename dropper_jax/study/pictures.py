@@ -19,9 +19,6 @@ from dropper_jax.scene import line_slices
 from dropper_jax.statics import Equilibrium
 from dropper_jax.statics.modes import Modes
 
-#: Number of drawn modes, the slowest ones, and the maximum displacement as a fraction of the configuration's size.
-DRAWN, MODE_REACH = 9, 0.12
-
 
 def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
     """The equilibrium, with links coloured by tension [N]."""
@@ -48,7 +45,8 @@ def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
 @style.plot_style()
 def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, path: str | Path) -> Path:
     """The slowest modes: the equilibrium and both extremes of the motion, in the view with the largest motion."""
-    count = min(len(modes.period), DRAWN)
+    # the slowest modes
+    count = min(len(modes.period), 9)
     r, ends_of_lines = np.asarray(found.state.r), model.ends(found.state.t)
     rest = np.asarray(found.positions)
     size = view.size(rest)
@@ -61,7 +59,8 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
         axes.axis("off")
     for i, axes in enumerate(grid[:count]):
         shape = np.asarray(modes.shape[i])
-        shape = shape * MODE_REACH * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
+        # maximum displacement as a fraction of the configuration's size
+        shape = shape * 0.12 * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
         ends = [np.asarray(model.nodes(r + sign * shape, ends_of_lines)) for sign in (1.0, -1.0)]
         across, up = _plane(rest, ends[0] - rest)
         for line in line_slices(scene):

@@ -23,8 +23,6 @@ from dropper_jax.study.march import grid_run, link_vectors, rms_angle
 
 #: Size of the perturbation [-]: far above rounding, and still small after growth by a factor of 100.
 NEARBY = 1e-8
-#: Target error of the reference: 1e-4 of the minimum target error of the advice (1e-5 rad).
-REFERENCE_TARGET = 1e-9
 
 
 @dataclass(frozen=True)
@@ -90,9 +88,8 @@ def trusted_span(
     return span, float(growth[last]) / span
 
 
-def reference(
-    model: Model, s: State, grid: float, saves: int, exponent: float, target: float = REFERENCE_TARGET
-) -> Reference:
+# target error of the reference: 1e-4 of the minimum target error of the advice (1e-5 rad)
+def reference(model: Model, s: State, grid: float, saves: int, exponent: float, target: float = 1e-9) -> Reference:
     """Refine two schemes together until they agree to `target` [rad], or neither can be refined further.
 
     The first is the fourth-order composition, the second RATTLE extrapolated to step zero (Romberg, three steps; its

@@ -32,10 +32,8 @@ from dropper_jax.study import pictures
 from dropper_jax.study.figure_table import SAMPLE_INTERVAL, Run, SourceFigure, scene_of
 from dropper_jax.study.march import convergence
 
-#: Interval of compared states [s] and steps [s] of a study of convergence.
-GRID, FIGURE_STEPS = 0.08, (0.08, 0.04, 0.02, 0.01, 0.005, 0.0025)
-#: Maximum frequency of a spectrum [Hz]; the motions of the sources are slower.
-MOST_HZ = 6.0
+#: Interval of compared states [s].
+GRID = 0.08
 AXES = ("x", "y", "z")
 
 #: Times (k,) [s] and angles (k, n) [rad] from the horizontal, positive downwards.
@@ -55,20 +53,14 @@ def draw_figure(
     path = Path(path)
     if measured is not None and runs and measured[1].shape[1] != runs[0].solution.tension.shape[1]:
         measured = None
-    if figure.kind == "steps":
-        return [_steps(figure, path)]
-    if figure.kind == "profile":
-        return [_profile(figure, path)]
-    if figure.kind == "elevation":
-        return [_elevation(figure, path)]
-    if figure.kind == "pose":
-        return _pose(figure, runs[0].solution, path)
-    if figure.kind == "space":
-        return [_space(figure, runs[0].solution, path)]
-    if figure.kind in ("series", "angles"):
+    if figure.kind in FROM_SCENE:
+        return [FROM_SCENE[figure.kind](figure, path)]
+    if figure.kind in CONFIGURATIONS:
+        return CONFIGURATIONS[figure.kind](figure, runs[0].solution, path)
+    if figure.kind in HISTORIES:
         solution = runs[0].solution
         run = dataclasses.replace(readable(solution), name=figure.name)
-        panels = _angles(solution, measured) if figure.kind == "angles" else _series(solution, figure)
+        panels = HISTORIES[figure.kind](figure, solution, measured)
         if figure.span is not None:
             panels = [panel._replace(curves=[_part(curve, *figure.span) for curve in panel.curves]) for panel in panels]
             run = dataclasses.replace(run, t=np.clip(run.t, *figure.span))
@@ -82,7 +74,7 @@ def _part(curve: Curve, begin: float, end: float) -> Curve:
     return curve._replace(t=curve.t[kept], values=curve.values[kept])
 
 
-def _series(solution: Solution, figure: SourceFigure) -> list[Panel]:
+def _series(figure: SourceFigure, solution: Solution, measured: Measured | None) -> list[Panel]:
     scene, found = solution.scene, []
     for name in figure.panels:
         if name in AXES:
@@ -108,7 +100,7 @@ def elevation_at_origin(scene: Scene, times: np.ndarray) -> np.ndarray:
     return surface_over(scene, np.zeros((len(times), 1, 3)), times)[:, 0]
 
 
-def _angles(solution: Solution, measured: Measured | None) -> list[Panel]:
+def _angles(figure: SourceFigure, solution: Solution, measured: Measured | None) -> list[Panel]:
     """A panel per link: simulated, and measured if given."""
     panels = []
     for link in range(solution.tension.shape[1]):
@@ -223,7 +215,8 @@ def _spectrum(figure: SourceFigure, runs: Sequence[Run], measured: Measured | No
     found = []
     for column, angle in enumerate(figure.angles):
         for low in figure.from_hz:
-            shown = [(name, f[part := (f >= low) & (f <= MOST_HZ)], a[part, column]) for name, f, a in curves]
+            # maximum frequency of a spectrum [Hz]; the motions of the sources are slower
+            shown = [(name, f[part := (f >= low) & (f <= 6.0)], a[part, column]) for name, f, a in curves]
             title = f"{angle}, from {low:g} Hz" if len(figure.from_hz) > 1 else ""
             found.append(Lines(title, "frequency [Hz]", "amplitude [rad]", shown))
     return found, len(figure.from_hz)
@@ -261,7 +254,7 @@ def _pose(figure: SourceFigure, solution: Solution, path: Path) -> list[Path]:
     return [plots.under_surface(solution, path, time=time), plots.snapshot(solution, space, time=time)]
 
 
-def _space(figure: SourceFigure, solution: Solution, path: Path) -> Path:
+def _space(figure: SourceFigure, solution: Solution, path: Path) -> list[Path]:
     """Paths of the nodes in space, their samples as points."""
     positions = solution.positions
     limits = view.box(positions)
@@ -273,7 +266,7 @@ def _space(figure: SourceFigure, solution: Solution, path: Path) -> Path:
     axes.plot(*positions[0].T, "o-", color=style.DARK, lw=1.2, ms=4)
     picture.legend(loc="lower left", ncols=3, markerscale=4)
     _entitle(picture, figure)
-    return style.save(picture, path)
+    return [style.save(picture, path)]
 
 
 def _steps(figure: SourceFigure, path: Path) -> Path:
@@ -290,7 +283,7 @@ def _steps(figure: SourceFigure, path: Path) -> Path:
 @cache
 def _compared_steps(scene: str, duration: float) -> list[dict[str, Any]]:
     """The differences of one study, used in two figures."""
-    return convergence(*build(scene_of(scene)), GRID, round(duration / GRID), list(FIGURE_STEPS))
+    return convergence(*build(scene_of(scene)), GRID, round(duration / GRID), [0.08, 0.04, 0.02, 0.01, 0.005, 0.0025])
 
 
 def _elevation(figure: SourceFigure, path: Path) -> Path:
@@ -312,3 +305,9 @@ def _profile(figure: SourceFigure, path: Path) -> Path:
     axes.set(xlabel="speed of the current [m/s]", ylabel="z [m]", xlim=(0.0, None))
     _entitle(picture, figure)
     return style.save(picture, path)
+
+
+#: Drawings by kind: from the scene alone, of one configuration or motion, of quantities against time.
+FROM_SCENE = {"steps": _steps, "profile": _profile, "elevation": _elevation}
+CONFIGURATIONS = {"pose": _pose, "space": _space}
+HISTORIES = {"angles": _angles, "series": _series}

@@ -15,13 +15,8 @@ from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.march import grid_run, link_vectors, rms_angle, status_of
 from dropper_jax.study.reference import trusted_span
 
-#: Maximum number of times at which pilot runs are compared; nearly always equal for steps h and h/2, so that they share
-#: one compiled program.
-PILOT_SAVES = 16
 #: Halvings between the two pilot runs: they differ by 3/4 (first order) or 15/16 (second) of the error.
 HALVINGS_BETWEEN = 2
-#: Maximum number of halvings of the scene's step, and of steps of one pilot run.
-PILOT_HALVINGS, PILOT_STEPS = 12, 100_000
 
 
 @dataclass(frozen=True)
@@ -91,7 +86,8 @@ class _Pilot:
         return self.base * 2.0**k
 
     def affordable(self, k: int) -> bool:
-        return k >= -PILOT_HALVINGS and self.until / self.dt(k - HALVINGS_BETWEEN) <= PILOT_STEPS
+        # maximum number of halvings of the scene's step, and of steps of one pilot run
+        return k >= -12 and self.until / self.dt(k - HALVINGS_BETWEEN) <= 100_000
 
     def sensible(self, k: int) -> bool:
         """At least 8 steps in the pilot."""
@@ -112,9 +108,11 @@ class _Pilot:
         return apart / (1 - 4.0 ** -min(order, 6.0))
 
     def _run(self, k: int, coarsest: int) -> np.ndarray | None:
-        """Link vectors at up to `PILOT_SAVES` times to the end, on whole steps of the coarsest run compared with."""
+        """Link vectors at up to 16 times to the end, on whole steps of the coarsest run compared with."""
         steps = max(1, int(self.until / self.dt(coarsest) + 1e-9))
-        stride = -(-steps // PILOT_SAVES)  # rounded up: the saved times must reach the end, where errors are largest
+        # maximum number of times at which pilot runs are compared; nearly always equal for steps h and h/2, so that
+        # they share one compiled program
+        stride = -(-steps // 16)  # rounded up: the saved times must reach the end, where errors are largest
         saves = steps // stride
         grid = stride * self.dt(coarsest)
         key = (k, coarsest)

@@ -31,8 +31,6 @@ from dropper_jax.study.march import (
 )
 from dropper_jax.study.reference import Reference
 
-#: Number of timed runs, and the total time [s] after which no more are run.
-TIMING_REPEATS, LONG_ENOUGH = 3, 0.2
 #: Error tolerances of error-controlled schemes, instead of steps.
 SCHEME_TOLERANCES = tuple(10.0 ** (-0.5 * k) for k in range(4, 24))
 #: A failed run has no errors and no speed, since these values would be meaningless.
@@ -52,7 +50,7 @@ def measure(
     schemes: list[Scheme],
     dts: list[float],
     target: Reference,
-    repeats: int = TIMING_REPEATS,
+    repeats: int = 3,
     say: Progress = silent,
     pick: Callable[[list[float]], float] = statistics.median,
     retry: bool = True,
@@ -173,7 +171,8 @@ def _walls(run: Callable[[], Any], repeats: int) -> list[float]:
         started = time.perf_counter()
         jax.block_until_ready(run())
         times.append(time.perf_counter() - started)
-        if sum(times) > LONG_ENOUGH:
+        # total time [s] after which no more are run
+        if sum(times) > 0.2:
             break
     return times
 

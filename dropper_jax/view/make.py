@@ -27,12 +27,8 @@ from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.body import rotation
 from dropper_jax.sea import Sea
 
-#: Frames per wave period of the lines and of the surface, between which the page interpolates linearly.
-IN_A_WAVE, OF_SURFACE = 8, 10
-#: Maximum and minimum number of frames of the surface.
-SURFACE_FRAMES, LEAST_FRAMES = 3750, 60
-#: Time over which the mean period of the waves is counted [s], and the number of samples.
-COUNTED, SAMPLES = 600.0, 2400
+#: Frames of the lines per wave period, between which the page interpolates linearly.
+IN_A_WAVE = 8
 
 
 class Shown(NamedTuple):
@@ -70,14 +66,16 @@ def _surface_times(begin: float, end: float, period: float) -> np.ndarray:
     """Times of the surface [s], ten per wave period."""
     if period == 0.0 or end <= begin:
         return np.linspace(begin, end, 2 if end > begin else 1)
-    count = int(np.ceil((end - begin) * OF_SURFACE / period)) + 1
-    return np.linspace(begin, end, min(max(count, LEAST_FRAMES), SURFACE_FRAMES))
+    # frames of the surface per wave period, between which the page interpolates linearly
+    count = int(np.ceil((end - begin) * 10 / period)) + 1
+    return np.linspace(begin, end, min(max(count, 60), 3750))
 
 
 def wave_period(sea: Sea, run: Run) -> float:
     """Mean period between upward crossings of the surface over the middle of the lines [s]; 0 without waves."""
     begin, end = float(run.t[0]), float(run.t[-1])
-    times = np.linspace(begin, begin + max(min(end - begin, COUNTED), 60.0), SAMPLES)
+    # time over which the mean period of the waves is counted [s], and the number of samples
+    times = np.linspace(begin, begin + max(min(end - begin, 600.0), 60.0), 2400)
     middle = run.positions.mean(axis=(0, 1))
     eta = np.asarray(elevation(sea, np.array([[middle[0], middle[1], 0.0]]), times))[:, 0]
     return cycle(times, eta) if np.ptp(eta) > 1e-6 else 0.0
@@ -96,10 +94,8 @@ def even(count: int, most: int) -> np.ndarray:
 
 #: Maximum number of frames of a page; a longer run is thinned, which keeps the file at a few MB and scrubbing smooth.
 FRAMES = 3000
-#: Points per side of the water surface.
-SURFACE_POINTS = 19
-#: Half width of the seabed in the same unit, and its points per side.
-BED_REACH, BED_POINTS = 0.75, 13
+#: Points of the seabed per side.
+BED_POINTS = 13
 COLOURS = 33
 
 
@@ -204,7 +200,7 @@ def _held_nodes(solution: Solution, run: Run) -> list[int]:
         return list(run.held)
     line = solution.scene.lines[0]
     last = run.positions.shape[1] - 1
-    return [0] if solution.scene.point(line.end).kind == "free" else [0, last]
+    return [0] if solution.scene.point(line.end).is_free else [0, last]
 
 
 def _bed_grid(run: Run) -> dict[str, Any] | None:
@@ -212,7 +208,8 @@ def _bed_grid(run: Run) -> dict[str, Any] | None:
     if run.scene is None:
         return None
     low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
-    step = _round_step(2 * BED_REACH * max(float((high - low).max()), 1.0) / (BED_POINTS - 1))
+    # half width of the seabed in the unit of the configuration's size
+    step = _round_step(2 * 0.75 * max(float((high - low).max()), 1.0) / (BED_POINTS - 1))
     around = np.arange(BED_POINTS) - BED_POINTS // 2
     x, y = (step * (np.rint(m / step) + around) for m in 0.5 * (low + high)[:2])
     grid = np.meshgrid(x, y, indexing="ij")
@@ -246,16 +243,18 @@ def _pack(values: np.ndarray) -> str:
 
 def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
     """Depth, a square grid of positions and the elevation there at times [s], in whole steps of `step` [m]."""
+    # points per side of the water surface
+    surface_points = 19
     low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
     # half width of the surface in sizes of the motion of the line
     reach = 0.9 * max(float((high - low).max()), 1.0)
-    x, y = (np.linspace(m - reach, m + reach, SURFACE_POINTS) for m in 0.5 * (low + high)[:2])
+    x, y = (np.linspace(m - reach, m + reach, surface_points) for m in 0.5 * (low + high)[:2])
     positions = np.stack([*(a.ravel() for a in np.meshgrid(x, y, indexing="ij")), np.zeros(x.size * y.size)], axis=-1)
     eta = np.asarray(elevation(sea, positions, times))
     step = max(float(np.abs(eta).max()), 1e-9) / 32767
     return {
         "depth": float(sea.depth),
-        "points": SURFACE_POINTS,
+        "points": surface_points,
         "x": x.tolist(),
         "y": y.tolist(),
         "frames": len(times),

@@ -16,8 +16,6 @@ from fitting.cases.one import STATUS, Found
 from fitting.cases.run import Store
 from fitting.site import Anchor, Case, Part, Site, Storm
 
-SCHEMA = 1
-
 
 class Runs:
     """The stored runs of a site, load case by load case; only one is in memory at a time."""
@@ -75,7 +73,7 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
             held[name].append(anchor_row(site, name, storm, loads))
     parts = [_part(part, rows[part.name], site, None if step is None else step.get(part.name)) for part in site.parts]
     found = {
-        "schema": SCHEMA,
+        "schema": 1,
         "site": site.name,
         "scene": site.scene.name,
         "dt_s": dt,

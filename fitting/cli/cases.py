@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.memory import available_cores
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_folder, positive_integer
 from dropper_jax.cli.output import FAILED, OK, failure_object, listing, print_json, print_line, print_result, progress
 
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     from fitting.cases.steps import step_errors
 
     dt = site.prepared().run.dt
-    how = {"workers": args.workers or _cores(), "scheduler": args.scheduler, "progress": progress(args.quiet)}
+    how = {"workers": args.workers or available_cores(), "scheduler": args.scheduler, "progress": progress(args.quiet)}
     try:
         done = run_cases(site, out, dt=dt, **how)
         found = assess(site, out, dt)
@@ -77,10 +77,6 @@ def _file(site: str) -> str:
     from fitting.site import site_text
 
     return site_text(site).decode().rstrip()
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _list(site: Any, as_json: bool) -> int:

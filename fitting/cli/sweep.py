@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.memory import available_cores
 from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, output_folder, read_scene
 from dropper_jax.cli.output import (
     FAILED,
@@ -39,8 +40,6 @@ help = "run a grid of cases in batches and keep the results in a Zarr folder"
 OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
 #: Quantities of `fitting.sweep`, which imports JAX.
 DEFAULT_QUANTITIES = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
-#: Maximum number of values of one path.
-MOST_VALUES = 10_000_000
 #: Tables of a scene whose values cannot be parameters of a fit.
 NOT_FITTED = ("start", "point", "sea")
 #: Maximum number of cases in the table of scores.
@@ -195,15 +194,16 @@ def use_cores(count: int | None) -> None:
         raise SceneError(f"--devices: {count}; allowed: a whole number >= 1")
     import jax
 
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
-        jax.config.update("jax_num_cpu_devices", count or cores)
+        jax.config.update("jax_num_cpu_devices", count or available_cores())
     except RuntimeError:  # JAX is already initialised in this process: the existing devices are used
         print_line("warning: JAX is already initialised; the number of devices is unchanged")
 
 
 def _values(option: str) -> tuple[str, np.ndarray]:
     """Path and values of `NAME=LO:HI:N[:log]` or `NAME=A,B,C`."""
+    # maximum number of values of one path
+    most_values = 10_000_000
     import numpy as np
 
     path, equals, text = option.partition("=")
@@ -217,8 +217,8 @@ def _values(option: str) -> tuple[str, np.ndarray]:
         low, high, count, spacing = [*text.split(":"), "linear"][:4]
         if int(count) < 1:
             raise ValueError
-        if int(count) > MOST_VALUES:
-            raise SceneError(f"--vary: {path.strip()} has {int(count)} values; allowed: at most {MOST_VALUES}")
+        if int(count) > most_values:
+            raise SceneError(f"--vary: {path.strip()} has {int(count)} values; allowed: at most {most_values}")
         return path.strip(), getattr(np, SPACINGS[spacing])(float(low), float(high), int(count))
     except SceneError:
         raise

@@ -7,7 +7,6 @@ until windows are chosen again. Cases with a broken line have loads of parts and
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -16,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.memory import available_cores
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
@@ -301,11 +301,6 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 
-def cores() -> int:
-    """Number of cores available to this process."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def run_parallel(
     one: Callable[[A], B], items: Sequence[A], say: Callable[[int], None], workers: int | None = None
 ) -> list[B]:
@@ -319,7 +314,7 @@ def run_parallel(
         The first exception of `one`, in the order of the items; items that have not started are cancelled.
     """
     found: list[B] = []
-    with ThreadPoolExecutor(workers or cores()) as pool:
+    with ThreadPoolExecutor(workers or available_cores()) as pool:
         head = [one(item) for item in items[:1]]
         futures = [pool.submit(one, item) for item in items[1:]]
         try:

@@ -159,9 +159,6 @@ class Values:
 # programme within a reach also has prices, but those of its corner. With fewer active constraints than variables the
 # reach itself balances the rest, and the prices are arbitrary.
 
-#: Fraction of a variable's range from a bound within which the bound counts as active.
-AT_BOUND = 1e-3
-
 
 class Prices(NamedTuple):
     """Decrease of the objective for a limit that is higher by 1, by constraint (m,), and the unbalanced fraction of the
@@ -178,13 +175,15 @@ def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fix
         low, high: bounds (p,); fixed: variables on a size of their catalogue (p,), which stay there.
         limit: upper limit of the constraints.
     """
+    # fraction of a variable's range from a bound within which the bound counts as active
+    at_bound = 1e-3
     from scipy.optimize import nnls  # noqa: PLC0415
 
     p, span, free = len(x), high - low, ~fixed
     cost, rows = values.slope[:p] * span, values.slopes[:, :p] * span
     active = np.flatnonzero(values.value >= limit - 0.03)  # this near to the limit a constraint counts as active
-    held = [(k, -1.0) for k in np.flatnonzero(x - low <= AT_BOUND * span)]
-    held += [(k, 1.0) for k in np.flatnonzero(high - x <= AT_BOUND * span)]
+    held = [(k, -1.0) for k in np.flatnonzero(x - low <= at_bound * span)]
+    held += [(k, 1.0) for k in np.flatnonzero(high - x <= at_bound * span)]
     walls = np.zeros((p, len(held)))
     for i, (k, sign) in enumerate(held):
         walls[k, i] = sign

@@ -13,9 +13,6 @@ from fitting.channels.result import ChannelFit
 from fitting.report.report import markdown
 from fitting.report.tables import interval_rows, parameter_rows, significant, step_text
 
-#: Maximum number of columns drawn in one picture.
-MOST_COLUMNS = 6
-
 
 def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
     """Every channel with its residuals, with a heading."""
@@ -101,6 +98,8 @@ def write_scenes(result: ChannelFit, folder: Path) -> list[Path]:
 
 def picture(result: ChannelFit, run: int, path: str | Path) -> Path:
     """Measured samples, the fitted run, and residuals in units of the noise, of a run's first columns."""
+    # maximum number of columns drawn in one picture
+    most_columns = 6
     problem, e = result.solution.problem, result.solution.evaluation
     panels = []
     for c, sensor in enumerate(problem.data.sensors):
@@ -109,8 +108,8 @@ def picture(result: ChannelFit, run: int, path: str | Path) -> Path:
             t, measured, shown = problem.data.runs[run].t[c], problem.data.runs[run].values[c][:, j], e.shown[run][c]
             label = sensor.channel.name if len(sensor.channel.columns) == 1 else f"{sensor.channel.name}: {name}"
             panels.append((f"{label} [{sensor.channel.measures}]", t, measured, shown[:, j], size[:, j]))
-    left_out = len(panels) - MOST_COLUMNS
-    panels = panels[:MOST_COLUMNS]
+    left_out = len(panels) - most_columns
+    panels = panels[:most_columns]
     with style.plot_style():
         figure = style.new_figure(9.0, 1.0 + 1.7 * len(panels))
         axes = np.atleast_2d(figure.subplots(len(panels), 2, sharex=True, width_ratios=(3, 1), squeeze=False))

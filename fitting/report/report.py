@@ -222,8 +222,6 @@ class Example:
 
 
 EXAMPLE = Example()
-#: Fraction of the progress for the simulation of the traces.
-MAKING = 0.4
 
 
 def calibrate_synthetic(
@@ -233,6 +231,8 @@ def calibrate_synthetic(
     progress: Progress | None = None,
 ) -> FitResult:
     """Make the traces, fit them together, write traces and report to `folder`; `method` as in `fitting.fit`."""
+    # fraction of the progress for the simulation of the traces
+    making = 0.4
     say = progress or silent
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -241,7 +241,7 @@ def calibrate_synthetic(
         scenes,
         example.duration,
         Camera(angle_noise=example.noise),
-        progress=lambda fraction, text: say(MAKING * fraction, text),
+        progress=lambda fraction, text: say(making * fraction, text),
     )
     for trace in traces:
         write_trace(folder / f"{trace.name}.csv", trace)
@@ -251,10 +251,10 @@ def calibrate_synthetic(
         list(example.truth),
         method=method,
         start=example.start,
-        progress=lambda fraction, text: say(MAKING + 0.85 * (1 - MAKING) * fraction, text),
+        progress=lambda fraction, text: say(making + 0.85 * (1 - making) * fraction, text),
     )
     result.warnings.insert(0, LABEL)
-    say(1 - 0.15 * (1 - MAKING), "report")
+    say(1 - 0.15 * (1 - making), "report")
     write_report(result, folder)
     say(1.0, result.status)
     return result

@@ -64,9 +64,6 @@ def spread(count: int, need: Sequence[float]) -> list[int]:
     return found
 
 
-SCHEMA = 1
-
-
 def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
     """The season of a site with `[season]` and `[[growth]]`.
 
@@ -178,7 +175,7 @@ def _season_table(site: Site, names: list[str], lift: float, rows: list[dict[str
         row["reserve"] = row["floats"] * lift / row["need_n"] if row["need_n"] > 0.0 else None
         flags += _flags(row)
     return {
-        "schema": SCHEMA,
+        "schema": 1,
         "status": "ok",
         "site": site.name,
         "scene": site.scene.name,

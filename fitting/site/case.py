@@ -16,9 +16,6 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.scene import AnchorSpec, LineSpec, whole_lines
 from fitting.site.sections import AnchorTable, Curve, Factors, GrowthTable, SeaState
 
-#: Maximum number of names in an error message.
-MOST_NAMES = 6
-
 
 @dataclasses.dataclass(frozen=True)
 class Part:
@@ -81,9 +78,11 @@ def _nearest_hint(pattern: str, names: Sequence[str]) -> str:
 
 def short(names: Sequence[str]) -> str:
     """The first names of a long list."""
+    # maximum number of names in an error message
+    most_names = 6
     names = list(names)
-    more = f", ... ({len(names)} in total)" if len(names) > MOST_NAMES else ""
-    return (", ".join(names[:MOST_NAMES]) or "none") + more
+    more = f", ... ({len(names)} in total)" if len(names) > most_names else ""
+    return (", ".join(names[:most_names]) or "none") + more
 
 
 def refuse_overlap(groups: Sequence[tuple[str, Sequence[str]]], what: str) -> None:

@@ -111,12 +111,6 @@ def units(named: Convention) -> Iterator[Change]:
     yield Change(f"the unit is {unit}", f"--unit {unit}", lambda theta: factor * theta)
 
 
-#: Difference of misfit [rad], and its ratio, by which another convention must fit better to reject the specified one.
-WORSE_BY, WORSE_TIMES = 0.3, 2.0
-#: Minimum number of samples per period of the shortest link as a pendulum.
-SAMPLES_PER_PERIOD = 6
-
-
 def settle_convention(trace: Trace, model: Model, requested: Convention) -> tuple[Trace, list[str]]:
     """The trace in the model's convention, and warnings.
 
@@ -134,7 +128,8 @@ def settle_convention(trace: Trace, model: Model, requested: Convention) -> tupl
         key: value for key, value in scored.items() if (named.zero in (None, key[0])) and (named.sign in (None, key[1]))
     }
     best, own = min(scored, key=scored.get), min(allowed, key=allowed.get)
-    if scored[own] > WORSE_TIMES * scored[best] and scored[own] > scored[best] + WORSE_BY:
+    # difference of misfit [rad], and its ratio, by which another convention must fit better to reject the specified one
+    if scored[own] > 2.0 * scored[best] and scored[own] > scored[best] + 0.3:
         raise SceneError(
             f"{trace.name}: zero={own[0]}, sign={own[1]} is {scored[own]:.2f} rad from the scene's pose, "
             f"zero={best[0]}, sign={best[1]} only {scored[best]:.2f}. Use the convention that fits"
@@ -147,11 +142,13 @@ def settle_convention(trace: Trace, model: Model, requested: Convention) -> tupl
 
 def check_sampling(trace: Trace, model: Model) -> None:
     """Reject samples that are too far apart for the shortest link."""
+    # minimum number of samples per period of the shortest link as a pendulum
+    samples_per_period = 6
     period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / GRAVITY)
-    if trace.interval > period / SAMPLES_PER_PERIOD:
+    if trace.interval > period / samples_per_period:
         raise SceneError(
             f"{trace.name}: a sample every {trace.interval:g} s is too few per oscillation of {period:.2g} s; "
-            f"allowed: at most {period / SAMPLES_PER_PERIOD:.2g} s apart, times in s"
+            f"allowed: at most {period / samples_per_period:.2g} s apart, times in s"
         )
 
 

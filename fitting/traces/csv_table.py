@@ -121,20 +121,18 @@ def check_times(name: str, t: np.ndarray) -> None:
         raise SceneError(f"{name}: t: {t[row - 1]:g} s in row {row} {what}; allowed: increasing times")
 
 
-#: Number of exact repetitions above which a value may be a mark of missing samples.
-REPEATED = 3
-
-
 def placeholder(values: np.ndarray) -> float | None:
     """The value that marks missing samples of a column (k,), such as -999 or 0; None if there is no such value.
 
     It is repeated exactly, and most of its repetitions lie far off the samples before and after them.
     """
+    # number of exact repetitions above which a value may be a mark of missing samples
+    repeated = 3
     known = np.flatnonzero(np.isfinite(values))
     found, count = np.unique(values[known], return_counts=True)
-    for value in found[np.argsort(-count)][: np.sum(count >= REPEATED)]:
+    for value in found[np.argsort(-count)][: np.sum(count >= repeated)]:
         mark, others = known[values[known] == value], known[values[known] != value]
-        if len(others) < REPEATED:
+        if len(others) < repeated:
             continue
         off = np.abs(value - np.interp(mark, others, values[others]))
         inner = np.abs(values[others[1:-1]] - 0.5 * (values[others[:-2]] + values[others[2:]]))

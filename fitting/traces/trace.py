@@ -190,8 +190,8 @@ def check_trace(trace: Trace) -> None:
         raise SceneError(f"{trace.name}: se: {np.nanmin(trace.se):g} is not positive; allowed: standard errors > 0")
 
 
-#: Degree of the polynomial through a start's samples, and the ratio of successive trial reaches.
-DEGREE, WIDER = 3, 1.3
+#: Degree of the polynomial through a start's samples.
+DEGREE = 3
 
 
 def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray, longest: float) -> np.ndarray:
@@ -220,7 +220,7 @@ def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray,
             # standard deviations of chi-square by which a polynomial may miss its samples and still count as noise
             fits = (left <= freedom + 2.0 * np.sqrt(2 * freedom)) | (reach <= shortest)
             found[columns[fits], 0], found[columns[fits], 1] = c[0, fits], c[1, fits] / reach if degree else 0.0
-            columns, reach = columns[~fits], max(reach / WIDER, shortest)
+            columns, reach = columns[~fits], max(reach / 1.3, shortest)
     return found
 
 
@@ -262,9 +262,6 @@ def without_spikes(trace: Trace) -> Trace:
 
 #: Orders of differences tried for the noise; high ones suppress faster motions.
 ORDERS = (3, 4, 6, 8)
-#: Frames of a block of differences, and the fraction of the blocks, the calmest ones, that determine the noise: links
-#: that whip are fast for only part of the time.
-BLOCK, CALM = 24, 0.35
 
 
 def noise(trace: Trace) -> np.ndarray:
@@ -297,9 +294,11 @@ def _calm_difference(theta: np.ndarray) -> np.ndarray:
     best = np.full(theta.shape[1], np.nan)
     for order in ORDERS:
         size = np.abs(np.diff(theta, order, axis=0)) / np.sqrt(comb(2 * order, order))
-        median = np.array([_median(block) for block in np.array_split(size, max(1, round(len(size) / BLOCK)))])
+        # frames of a block of differences
+        median = np.array([_median(block) for block in np.array_split(size, max(1, round(len(size) / 24)))])
         calm = np.sort(median, axis=0)  # NaN is sorted to the end
-        count = np.maximum(1, np.round(CALM * np.isfinite(median).sum(axis=0))).astype(int)
+        # the calmest blocks determine the noise: links that whip are fast for only part of the time
+        count = np.maximum(1, np.round(0.35 * np.isfinite(median).sum(axis=0))).astype(int)
         value = np.array([np.mean(column[:k]) for column, k in zip(calm.T, count, strict=True)])
         best = np.fmin(best, value)
     return best

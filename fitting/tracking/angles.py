@@ -88,8 +88,6 @@ def to_trace(name: str, t: np.ndarray, positions: np.ndarray, error: np.ndarray,
 
 #: Relative standard deviation of a link's length that is reported as motion out of the plane: a swing of 0.1 rad.
 OUT_OF_PLANE = 0.003
-#: Minimum number of pairs of frames from which motion out of the plane is detected.
-FEWEST_PAIRS = 30
 
 
 def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
@@ -120,13 +118,15 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
 
 def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Relative standard deviation of the links' lengths (n - 1,) due to motion out of the plane."""
+    # minimum number of pairs of frames from which motion out of the plane is detected
+    fewest_pairs = 30
     length, middle = link_lengths(flat), 0.5 * (flat[:, 1:] + flat[:, :-1])
     along = np.diff(flat, axis=1)
     twice = 2 * np.arctan2(along[..., 1], along[..., 0])
     found = np.zeros(length.shape[1])
     for j in range(len(found)):
         keep = used[:, j] & (length[:, j] > 0)
-        if keep.sum() < FEWEST_PAIRS:
+        if keep.sum() < fewest_pairs:
             continue
         position = middle[keep, j] - middle[keep, j].mean(axis=0)
         x, z = (position / max(np.abs(position).max(), 1e-300)).T
@@ -138,6 +138,6 @@ def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
         rest[keep] = log_length - columns @ np.linalg.lstsq(columns, log_length, rcond=None)[0]
         pairs = rest[1:] * rest[:-1]
         pairs = pairs[np.isfinite(pairs)]
-        if len(pairs) >= FEWEST_PAIRS:
+        if len(pairs) >= fewest_pairs:
             found[j] = np.sqrt(max(float(pairs.mean()), 0.0))
     return found

@@ -16,8 +16,6 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from fitting.tracking.video import opencv, read_image
 
-#: Largest reprojection error [pixel] of a calibration that may be used; the thesis reached 0.15.
-LARGEST_ERROR = 1.0
 #: Minimum number of pictures with the board: fewer do not determine both focal length and distortion.
 FEWEST_PICTURES = 4
 NOT_CONVERGED = "calibration: did not converge. Use pictures at several slants and positions"
@@ -94,6 +92,8 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     Raises:
         SceneError: too few pictures with a board, sizes that differ, an error above one pixel, no convergence.
     """
+    # largest reprojection error [pixel] of a calibration that may be used; the thesis reached 0.15
+    largest_error = 1.0
     images = [(Path(path).name, read_image(path)) for path in pictures]
     if not images:
         raise SceneError(f"calibration: no picture given; allowed: at least {FEWEST_PICTURES}")
@@ -110,9 +110,9 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     lens = _lens(found, board, size)
     if lens is None:
         raise SceneError(NOT_CONVERGED)
-    if lens.error > LARGEST_ERROR:
+    if lens.error > largest_error:
         raise SceneError(
-            f"calibration: reprojection error {lens.error:.3g} pixel; allowed: at most {LARGEST_ERROR:g} "
+            f"calibration: reprojection error {lens.error:.3g} pixel; allowed: at most {largest_error:g} "
             "(use a flat board, sharp pictures, several slants)"
         )
     others = [_lens(found[:i] + found[i + 1 :], board, size) for i in range(len(found))]

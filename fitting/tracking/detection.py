@@ -21,8 +21,6 @@ RAYS = 48
 RAY_STEP = 0.5
 #: Radius of the disc to which the difference of two Gaussians responds best [radius].
 BEST = 1.15
-#: Standard deviation of an edge point [pixel].
-EDGE_NOISE = 0.1
 #: Radii [pixel] that are tried by default.
 RADII = tuple(float(r) for r in np.geomspace(2.5, 40.0, 14))
 
@@ -183,20 +181,22 @@ def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray
     per cent from the other circles. The sum of absolute deviations is minimised (by reweighting), so that the edge of a
     post that cuts off up to a third of the rays has no influence. Rays beyond three standard deviations are rejected.
     """
+    # standard deviation of an edge point [pixel]
+    edge_noise = 0.1
     design = np.concatenate([ray, np.ones((RAYS, 1))], axis=1)
     known = np.isfinite(edge)
     value = np.where(known, edge, usual) - usual
     free, fixed = (np.diag([1e-9, 1e-9, 1 / (spread * usual) ** 2]) for spread in (0.04, 1e-4))  # spread of radii
     near = known & (np.abs(value) < 0.6 * usual)
-    weight, found = near / EDGE_NOISE**2, np.zeros((len(edge), 3))
+    weight, found = near / edge_noise**2, np.zeros((len(edge), 3))
     for _ in range(8):
         off, found = _solve(design, weight, value, fixed)
-        weight = near / (EDGE_NOISE * np.maximum(np.abs(off), EDGE_NOISE))
+        weight = near / (edge_noise * np.maximum(np.abs(off), edge_noise))
     spread = 1.4826 * np.nanmedian(np.where(near, np.abs(off), np.nan)[near.any(axis=1)], axis=1)
     limit = np.zeros(len(edge))
-    limit[near.any(axis=1)] = np.maximum(3 * spread, 2 * EDGE_NOISE)
+    limit[near.any(axis=1)] = np.maximum(3 * spread, 2 * edge_noise)
     used = near & (np.abs(off) < limit[:, None])
-    off, found = _solve(design, used / EDGE_NOISE**2, value, free)
+    off, found = _solve(design, used / edge_noise**2, value, free)
     count = used.sum(axis=1)
     variance = (used * off**2).sum(axis=1) / np.maximum(count - 2, 1)
     inverse = np.linalg.inv(np.einsum("mr,ri,rj->mij", used, ray, ray) + 1e-9 * np.eye(2))

@@ -22,9 +22,6 @@ from scipy.optimize import least_squares
 
 from fitting.tracking.calibration import Lens, Plane
 
-#: Maximum values of pan, pitch, k1 and log(focus / usual).
-PARAMETER_LIMITS = np.array([0.6, 0.6, 0.6, 0.9])
-
 
 @dataclass(frozen=True)
 class Flat:
@@ -112,6 +109,8 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
     Args:
         pixels: (k, n, 2) of the video; seen: (k, n).
     """
+    # maximum values of pan, pitch, k1 and log(focus / usual)
+    parameter_limits = np.array([0.6, 0.6, 0.6, 0.9])
     both = detected[:, 1:] & detected[:, :-1]
     keep = np.flatnonzero(both.any(axis=1))
     keep = keep[np.unique(np.linspace(0, len(keep) - 1, 300).astype(int))] if len(keep) else keep
@@ -130,8 +129,8 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
     for _ in range(3):
         result = least_squares(
             lambda p, noise=noise: np.concatenate([(off(p) / noise).ravel(), p / spread]),
-            np.clip(found, -0.9 * PARAMETER_LIMITS, 0.9 * PARAMETER_LIMITS),
-            bounds=(-PARAMETER_LIMITS, PARAMETER_LIMITS),
+            np.clip(found, -0.9 * parameter_limits, 0.9 * parameter_limits),
+            bounds=(-parameter_limits, parameter_limits),
             loss="soft_l1",
         )
         found = result.x

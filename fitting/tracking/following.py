@@ -30,8 +30,6 @@ from fitting.tracking.ordering import (
 
 #: Changes [tolerances] up to which another order is equally good.
 AS_GOOD = 3.0
-#: Distance of a given position from its circle [radius].
-NEAR_CIRCLE = 3.0
 
 
 def follow(circles: list[Circles], chain: Chain) -> np.ndarray:
@@ -225,13 +223,15 @@ def named_chain(
     Raises:
         SceneError: a position that is neither.
     """
+    # distance of a given position from its circle [radius]
+    near_circle = 3.0
     nodes, first = len(named), circles[0].centre
     positions, error = flat(named), np.zeros(nodes)
     apart = np.linalg.norm(named[:, None] - first[None], axis=-1)
     own = np.full(nodes, -1)
     for _ in range(min(apart.shape)):  # the nearest pairs first, no circle twice
         k, j = np.unravel_index(np.argmin(apart), apart.shape)
-        if apart[k, j] > NEAR_CIRCLE * radius:
+        if apart[k, j] > near_circle * radius:
             break
         own[k], positions[k] = j, mapped[0].centre[j]
         apart[k], apart[:, j] = np.inf, np.inf
@@ -240,12 +240,12 @@ def named_chain(
     soon = circles[1 : max(2, round(0.5 * fps))]
     for k in np.flatnonzero(own < 0):
         comes = any(
-            np.linalg.norm(each.centre - named[k], axis=1).min(initial=np.inf) <= NEAR_CIRCLE * radius for each in soon
+            np.linalg.norm(each.centre - named[k], axis=1).min(initial=np.inf) <= near_circle * radius for each in soon
         )
         if spare and not comes:
             raise SceneError(
                 f"--start: no separate circle found near node {k}; allowed: positions within 3 radii of the circles"
             )
-        error[k] = NEAR_CIRCLE * radius
+        error[k] = near_circle * radius
     length = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     return Chain(positions, length, np.hypot(error[1:], error[:-1]), 0)

@@ -18,15 +18,6 @@ import numpy as np
 from fitting.tracking.detection import Circles
 from fitting.tracking.ordering import Chain
 
-#: Penalty for an undetected node, in squared standard deviations: 4 sigma.
-LOST_PRICE = 16.0
-#: Penalty for a node that reappears away from its expected position, in squared standard deviations.
-RETURN_PRICE = 12.0
-#: Minimum error of an expected position [pixel].
-FLOOR = 1.5
-#: Error of a bridged position that continues at its rate [pixel].
-BRIDGE_ERROR = 5.0
-
 
 @dataclass
 class Follower:
@@ -73,6 +64,8 @@ class Follower:
         return np.where(self.chain.held[:, None], self.chain.positions, positions)
 
     def _errors(self) -> np.ndarray:
+        # minimum error of an expected position [pixel]
+        floor = 1.5
         step = np.zeros(len(self.lost))
         # before any rate is known: a change of 0.12 mean links per step
         change = np.full(len(self.lost), max(4.0, 0.12 * float(np.mean(self.chain.length))))
@@ -81,8 +74,8 @@ class Follower:
         if len(self.past) > 2:
             change = np.linalg.norm(self.past[0] - 2 * self.past[1] + self.past[2], axis=1)
         # fractions of the last step, and of its last change
-        found = (FLOOR + 0.05 * step + 0.7 * change) * (1.0 + self.lost)
-        return found if self.chain.held is None else np.where(self.chain.held, FLOOR, found)
+        found = (floor + 0.05 * step + 0.7 * change) * (1.0 + self.lost)
+        return found if self.chain.held is None else np.where(self.chain.held, floor, found)
 
     def advance(self, circles: Circles) -> np.ndarray:
         """Process the next frame; returns for each node the number of its circle, or -1 if undetected (n,)."""
@@ -101,6 +94,10 @@ class Follower:
         return found
 
     def _assign(self, centre: np.ndarray, guess: np.ndarray, error: np.ndarray) -> np.ndarray:
+        # penalty for an undetected node, in squared standard deviations: 4 sigma
+        lost_price = 16.0
+        # penalty for a node that reappears away from its expected position, in squared standard deviations
+        return_price = 12.0
         if not len(centre):
             return np.full(len(guess), -1)
         unary = np.sum((centre[None] - guess[:, None]) ** 2, axis=-1) / error[:, None] ** 2
@@ -110,10 +107,10 @@ class Follower:
             reach = np.where(self.chain.held, 0.0, reach)
         away = np.linalg.norm(centre[None] - self.last_positions[:, None], axis=-1) < reach[:, None]
         back = (self.lost > 0)[:, None] & away
-        unary = np.where(back, np.minimum(unary, RETURN_PRICE), unary)
-        far = back & (unary >= RETURN_PRICE)
-        unary[unary > 2 * LOST_PRICE] = np.inf
-        unary = np.concatenate([unary, np.full((len(guess), 1), LOST_PRICE)], axis=1)
+        unary = np.where(back, np.minimum(unary, return_price), unary)
+        far = back & (unary >= return_price)
+        unary[unary > 2 * lost_price] = np.inf
+        unary = np.concatenate([unary, np.full((len(guess), 1), lost_price)], axis=1)
         apart = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
         pair = np.zeros((len(guess) - 1, len(centre) + 1, len(centre) + 1))
         miss = (apart[None] - self.chain.length[:, None, None]) / self.length_error[:, None, None]
@@ -157,14 +154,16 @@ def length_errors(chain: Chain) -> np.ndarray:
 
 def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Positions (n, 2) of which the `unknown` (n,) are fitted to the links' lengths (n - 1,) (Gauss-Newton)."""
+    # error of a bridged position that continues at its rate [pixel]
+    bridge_error = 5.0
     positions, move = positions.copy(), np.repeat(unknown, 2)
     expected = positions.reshape(-1)[move].copy()
     for _ in range(6):
         rows, size = _length_rows(positions)
         rows = rows[:, move] / error[:, None]
         short = (length - size) / error
-        off = (positions.reshape(-1)[move] - expected) / BRIDGE_ERROR**2
-        normal = rows.T @ rows + np.eye(len(expected)) / BRIDGE_ERROR**2
+        off = (positions.reshape(-1)[move] - expected) / bridge_error**2
+        normal = rows.T @ rows + np.eye(len(expected)) / bridge_error**2
         positions.reshape(-1)[move] += np.linalg.solve(normal, rows.T @ short - off)
     return positions
 

@@ -15,9 +15,6 @@ from scipy.optimize import linear_sum_assignment
 
 from dropper_jax.base.errors import SceneError
 
-#: Motion in fractions of their radius below which markers hang on a fixed end or on the wall. The second is used if the
-#: first leaves too few moving ones: the noise of a centre is 1 % of a radius.
-STILL_MOTION = (0.5, 0.12)
 #: Maximum number of steps in the search for paths.
 MOST_PATH_STEPS = 40_000
 
@@ -183,11 +180,14 @@ def changes(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def resting(tracks: np.ndarray, radius: float, nodes: int) -> np.ndarray:
     """Which spots (m,) always rest."""
+    # motion in fractions of their radius below which markers hang on a fixed end or on the wall. The second is used if
+    # the first leaves too few moving ones: the noise of a centre is 1 % of a radius
+    still_motion = (0.5, 0.12)
     known = np.where(np.isfinite(tracks).any(axis=0), tracks, 0.0)
     low, high = np.nanpercentile(known, (2, 98), axis=0)
     size = np.linalg.norm(high - low, axis=1)
-    still = size < STILL_MOTION[0] * radius
-    return still if (~still).sum() >= nodes - 2 else size < STILL_MOTION[1] * radius
+    still = size < still_motion[0] * radius
+    return still if (~still).sum() >= nodes - 2 else size < still_motion[1] * radius
 
 
 def paths(ratio: np.ndarray, still: np.ndarray, nodes: int, worst: float) -> list[tuple[float, np.ndarray]]:

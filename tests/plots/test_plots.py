@@ -37,7 +37,9 @@ def run_of(samples, links=3, space=False, status="ok", dt=0.05):
         work=(np.exp(-t) - 1)[:, None],
         work_names=("linear_damping",),
         status=status,
-        scene=SimpleNamespace(name="made-up"),
+        tension_min=None,
+        tension_max=None,
+        scene=SimpleNamespace(name="made-up", branched=False, bodies=(), sea=None),
         settings={"integrator": "energy_momentum", "dt": dt},
     )
 

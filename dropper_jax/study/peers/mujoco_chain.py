@@ -12,8 +12,6 @@ from dropper_jax.study.peers.rows import peer_row, time_runs
 from dropper_jax.study.reference import Reference
 
 NAME = "mujoco"
-#: Time constant of the closing constraint over the step; below 2 MuJoCo itself raises it.
-STIFFNESS = 2.0
 INTEGRATORS = ("RK4", "implicitfast", "Euler")
 #: Steps [s]; 5 ms is the usual one.
 DTS = (0.005, 2.0**-6, 2.0**-7, 2.0**-8, 2.0**-9, 2.0**-10, 2.0**-11, 2.0**-12)
@@ -88,7 +86,8 @@ def xml(model: Model, integrator: str, dt: float, hard: bool) -> str:
         )
     closing = ""
     if model.end_held:
-        stiff = f'solref="{STIFFNESS * dt:g} 1" solimp="0.999999 0.999999 0.001"' if hard else ""
+        # time constant of the closing constraint over the step; below 2 MuJoCo itself raises it
+        stiff = f'solref="{2.0 * dt:g} 1" solimp="0.999999 0.999999 0.001"' if hard else ""
         end = " ".join(f"{x:.17g}" for x in np.asarray(model.points[model.geometry.members[0].end].position))
         closing = f'<equality><connect site1="node{len(lengths) - 1}" site2="held" {stiff}/></equality>'
         body += f'<site name="held" pos="{end}"/>'

@@ -12,11 +12,8 @@ from dropper_jax.model import Model
 from dropper_jax.study.march import link_vectors, rms_angle, rms_position
 from dropper_jax.study.reference import Reference
 
-#: Number of timings; the minimum is used, since other load on the machine only increases times.
-PEER_REPEATS = 7
 
-
-def time_runs(run: Callable[[], Any], repeats: int = PEER_REPEATS) -> tuple[Any, float]:
+def time_runs(run: Callable[[], Any], repeats: int = 7) -> tuple[Any, float]:
     """Last result and minimum wall time [s] of `run`, which was called once before."""
     times, result = [], None
     for _ in range(repeats):

@@ -1,4 +1,4 @@
-"""Flow-dependent coefficients, turning tides, and rows behind each other, compared with closed forms and SciPy."""
+"""Strong currents, coefficients that follow the flow, turning tides, rows of wakes, against closed forms and SciPy."""
 
 from __future__ import annotations
 
@@ -12,10 +12,45 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import simulate
 from dropper_jax.run.wakes import scene_wakes
-from dropper_jax.study.stability.case import Case, Outcome
+from dropper_jax.study.stability.case import Case, Outcome, Watched, watch
 from dropper_jax.study.stability.energy_cases import ROUNDING
 from dropper_jax.study.stability.scenes import G
-from dropper_jax.study.stability.sea_cases import CURRENT, HEAVY, RHO, ROPE, WIDE, streaming
+from dropper_jax.study.stability.sea_cases import RHO
+
+#: A light rope with a weight in a current [m/s]; rope: length, diameter [m], drag coefficient.
+CURRENT, ROPE, WIDE, DRAG, HEAVY = 5.0, 10.0, 0.05, 1.2, 50.0
+
+
+def streaming() -> Scene:
+    """A weight on one link in a current that accelerates the link to the water velocity within 0.1 % of a step."""
+    neutral = RHO * 0.25 * np.pi * WIDE**2
+    return load_scene(
+        {
+            "name": "strong-current",
+            "run": {"dt": 0.1, "duration": 60.0},
+            "line_type": [{"name": "rope", "mass": neutral, "diameter": WIDE, "EA": 1e6, "cdn": DRAG, "cdt": 0.0}],
+            "point": [
+                {"name": "top", "position": [0.0, 0.0, -5.0]},
+                {"name": "weight", "kind": "free", "position": [0.0, 0.0, -5.0 - ROPE], "mass": HEAVY},
+            ],
+            "line": [{"name": "rope", "from": "top", "to": "weight", "type": "rope", "length": ROPE, "links": 1}],
+            "sea": {"depth": 30.0, "density": RHO, "current": {"kind": "uniform", "speed": CURRENT}},
+            "effects": {"weight": {"gravity": G}, "buoyancy": {}, "morison_drag": {}},
+            "start": {"kind": "points"},
+        }
+    )
+
+
+def _streams(short: bool) -> Watched:
+    """At its end half of the link's drag `c cos^2 a` across it carries the weight, `m g sin a`."""
+    force = 0.25 * RHO * DRAG * WIDE * ROPE * CURRENT**2
+    sine = brentq(lambda s: force * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
+
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        x, z = positions[-1, 0], positions[-1, 2] + 5.0
+        return abs(float(np.arctan2(x, -z) - np.arcsin(sine)))
+
+    return Watched(streaming(), 0.1, 60.0, "weight", measure)
 
 
 def beside_a_rope(name: str, body: dict[str, Any], **more: Any) -> Scene:
@@ -159,6 +194,8 @@ def _row(short: bool) -> Outcome:
 
 
 FLOW_CASES = [
+    watch("strong-current", "a weight on one link in 5 m/s, dt 0.1 s: error of its angle after 60 s", 1e-4, "rad",
+          _streams),
     Case("flow-coefficients", "a weight on one rough link in 5 m/s whose drag coefficient follows the flow, dt 0.1 s: "
          "error of its angle after 60 s", 1e-4, "rad", _rough),
     Case("turning-tide", "a weight on one link in a tide of 2 m/s that turns every 20 s, 80 s at dt 0.02 s: distance "

@@ -1,4 +1,4 @@
-"""In and out of the water, strong currents, steep waves and many floats, against closed forms and SciPy."""
+"""In and out of the water, steep waves and many floats, against closed forms and SciPy."""
 
 from __future__ import annotations
 
@@ -84,42 +84,6 @@ def _under(short: bool) -> Watched:
         return float(np.max(np.abs(positions[:, 2] - _spar_by_scipy(t)))) / (ABOVE + SPAR["height"])
 
     return Watched(dropped_spar(), 0.01, 4.0 if short else 10.0, "weight", measure)
-
-
-#: A light rope with a weight in a current [m/s]; rope: length, diameter [m], drag coefficient.
-CURRENT, ROPE, WIDE, DRAG, HEAVY = 5.0, 10.0, 0.05, 1.2, 50.0
-
-
-def streaming() -> Scene:
-    """A weight on one link in a current that accelerates the link to the water velocity within 0.1 % of a step."""
-    neutral = RHO * 0.25 * np.pi * WIDE**2
-    return load_scene(
-        {
-            "name": "strong-current",
-            "run": {"dt": 0.1, "duration": 60.0},
-            "line_type": [{"name": "rope", "mass": neutral, "diameter": WIDE, "EA": 1e6, "cdn": DRAG, "cdt": 0.0}],
-            "point": [
-                {"name": "top", "position": [0.0, 0.0, -5.0]},
-                {"name": "weight", "kind": "free", "position": [0.0, 0.0, -5.0 - ROPE], "mass": HEAVY},
-            ],
-            "line": [{"name": "rope", "from": "top", "to": "weight", "type": "rope", "length": ROPE, "links": 1}],
-            "sea": {"depth": 30.0, "density": RHO, "current": {"kind": "uniform", "speed": CURRENT}},
-            "effects": {"weight": {"gravity": G}, "buoyancy": {}, "morison_drag": {}},
-            "start": {"kind": "points"},
-        }
-    )
-
-
-def _streams(short: bool) -> Watched:
-    """At its end half of the link's drag `c cos^2 a` across it carries the weight, `m g sin a`."""
-    force = 0.25 * RHO * DRAG * WIDE * ROPE * CURRENT**2
-    sine = brentq(lambda s: force * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
-
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        x, z = positions[-1, 0], positions[-1, 2] + 5.0
-        return abs(float(np.arctan2(x, -z) - np.arcsin(sine)))
-
-    return Watched(streaming(), 0.1, 60.0, "weight", measure)
 
 
 #: Waves at a share of the height at which they break: depth [m], period [s].
@@ -352,8 +316,6 @@ CASES = [
           "SciPy over the fall", 0.01, "relative", _crossing),
     watch("buoy-under", "a spar falls into the water, goes under and comes out again, 10 s at dt 0.01 s: distance "
           "from SciPy over its way", 0.01, "relative", _under),
-    watch("strong-current", "a weight on one link in 5 m/s, dt 0.1 s: error of its angle after 60 s", 1e-4, "rad",
-          _streams),
     Case("pendulum-in-waves", "a pendulum through the surface that waves drench and leave dry, 20 s at dt 0.01 s: "
          "distance from SciPy", 0.01, "rad", _swings),
     watch("near-breaking-float", "a float in waves of 0.95 of the breaking height, 12 s at dt 0.01 s: distance from "

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Plain, check_keys, field_keys, read_list, read_number, read_table, read_text
+from dropper_jax.base.read import Plain, check_keys, declared_fields, read_list, read_number, read_table, read_text
 from dropper_jax.scene import PointSpec
 
 #: Density of foam and shell of a float over its volume [kg/m^3], and its coefficients as a sphere: drag on its frontal
@@ -19,7 +19,7 @@ def with_types(table: dict[str, Any], types: Plain) -> dict[str, Any]:
     """The scene with the values that its points take from types and from `float` written out; a point's own values
     win."""
     known = {}
-    keys = [key for key in field_keys(PointSpec) if key not in ("position",)]
+    keys = [key for key in declared_fields(PointSpec) if key not in ("position",)]
     for i, item in enumerate(read_list(types, "point_type", None, "one or more [[point_type]] tables")):
         item = read_table(item, f"point_type.{i}")
         check_keys(item, [*keys, "float", "float_density"], f"point_type.{i}")

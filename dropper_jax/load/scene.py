@@ -11,7 +11,17 @@ import numpy as np
 
 from dropper_jax.base.errors import LocatedValues, SceneError
 from dropper_jax.base.html_table import html_table
-from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_list, read_table, read_text, refuse
+from dropper_jax.base.read import (
+    Plain,
+    ScenePath,
+    check_keys,
+    plain,
+    read_fields,
+    read_list,
+    read_table,
+    read_text,
+    refuse,
+)
 from dropper_jax.base.renamed import new_keys, new_path
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
@@ -29,7 +39,7 @@ from dropper_jax.load.checks_system import (
 from dropper_jax.load.checks_water import check_water
 from dropper_jax.load.library import with_library, with_library_points
 from dropper_jax.load.line_types import expand
-from dropper_jax.load.paths import Written, get, set_value
+from dropper_jax.load.paths import Written, get, is_written, locate, locate_written, set_value
 from dropper_jax.load.template import Template
 from dropper_jax.scene import (
     BodySpec,
@@ -258,22 +268,24 @@ class Scene(SceneData):
         values = {new_path(path): copy.deepcopy(plain(value)) for path, value in values.items()}
         if self.template is not None:
             return self._from_template(values)
-        if parameters := [path for path in values if path.startswith("parameters.")]:
-            raise SceneError(f"{parameters[0]}: the scene has no [parameters]. Use paths of its values")
+        for path in values:
+            if ScenePath(path).section == "parameters":
+                raise SceneError(f"{path}: the scene has no [parameters]. Use paths of its values")
         table = self.to_dict()
         if "sea.packaged" in values:  # another sea replaces this one's waves and water
             table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
         if self.written is not None:
             return Scene.from_dict(self.written.with_changes(table, values))
+        known = locate(table)
         for path, value in values.items():
-            set_value(table, path, value)
+            set_value(table, path, value, known)
         return Scene.from_dict(table)
 
     def _from_template(self, values: Mapping[str, Any]) -> Scene:
         """The scene with values changed: parameters before all others, including those of earlier changes."""
         template = self.template.with_changes(values)
         if template.table == self.template.table:
-            changes = {path: value for path, value in values.items() if not path.startswith("parameters.")}
+            changes = {path: value for path, value in values.items() if ScenePath(path).section != "parameters"}
             scene = dataclasses.replace(self, template=None)
         else:
             scene, changes = Scene.from_dict(template.expand(), self.name), template.changes
@@ -285,16 +297,11 @@ class Scene(SceneData):
         Raises:
             SceneError: the path does not exist, or no value is given there.
         """
-        if self.template is not None and path.startswith("parameters."):
-            return float(self.template.value(path.removeprefix("parameters.")))
+        if self.template is not None and ScenePath(path).section == "parameters":
+            return float(self.template.value(path))
         table = self.as_written()
-        found = None if self.written is None else self.written.locate(path, self.written.locate_values(table))
-        if found is None:
-            return get(self.to_dict(), path)
-        parent, key = found
-        if isinstance(parent, dict) and key not in parent:
-            raise SceneError(f"{path}: is not given in the scene")
-        return parent[key]
+        written = locate_written(table)
+        return get(table, path, written) if is_written(table, path, written) else get(self.to_dict(), path)
 
 
 def _items(table: Mapping[str, Any], section: str) -> Iterator[tuple[int, Any]]:

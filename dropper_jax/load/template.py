@@ -41,7 +41,16 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, check_keys, read_integer, read_list, read_number, read_table, read_text
+from dropper_jax.base.read import (
+    Plain,
+    ScenePath,
+    check_keys,
+    read_integer,
+    read_list,
+    read_number,
+    read_table,
+    read_text,
+)
 from dropper_jax.load.floats import with_types
 
 Number = int | float
@@ -187,27 +196,22 @@ class Template:
             SceneError: an unknown parameter (with the nearest).
         """
         table, changes = copy.deepcopy(self.table), dict(self.changes)
+        known = table.get("parameters", {})
         for path, value in values.items():
-            section, _, name = path.partition(".")
-            if section != "parameters":
+            if ScenePath(path).section == "parameters":
+                known[_known_name(path, known)] = value
+            else:
                 changes[path] = value
-                continue
-            known = table.get("parameters", {})
-            if name not in known:
-                raise SceneError(f"{path}: unknown parameter; {nearest(name, known)}")
-            known[name] = value
         return Template(table, changes)
 
-    def value(self, name: str) -> Number:
-        """The value of a parameter.
+    def value(self, path: str) -> Number:
+        """The value of a parameter, by its path `parameters.NAME`.
 
         Raises:
             SceneError: the parameter does not exist (with the nearest), or it has no value.
         """
         names = Names(self._parameters())
-        if name not in names:
-            raise SceneError(f"parameters.{name}: unknown parameter; {nearest(name, names)}")
-        return names[name]
+        return names[_known_name(path, names)]
 
     def _parameters(self) -> Mapping[str, Any]:
         parameters = read_table(self.table.get("parameters", {}), "parameters")
@@ -274,6 +278,14 @@ class Template:
             for buoy in part["buoy"]:
                 names_of = {"name": f"{prefix}{buoy['name']}", "point": called(buoy["point"])}
                 found.setdefault("buoy", []).append(buoy | names_of)
+
+
+def _known_name(path: str, known: Mapping[str, Any]) -> str:
+    """NAME of `parameters.NAME`."""
+    name = path.partition(".")[2]
+    if name not in known:
+        raise SceneError(f"{path}: unknown parameter; {nearest(name, known)}")
+    return name
 
 
 def _transform_point(point: Mapping[str, Any], origin: list[float], heading: float, path: str) -> list[float]:

@@ -41,17 +41,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import (
-    Plain,
-    ScenePath,
-    check_keys,
-    read_integer,
-    read_list,
-    read_number,
-    read_table,
-    read_text,
-)
-from dropper_jax.load.floats import with_types
+from dropper_jax.base.read import Plain, check_keys, read_integer, read_list, read_number, read_table, read_text
 
 Number = int | float
 
@@ -189,20 +179,17 @@ class Template:
         own = any(key in table for key in TEMPLATE_KEYS) or any("repeat" in item or "float" in item for item in items)
         return cls(copy.deepcopy(dict(table))) if own else None
 
-    def with_changes(self, values: Mapping[str, Any]) -> Template:
-        """The template with some values changed by path, `parameters.NAME` among them.
+    def with_changes(self, parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> Template:
+        """The template with other values of parameters, by path, and further changes of the plain scene.
 
         Raises:
             SceneError: an unknown parameter (with the nearest).
         """
-        table, changes = copy.deepcopy(self.table), dict(self.changes)
+        table = copy.deepcopy(self.table)
         known = table.get("parameters", {})
-        for path, value in values.items():
-            if ScenePath(path).section == "parameters":
-                known[_known_name(path, known)] = value
-            else:
-                changes[path] = value
-        return Template(table, changes)
+        for path, value in parameters.items():
+            known[_known_name(path, known)] = value
+        return Template(table, {**self.changes, **changes})
 
     def value(self, path: str) -> Number:
         """The value of a parameter, by its path `parameters.NAME`.
@@ -222,8 +209,8 @@ class Template:
                 )
         return parameters
 
-    def expand(self) -> Table:
-        """The plain scene."""
+    def expand(self) -> tuple[Table, Plain]:
+        """The scene without parameters, repetitions and arrays, and the types of its points."""
         names = Names(self._parameters())
         for name in names:  # all of them, used or not
             names[name]
@@ -238,7 +225,7 @@ class Template:
             read_list(self.table.get("array", []), "array", None, "one or more [[array]] tables")
         ):
             self._lay(read_table(array, f"array.{i}"), f"array.{i}", names, found)
-        return with_types(found, types)
+        return found, types
 
     def _lay(self, array: Mapping[str, Any], path: str, names: Names, found: Table) -> None:
         """Add the units of an array to the scene."""

@@ -12,6 +12,7 @@ import copy
 import dataclasses
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -40,6 +41,7 @@ from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
 
 #: Keys and numbers that lead from a scene's table to a value.
 Steps = tuple[str | int, ...]
+Branch = dict[str, Any] | list[Any]
 #: A section of a scene: its path with `*` for the number or name of an item, its head in TOML, the class that declares
 #: its keys.
 SectionRow = tuple[str, str, type | None]
@@ -139,16 +141,16 @@ def _steps(table: Mapping[str, Any], pattern: str, keys: Iterable[str] | None = 
     return {join(path, key): (*to, key) for path, to, own in tables for key in (own if keys is None else keys)}
 
 
-def _tables(table: Plain, words: list[str], path: str = "", to: Steps = ()) -> Iterator[tuple[str, Steps, Plain]]:
+def _tables(table: Branch, words: list[str], path: str = "", to: Steps = ()) -> Iterator[tuple[str, Steps, Branch]]:
     """Path, steps and value of every table at the words of a pattern; items of lists by number and by name."""
     if not words:
         yield path, to, table
-    elif words[0] != "*":
-        yield from _tables(table.get(words[0], {}), words[1:], join(path, words[0]), (*to, words[0]))
-    else:
+    elif isinstance(table, list):
         for i, item in enumerate(table):
             for label in dict.fromkeys((str(i), str(item.get("name", i)))):
                 yield from _tables(item, words[1:], f"{path}.{label}", (*to, i))
+    elif words[0] != "*":
+        yield from _tables(table.get(words[0], {}), words[1:], join(path, words[0]), (*to, words[0]))
 
 
 def set_value(
@@ -184,7 +186,7 @@ def get(table: dict[str, Any], path: str, known: Mapping[str, Steps] | None = No
 
 
 def _find_parent(
-    table: Plain, path: str, known: Mapping[str, Steps], candidates: Iterable[str]
+    table: Branch, path: str, known: Mapping[str, Steps], candidates: Iterable[str]
 ) -> tuple[Any, str | int]:
     """The container of the value at a path, and its key in it; missing tables are created."""
     found = ScenePath(path).entry_of(known)
@@ -222,10 +224,10 @@ def _hint(path: str, candidates: set[str]) -> str:
 def is_written(table: dict[str, Any], path: str, written: Mapping[str, Steps]) -> bool:
     """Whether a path is that of a value in its original form, or of an entry of a list there."""
     stem, entries = ScenePath(path).entry_of(written) or ("", ())
-    value: Plain = table
-    for step in written.get(stem, ()) if entries else ():
-        value = value[step] if isinstance(value, list) else value.get(step, {})
-    return stem in written and (not entries or isinstance(value, list))
+    if entries:
+        with suppress(SceneError):  # nothing is given there
+            return isinstance(get(table, stem, written), list)
+    return stem in written and not entries
 
 
 @dataclasses.dataclass(frozen=True)

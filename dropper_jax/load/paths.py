@@ -15,11 +15,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
+from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, ScenePath, declared_fields, join, plain
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.load.line_types import COEFFICIENTS, LineType, expand
+from dropper_jax.load.line_types import COEFFICIENTS, LineType, expand, law_constants
 from dropper_jax.scene import (
     AnchorSpec,
     BodySpec,
@@ -125,9 +126,10 @@ def locate_written(table: Mapping[str, Any]) -> dict[str, Steps]:
     """The same for types and lines of a table in its original form; empty without types."""
     if not table.get("line_type"):
         return {}
+    own = [key for law in LAWS for key in law_constants(law)]
     lines = _steps(table, "line.*", ("name", "from", "to", "shelter", *OF_SECTIONS))
     return {
-        **_steps(table, "line_type.*", declared_fields(LineType)),
+        **_steps(table, "line_type.*", (*declared_fields(LineType), *own)),
         **{p: to for p, to in lines.items() if to[-1] not in OF_SECTIONS or "sections" not in table["line"][to[1]]},
         **_steps(table, "line.*.sections.*", OF_SECTIONS),
         **_steps(table, "line.*.attach.*", ("point", "at")),

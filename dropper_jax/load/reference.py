@@ -174,8 +174,8 @@ def _section(path: str, head: str, cls: type | None) -> Section:
     keys = [] if cls is None else list(_declared_keys(path, cls))
     if path == "run":
         keys += [_option(name, about) for name, about in OPTIONS.items()]
-    if path == "line.*.axial":
-        names = {key.name for key in BY_HAND[path]}
+    if path in ("line.*.axial", "line_type.*"):
+        names = {key.name for key in (*keys, *BY_HAND.get(path, ()))}
         own = {key.name: key for law in LAWS.values() for key in _declared_keys(path, law) if key.name not in names}
         keys += own.values()
     if path == "point_type.*":

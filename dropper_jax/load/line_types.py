@@ -300,7 +300,8 @@ def _axial(sections: list[Section], path: str) -> dict[str, Any]:
     if "tabulated" in laws:
         tables = [s.type.table or ForceTable.straight(s.type.EA) for s in sections for _ in range(s.links)]
         return {"law": "tabulated", **tables_of(tables), "damping": damping}
-    own = {key: _each(sections, lambda s, key=key: s.type.constants[key]) for key in sections[0].type.constants}
+    links = [s.type.constants for s in sections for _ in range(s.links)]
+    own = {key: [float(each[key]) for each in links] for key in links[0]}
     return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.EA), "damping": damping, **own}
 
 

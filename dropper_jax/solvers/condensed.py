@@ -8,6 +8,7 @@ the same solution, by a factor of about 0.1 per iteration at h omega = 0.6.
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -38,7 +39,7 @@ class ConstraintMatrix(NamedTuple):
         own = _times(inverse, _part(force, slice(free)))
         joined = slice(None) if held else slice(-1)  # nodes with a link after them
         after = slice(1, None)
-        following = _times(jax.tree.map(lambda a: a[joined], inverse), _part(force, after))
+        following = _times(jax.tree.map(operator.itemgetter(joined), inverse), _part(force, after))
         zero = jnp.zeros_like(force[0][:1])
         far = dot(_part(gradient, slice(free)), own)
         far = jnp.concatenate([far, zero]) if held else far

@@ -26,6 +26,7 @@ def parameter(
     high: float | None = None,
     open_low: bool = False,
     optional: bool = False,
+    key: str | None = None,
     **kwargs: Any,
 ) -> Any:
     """Declare an array field of a component.
@@ -37,6 +38,7 @@ def parameter(
             (one, or a table).
         low, high: allowed range, ends included; `open_low` excludes the lower end.
         optional: the scene may omit it; the field is then None and adds no computation.
+        key: its name in a scene, if it differs from the attribute's.
         **kwargs: `default` and similar, passed to `dataclasses.field`.
     """
     if shape not in SHAPES:
@@ -52,13 +54,21 @@ def parameter(
         "high": high,
         "open_low": open_low,
         "optional": optional,
+        "key": key,
     }
     return dataclasses.field(metadata=metadata, **kwargs)
 
 
-def option(meaning: str, *, choices: Sequence[Any] | None = None, type: type | None = None, **kwargs: Any) -> Any:
+def option(
+    meaning: str,
+    *,
+    choices: Sequence[Any] | None = None,
+    type: type | None = None,
+    key: str | None = None,
+    **kwargs: Any,
+) -> Any:
     """Declare a static field of a component: a choice or a plain value that determines the compiled program."""
-    metadata = {"kind": "option", "meaning": meaning, "choices": choices, "type": type}
+    metadata = {"kind": "option", "meaning": meaning, "choices": choices, "type": type, "key": key}
     return dataclasses.field(metadata=metadata, **kwargs)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -72,6 +72,39 @@ def check_keys(table: Mapping[str, Any], allowed: Iterable[str], path: str) -> N
 
 def join(path: str, key: str) -> str:
     return f"{path}.{key}" if path else key
+
+
+class ScenePath(str):
+    """A path of a value, such as `line.0.mass.2`: section, item, key, and entries of a list.
+
+    Attributes:
+        section: its first word.
+        stem: the path without entries, the numbers behind its last word that is none.
+        key: name of the value, the last word of the stem.
+    """
+
+    @property
+    def section(self) -> str:
+        return self.partition(".")[0]
+
+    @property
+    def stem(self) -> str:
+        stem, _, last = self.rpartition(".")
+        return ScenePath(stem).stem if last.isdecimal() else str(self)
+
+    @property
+    def key(self) -> str:
+        return self.stem.rpartition(".")[2]
+
+    def entry_of(self, known: Container[str]) -> tuple[str, tuple[int, ...]] | None:
+        """The known path of which it is an entry, and the numbers of the entry; None if there is no such path."""
+        stem, entries = str(self), ()
+        while stem not in known:
+            stem, _, last = stem.rpartition(".")
+            if not last.isdecimal():
+                return None
+            entries = (int(last), *entries)
+        return stem, entries
 
 
 def limits(declared: Mapping[str, Any]) -> str:
@@ -200,9 +233,7 @@ def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | i
     return read_text(value, path, choices)
 
 
-def read_fields(
-    cls: type, table: Plain, path: str, counts: Mapping[str, int], keys: Mapping[str, str] | None = None
-) -> dict[str, Any]:
+def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -> dict[str, Any]:
     """All declared fields of `cls` from a table.
 
     Args:
@@ -210,13 +241,11 @@ def read_fields(
         table: the values; omitted ones take their defaults.
         path: path of the table within the scene.
         counts: number of entries of a list with one value per node, link or joint.
-        keys: names in the table where they differ from the attribute.
 
     Raises:
         SceneError: for the first key or value that cannot be used.
     """
-    table, keys = read_table(table, path), keys or {}
-    declared = {keys.get(f.name, f.name): f for f in dataclasses.fields(cls) if "kind" in f.metadata}
+    table, declared = read_table(table, path), declared_fields(cls)
     check_keys(table, declared, path)
     values = {}
     for key, field in declared.items():
@@ -243,12 +272,12 @@ def count(meaning: str, low: int = 1, high: int = MOST, **kwargs: Any) -> Any:
     return dataclasses.field(metadata=declared, **kwargs)
 
 
-def field_keys(cls: type, keys: Mapping[str, str] | None = None) -> list[str]:
-    """Names in a table of all declared fields; `keys` where they differ from the attribute."""
-    return [(keys or {}).get(f.name, f.name) for f in dataclasses.fields(cls) if "kind" in f.metadata]
+def declared_fields(cls: type) -> dict[str, dataclasses.Field]:
+    """All declared fields by their names in a table."""
+    return {f.metadata.get("key") or f.name: f for f in dataclasses.fields(cls) if "kind" in f.metadata}
 
 
-def as_table(spec: Declared, keys: Mapping[str, str] | None = None) -> dict[str, Any]:
+def as_table(spec: Declared) -> dict[str, Any]:
     """The given values of a section as plain values; None values are omitted."""
-    found = {f.name: plain(getattr(spec, f.name)) for f in dataclasses.fields(spec) if "kind" in f.metadata}
-    return {(keys or {}).get(name, name): value for name, value in found.items() if value is not None}
+    found = {key: plain(getattr(spec, field.name)) for key, field in declared_fields(type(spec)).items()}
+    return {key: value for key, value in found.items() if value is not None}

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import leftovers, refuse_pipe
+from dropper_jax.base.files import leftovers, references_of, refuse_pipe
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.cli.output import print_line
-from dropper_jax.load.packaged import find_scene
+from dropper_jax.load.packaged import find_scene, folder_of
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -69,16 +69,14 @@ def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scen
     values = given_values(args, run_values)
     if args.scene is None:
         raise SceneError("SCENE: missing; needed: the name of a packaged scene or a file")
-    found, name = find_scene(args.scene)
-
-    from dropper_jax.base.files import references_of
-    from dropper_jax.effects import register_installed
-    from dropper_jax.load.scene import Scene
-    from dropper_jax.load.source import folder_of, plain_values
-
-    register_installed()
     with references_of(folder_of(args.scene, vars(args).get("allow_outside", True))):
-        scene = Scene.from_dict(plain_values(found, vars(args).get("depth")), name)
+        table, name = find_scene(args.scene, vars(args).get("depth"))
+
+        from dropper_jax.effects import register_installed
+        from dropper_jax.load.scene import Scene
+
+        register_installed()
+        scene = Scene.from_dict(table, name)
     return with_step(scene.with_values(values) if values else scene, args)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import references_of
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.options import (
     add_allow_outside,
@@ -19,7 +20,15 @@ from dropper_jax.cli.options import (
     output_file,
 )
 from dropper_jax.cli.output import OK, done_object, listing, print_json, print_result, print_warnings
-from dropper_jax.load.packaged import find_scene, is_packaged, packaged_scene, scene_names, scene_titles, variants_of
+from dropper_jax.load.packaged import (
+    find_scene,
+    folder_of,
+    is_packaged,
+    packaged_scene,
+    scene_names,
+    scene_titles,
+    variants_of,
+)
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -111,18 +120,15 @@ def _one(args: argparse.Namespace) -> int:
         raise SceneError(f"--dt: {args.dt:g} is out of range; allowed: > 0 s")
     file = output_file(args.moordyn, "--moordyn", (".txt", ".dat"))
     changes = assignments(args.set)
-    found, label = find_scene(args.scene)
-    if is_packaged(args.scene) and not (changes or file or args.expanded):
-        return _show({"name": label, **found}, args.json)  # packaged scenes are valid: checking values would import JAX
-
-    from dropper_jax.base.files import references_of
-    from dropper_jax.load.scene import Scene
-    from dropper_jax.load.source import folder_of, plain_values
-
     with references_of(folder_of(args.scene, args.allow_outside)):
-        values = plain_values(found)
+        values, label = find_scene(args.scene)
+        table = {"name": label, **values}
+        if is_packaged(args.scene) and not (changes or file or args.expanded):
+            return _show(table, args.json)  # packaged scenes are valid: checking values would import JAX
+
+        from dropper_jax.load.scene import Scene
+
         scene = Scene.from_dict(values, label)
-    table = {"name": label, **values}
     if changes:
         scene = scene.with_values(changes)
     if changes or args.expanded:

@@ -28,10 +28,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.tridiagonal import cyclic_reduction
+from dropper_jax.base.components import components
 from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics, Model, State, book_works, work_names
 from dropper_jax.model.model import MOVING_ENDS
 from dropper_jax.residual import Explicit, point_masses_only
+from dropper_jax.solvers.condensed import ConstraintMatrix
 
 
 class Moving(NamedTuple):
@@ -51,7 +53,7 @@ def moving(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) 
     ends = model.end_acceleration(t) if model.moving else None
     rate = k.link_velocities
     rhs = dot(unit, model.geometry.differences(loose, ends)) + dot(rate, rate) / model.line.length
-    tension = _solve_multipliers(model, unit, inverse, rhs)
+    tension = _solve_multipliers(unit, inverse, rhs)
     power = _powers(model, k, tension[:, None] * unit) if track and work_names(model) else jnp.zeros(0, r.dtype)
     return Moving(loose + model.tension_force(tension, unit) * inverse[:, None], tension, power)
 
@@ -61,7 +63,7 @@ def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[ja
     ends, length, inverse = model.ends(t), model.line.length, 1.0 / model.node_mass
     unit = model.links(r, ends) / length[:, None]
     gap = 0.5 * length * (dot(unit, unit) - 1.0)
-    r = r + model.tension_force(_solve_multipliers(model, unit, inverse, gap), unit) * inverse[:, None]
+    r = r + model.tension_force(_solve_multipliers(unit, inverse, gap), unit) * inverse[:, None]
     return r, v + _impact_change(model, r, v, t)[0]
 
 
@@ -75,19 +77,13 @@ def apply_jump(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[
 def _impact_change(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
     ends, inverse = model.ends(t), 1.0 / model.node_mass
     unit = model.links(r, ends) / model.line.length[:, None]
-    impulse = _solve_multipliers(model, unit, inverse, dot(unit, model.rates(v, ends)))
+    impulse = _solve_multipliers(unit, inverse, dot(unit, model.rates(v, ends)))
     return model.tension_force(impulse, unit) * inverse[:, None], impulse[:, None] * unit
 
 
-def _solve_multipliers(model: Model, unit: jax.Array, inverse: jax.Array, rhs: jax.Array) -> jax.Array:
+def _solve_multipliers(unit: jax.Array, inverse: jax.Array, rhs: jax.Array) -> jax.Array:
     """y of `(G M^-1 G') y = rhs`, the rows of G the vectors `unit` (n, 3); `inverse` are 1/m of the free nodes."""
-    zero = jnp.zeros_like(inverse[:1])
-    held = [zero] if model.end_held else []
-    near = jnp.concatenate([zero, inverse])[: model.line.links]
-    far = jnp.concatenate([inverse, *held])
-    off = -dot(unit[:-1], unit[1:]) * near[1:]
-    diagonal = (near + far) * dot(unit, unit)
-    return cyclic_reduction(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), rhs)
+    return cyclic_reduction(*ConstraintMatrix.of(inverse, components(unit), components(unit)), rhs)
 
 
 def _powers(model: Model, k: Kinematics, force: jax.Array) -> jax.Array:

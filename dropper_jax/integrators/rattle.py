@@ -16,9 +16,11 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
+from dropper_jax.base.components import components
 from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics, Model, State, book_works
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks, point_masses_only
+from dropper_jax.solvers.condensed import ConstraintMatrix
 
 
 @dataclass(frozen=True)
@@ -99,18 +101,9 @@ class RattleProblem(StepProblem):
 
     def _velocity_tensions(self, direction: jax.Array, v: jax.Array) -> jax.Array:
         """mu such that `d1 . (rate of the links) = 0` after its half kick: a tridiagonal system, linear."""
-        held = self.model.end_held
-        rate = self.model.rates(v, self.ends1)
-        light = 0.5 * self.h / self.mass
-        zero = jnp.zeros_like(light[:1])
-        near = jnp.concatenate([zero, light]) if held else jnp.concatenate([zero, light[:-1]])
-        far = jnp.concatenate([light, zero]) if held else light
-        diagonal = (near + far) * dot(direction, direction)
-        shared = light if held else light[:-1]
-        off = -shared * dot(direction[1:], direction[:-1])
-        rhs = dot(direction, rate)
-        lower, upper = jnp.concatenate([zero, off]), jnp.concatenate([off, zero])
-        return solve_tridiagonal(lower, diagonal, upper, rhs)
+        unit = components(direction)
+        matrix = ConstraintMatrix.of(0.5 * self.h / self.mass, unit, unit)
+        return solve_tridiagonal(*matrix, dot(direction, self.model.rates(v, self.ends1)))
 
     def _work(self, u: Unknowns, after: Kinematics, pull1: jax.Array, mu: jax.Array) -> jax.Array:
         model, h = self.model, self.h

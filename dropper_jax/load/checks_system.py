@@ -10,7 +10,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import refuse, short_text
 from dropper_jax.effects import EFFECTS
-from dropper_jax.load.checks_water import bed_height
+from dropper_jax.load.checks_water import bed_height, check_growth, check_water
 from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, point_named
 
 
@@ -33,6 +33,34 @@ def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> No
     for i, name in enumerate(names):
         if name not in used and points[i].on is None:
             raise refuse(f"point.{i}.name", name, "is not an end of any line", ", ".join(sorted(used)))
+
+
+def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> None:
+    check_ends((line,), points)
+    start, end = point_named(points, line.start), point_named(points, line.end)
+    if start.is_free:
+        names = [point.name for point in points]
+        raise refuse(
+            f"point.{names.index(start.name)}.kind", start.kind, "cannot be the start of a rigid line", "fixed"
+        )
+    if not end.is_free:
+        _check_reach(line, "line.0", start, end)
+
+
+def _check_reach(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> None:
+    """Check that links between two fixed ends can close: no side of the polygon exceeds the sum of the others."""
+    if line.links < 2:
+        raise refuse(f"{path}.links", line.links, "leaves no free node between two fixed ends", "a whole number >= 2")
+    if not line.rigid:
+        return
+    distance = check_span(line, path, start, end)
+    longest = float(np.max(line.length))
+    others = line.total - longest + distance
+    if longest >= others:
+        raise SceneError(
+            f"{path}.length: a link of {longest:g} m cannot be closed by the others and the {distance:g} m between "
+            f"the ends; allowed: less than {others:g} m"
+        )
 
 
 def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]) -> None:
@@ -256,3 +284,16 @@ def check_vessels(scene: SceneData) -> None:
             raise SceneError(
                 f"vessel.{i}.rao: needs waves that rise from rest; needed: [sea.waves] and `sea.ramp`, or `motion`"
             )
+
+
+def check_scene(scene: SceneData) -> None:
+    """Check the parts of a scene against each other: effects with bodies, vessels, water and growth."""
+    if scene.branched:
+        check_system_effects(scene)
+        check_bodies(scene)
+    check_vessels(scene)
+    for effect, values in scene.effects.items():
+        if EFFECTS[effect].needs_water or EFFECTS[effect].needs_sea:
+            check_water(effect, scene)
+        EFFECTS[effect].check(values, scene)
+    check_growth(scene)

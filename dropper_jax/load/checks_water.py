@@ -39,6 +39,28 @@ def check_water(effect: str, scene: SceneData) -> None:
             )
 
 
+def check_growth(scene: SceneData) -> None:
+    """Check that growth has water and the diameter of the bare rope, and that the volume follows from the diameter."""
+    for i, line in enumerate(scene.lines):
+        season = scene.season is not None and scene.season.on(line.name, line.piece_of)
+        if line.growth is None and not season:
+            continue
+        path = f"line.{i}"
+        if line.growth is not None and season:
+            raise SceneError(f"{path}.growth: given, but [growth] lists {line.name!r} too; allowed: one of them")
+        said = "growth" if season else f"{path}.growth"
+        if scene.sea is None:
+            raise SceneError(f"{said}: needs water, but the scene has no [sea]; needed: [sea] with `depth`")
+        if line.diameter is None:
+            raise SceneError(f"{path}.diameter: missing; {said} needs the diameter of the bare rope, > 0 m")
+        if line.outer_diameter is not None:
+            raise SceneError(f"{path}.outer_diameter: {said} changes the diameter; allowed: one of them")
+        if line.centre_of_mass is not None:
+            raise SceneError(f"{said}: needs point masses at the nodes, but the line has compound links. Remove it")
+        if scene.effects.get("buoyancy", {}).get("wet_weight") is not None:
+            raise SceneError(f"effects.buoyancy.wet_weight: is that of the bare line, but {said} changes it. Remove it")
+
+
 def sea_warnings(scene: SceneData, sea: Sea) -> tuple[str, ...]:
     """Warnings about the sea, one line each; `sea` is the result of `make_sea`."""
     if scene.sea is None:

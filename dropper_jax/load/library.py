@@ -17,14 +17,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain
-from dropper_jax.load.floats import float_of
 
 PREFIX = "library:"
+#: Density of foam and shell of a float over its volume [kg/m^3], and its coefficients as a sphere: drag on its frontal
+#: area (subcritical: Hoerner 1965, Fluid-dynamic drag), added mass of a sphere (Lamb 1932, article 92).
+FLOAT_DENSITY, FLOAT_DRAG, FLOAT_ADDED_MASS = 80.0, 0.5, 0.5
 #: Damping ratio of a link (internal damping over critical): numerical, not a property of the part; as in packaged
 #: scenes.
 PART_DAMPING = 0.1
@@ -132,8 +133,11 @@ def _multiplait(mass: float, volume: float, stiffness: float, strength: float) -
     return make
 
 
-def _float(volume: float) -> dict[str, Any]:
-    return float_of(volume)
+def float_of(volume: float, density: float = FLOAT_DENSITY) -> dict[str, Any]:
+    """A spherical float [m^3] at a free point: mass, volume, drag coefficient times frontal area, added mass."""
+    frontal = math.pi / 4 * (6 * volume / math.pi) ** (2 / 3)
+    water = {"drag_area": FLOAT_DRAG * frontal, "added_mass": FLOAT_ADDED_MASS}
+    return {"kind": "free", "mass": density * volume, "volume": volume, **water}
 
 
 def _crop(mass: float, density: float, drag: float, along: float) -> dict[str, Any]:
@@ -214,7 +218,7 @@ FAMILIES: dict[str, Family] = {
         100.0,
         0.2,
         "sphere: drag 0.5 (Hoerner 1965), added mass 0.5 (Lamb 1932); 80 kg/m^3 assumed (`float_density`)",
-        _float,
+        float_of,
     ),
     "mussel-sock": Family(
         "line_type",
@@ -325,72 +329,3 @@ def _split_name(name: str) -> tuple[str, float]:
         kind = FAMILIES[family]
         raise SceneError(f"library: {name!r}: {text!r} is not a number; needed: {kind.size} [{kind.unit}]")
     return family, size
-
-
-def with_library(table: Mapping[str, Any]) -> dict[str, Any]:
-    """The scene with the types that its lines take from the library added to its `[[line_type]]`.
-
-    Raises:
-        SceneError: an unknown part, or a part that is not a line.
-    """
-    own = {name for item in _tables(table.get("line_type")) if isinstance(name := item.get("name"), str)}
-    wanted = {}
-    for i, line in enumerate(_tables(table.get("line"))):
-        paths = [(f"line.{i}.type", line)]
-        paths += [(f"line.{i}.sections.{k}.type", s) for k, s in enumerate(_tables(line.get("sections")))]
-        for path, item in paths:
-            name = item.get("type")
-            if isinstance(name, str) and name.startswith(PREFIX) and name not in own:
-                wanted.setdefault(name, path)
-    if not wanted:
-        return dict(table)
-    found = [_part_for(path, name, "line_type", "lines", "a rope, a chain or a crop") for name, path in wanted.items()]
-    return {**table, "line_type": [*_tables(table.get("line_type")), *found]}
-
-
-def with_library_points(table: Mapping[str, Any]) -> dict[str, Any]:
-    """The scene, its points and those of its units with the values that they take from the library written out.
-
-    Raises:
-        SceneError: an unknown part, or a part that is not a point.
-    """
-    found = dict(table)
-    if "point" in found:
-        found["point"] = _points(found["point"], "point")
-    if isinstance(found.get("unit"), Mapping):
-        found["unit"] = {
-            name: {**unit, "point": _points(unit["point"], f"unit.{name}.point")}
-            if isinstance(unit, Mapping) and "point" in unit
-            else unit
-            for name, unit in found["unit"].items()
-        }
-    return found
-
-
-def _points(items: Plain, path: str) -> Plain:
-    return [_point(item, f"{path}.{i}.type") for i, item in enumerate(items)] if isinstance(items, list) else items
-
-
-def _point(item: Plain, path: str) -> Plain:
-    name = item.get("type") if isinstance(item, Mapping) else None
-    if not isinstance(name, str) or not name.startswith(PREFIX):
-        return item
-    values = _part_for(path, name, "point", "points", "a float, such as library:float-0.2")
-    rest = {key: value for key, value in item.items() if key != "type"}
-    return {**{key: value for key, value in values.items() if key != "name"}, **rest}
-
-
-def _part_for(path: str, name: str, section: str, use: str, allowed: str) -> dict[str, Any]:
-    try:
-        found, values = part(name.removeprefix(PREFIX))
-    except SceneError as error:
-        raise SceneError(f"{path}: {error}") from None
-    if found != section:
-        other = "points" if use == "lines" else "lines"
-        raise SceneError(f"{path}: {name!r} is a part for {other}, not for {use}; allowed: {allowed}")
-    return values
-
-
-def _tables(items: Plain) -> list[Any]:
-    """The tables of a list; entries that are not tables are rejected later, with their names."""
-    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []

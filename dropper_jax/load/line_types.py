@@ -19,12 +19,14 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.axial import LAWS
 from dropper_jax.axial.force_table import ForceTable, tables_of
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     Plain,
     check_keys,
+    declared_fields,
     plain,
     read_fields,
     read_integer,
@@ -47,7 +49,11 @@ COEFFICIENTS = {"cdn": "morison_drag", "cdt": "morison_drag", "can": "morison_in
 
 @dataclasses.dataclass(frozen=True)
 class LineType:
-    """`[[line_type]]`: a rope or chain, values per metre; coefficients if the scene's effects require them."""
+    """`[[line_type]]`: a rope or chain, values per metre; coefficients if the scene's effects require them.
+
+    Attributes:
+        constants: further fields declared by the law's class.
+    """
 
     name: str = option("name", type=str)
     mass: float = parameter("mass per metre", unit="kg/m", low=0.0, open_low=True)
@@ -58,7 +64,7 @@ class LineType:
     EA: float | None = parameter("axial stiffness", unit="N", low=0.0, open_low=True, optional=True)
     strain: np.ndarray | None = parameter("strains of a table, rising", unit="-", shape="table", optional=True)
     tension: np.ndarray | None = parameter("tensions at those strains", unit="N", shape="table", optional=True)
-    law: str = option("axial law", choices=("rope", "damped_rope", "elastic", "tabulated", "rigid"), default="rope")
+    law: str = option("axial law", choices=tuple(LAWS), default="rope")
     damping: float | None = parameter("internal damping BA", unit="N s", low=0.0, optional=True)
     damping_ratio: float | None = parameter(
         "damping ratio (internal damping over critical), per link", unit="-", low=0.0, optional=True
@@ -69,6 +75,19 @@ class LineType:
     cdt: float | None = parameter("drag coefficient along", unit="-", low=0.0, optional=True)
     can: float | None = parameter("added mass coefficient across", unit="-", low=0.0, optional=True)
     cat: float | None = parameter("added mass coefficient along", unit="-", low=0.0, optional=True)
+    constants: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> LineType:
+        own = dict(read_table(table, path))
+        law = own.get("law", "rope")
+        more = law_constants(law) if law in list(LAWS) else []  # an unknown law is rejected with the other fields
+        given = {key: own.pop(key) for key in more if key in own}
+        kind = cls(**read_fields(cls, own, path, {}))
+        if not more:
+            return kind
+        values = read_fields(LAWS[law], {"EA": 1.0, **given}, path, {"link": 1})
+        return dataclasses.replace(kind, constants={key: values[key] for key in more if values[key] is not None})
 
     @property
     def table(self) -> ForceTable | None:
@@ -100,6 +119,11 @@ class LineType:
             ForceTable.read(self.strain, self.tension, path)
         if self.damping is not None and self.damping_ratio is not None:
             raise SceneError(f"{path}: `damping` and `damping_ratio` are both given; allowed: one of the two")
+
+
+def law_constants(law: str) -> list[str]:
+    """Constants that the class of an axial law declares besides those of every line type."""
+    return [key for key in declared_fields(LAWS[law]) if key not in declared_fields(LineType)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,7 +184,7 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
 def _types(items: Plain) -> dict[str, LineType]:
     found: dict[str, LineType] = {}
     for i, item in enumerate(read_list(items, "line_type", None, "one or more [[line_type]] tables")):
-        kind = LineType(**read_fields(LineType, item, f"line_type.{i}", {}))
+        kind = LineType.read(item, f"line_type.{i}")
         if kind.name in found:
             raise refuse(f"line_type.{i}.name", kind.name, "is used twice", "a unique name")
         kind.check(f"line_type.{i}")
@@ -276,7 +300,9 @@ def _axial(sections: list[Section], path: str) -> dict[str, Any]:
     if "tabulated" in laws:
         tables = [s.type.table or ForceTable.straight(s.type.EA) for s in sections for _ in range(s.links)]
         return {"law": "tabulated", **tables_of(tables), "damping": damping}
-    return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.EA), "damping": damping}
+    links = [s.type.constants for s in sections for _ in range(s.links)]
+    own = {key: [float(each[key]) for each in links] for key in links[0]}
+    return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.EA), "damping": damping, **own}
 
 
 def _per_link(sections: list[Section], path: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Packaged scenes as plain values; needs no JAX, so that listing them is quick."""
+"""Scenes from a name or a file as plain values; needs no JAX, so that listing packaged scenes is quick."""
 
 from __future__ import annotations
 
@@ -208,25 +208,48 @@ def _body(buoy: dict[str, Any], point: list[float], centre: float) -> dict[str, 
     }
 
 
-def find_scene(source: str | Path) -> tuple[dict[str, Any] | Path, str]:
-    """Plain values and name of a packaged scene or a TOML file; for MoorDyn or YAML, path and name, not yet read.
+def find_scene(source: str | Path, depth: float | None = None) -> tuple[dict[str, Any], str]:
+    """Plain values and name of a packaged scene, a TOML file, a MoorDyn input or a YAML mooring.
+
+    Args:
+        depth: depth of the water [m], for a MoorDyn input without one.
 
     Raises:
-        SceneError: unknown name (with the nearest), missing file, or a syntax error (with the line number).
+        SceneError: unknown name (with the nearest), missing file, a syntax error (with the line number), or a depth for
+            any other source.
     """
     if isinstance(source, str) and is_packaged(source):
-        return packaged_scene(source), source
-    path = Path(source)
-    looks_like_file = path.suffix or len(path.parts) > 1 or path.exists()
-    if not looks_like_file:
-        raise SceneError(f"scene: {str(source)!r} is not a packaged scene; {nearest(str(source), scene_names())}")
+        found = packaged_scene(source), source
+    else:
+        path = Path(source)
+        data, kind = _read_file(path), path.suffix.lower()
+        if kind in (".yaml", ".yml") or (kind != ".toml" and looks_like_moordyn(data.decode(errors="replace"))):
+            return _read_mooring(path, depth), path.stem
+        found = parse_toml(data, str(path)), path.stem
+    if depth is not None:
+        raise SceneError("--depth: is only for MoorDyn inputs without WtrDpth. Use --set sea.depth=... for scenes")
+    return found
+
+
+def _read_mooring(path: Path, depth: float | None) -> dict[str, Any]:
+    from dropper_jax.moordyn.reading.reader import read_moordyn  # noqa: PLC0415 - 0.5 s that starting does not need
+    from dropper_jax.moordyn.reading.yaml_mooring import SUFFIXES, read_yaml_mooring  # noqa: PLC0415
+
+    return (read_yaml_mooring if path.suffix.lower() in SUFFIXES else read_moordyn)(path, depth)
+
+
+def _read_file(path: Path) -> bytes:
+    if not (path.suffix or len(path.parts) > 1 or path.exists()):  # it does not look like a file
+        raise SceneError(f"scene: {str(path)!r} is not a packaged scene; {nearest(str(path), scene_names())}")
     refuse_pipe(path, "scene")
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise SceneError(f"scene: cannot read {str(path)!r}: {error.strerror or error}") from None
-    if path.suffix.lower() in (".yaml", ".yml"):
-        return path, path.stem
-    if path.suffix.lower() != ".toml" and looks_like_moordyn(data.decode(errors="replace")):
-        return path, path.stem
-    return parse_toml(data, str(path)), path.stem
+
+
+def folder_of(source: str | Path, allow_outside: bool) -> Path | None:
+    """The folder that must contain the files to which a scene refers; None: any folder, as for packaged scenes."""
+    if allow_outside or (isinstance(source, str) and is_packaged(source)):
+        return None
+    return Path(source).parent

@@ -10,19 +10,23 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
+from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, field_keys, plain
+from dropper_jax.base.read import Plain, ScenePath, declared_fields, join, plain
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.load.line_types import COEFFICIENTS, LineType, expand
+from dropper_jax.load.line_types import COEFFICIENTS, LineType, expand, law_constants
 from dropper_jax.scene import (
     AnchorSpec,
     BodySpec,
     BuoySpec,
     FailureSpec,
+    FitSpec,
     GrowthSpec,
     LineSpec,
     PointSpec,
@@ -31,83 +35,179 @@ from dropper_jax.scene import (
     StartSpec,
     VesselSpec,
 )
-from dropper_jax.sea.spec import SeaSpec
+from dropper_jax.scene.body import CylinderSpec, SphereSpec
+from dropper_jax.scene.fit import PriorSpec, SensorSpec
+from dropper_jax.scene.vessel import RaoSpec
+from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
 
-AXIAL = ("law", "EA", "damping", "strain", "tension")
-#: Sections that are lists of tables, whose items are selected by number or name.
-LISTED = ("point", "line", "buoy", "body", "vessel", "failure", "anchor")
+#: Keys and numbers that lead from a scene's table to a value.
+Steps = tuple[str | int, ...]
+Branch = dict[str, Any] | list[Any]
+#: A section of a scene: its path with `*` for the number or name of an item, its head in TOML, the class that declares
+#: its keys.
+SectionRow = tuple[str, str, type | None]
+
+#: Keys that are read by hand, by section.
+MORE_KEYS: dict[str, Iterable[str]] = {
+    "": ("name", "description"),
+    "run": OPTIONS,
+    "line.*.axial": ("law", "EA", "damping", "strain", "tension"),
+    "body.*": BodySpec.keys(),
+    "vessel.*": VesselSpec.keys(),
+    "growth": SeasonSpec.all_keys(),
+    "sea": ("packaged", "waves", "current", "level"),
+}
+#: Tables that have paths only for the keys that are given.
+BY_NAME = ("vessel.*.rao", "vessel.*.attachments", "body.*.attachments")
+#: Sections of templates, of lines with types and of fits, whose values have no path in a scene with one value per link.
+WITHOUT_PATHS = ("point_type.*", "line_type.*", "fit", "fit.sensor.*", "fit.prior.*", "parameters", "unit.*", "array.*")
+#: Keys of a section of a line, or of a line without sections.
+OF_SECTIONS = ("type", "length", "links")
 
 
-def paths(table: Mapping[str, Any]) -> list[str]:
-    """All paths of values that this scene may have, except list entries."""
-    found = ["name", "description"]
-    found += [f"run.{key}" for key in (*field_keys(RunSpec), *OPTIONS)]
-    found += [f"start.{key}" for key in field_keys(StartSpec)]
-    found += SeaSpec.paths()
-    found += [f"growth.{key}" for key in SeasonSpec.all_keys()] if "growth" in table else []
-    found += [f"effects.{name}.{key}" for name, cls in EFFECTS.items() for key in field_keys(cls)]
-    line_keys = [*field_keys(LineSpec, LineSpec.KEYS), *(f"axial.{key}" for key in AXIAL)]
-    line_keys += [f"growth.{key}" for key in field_keys(GrowthSpec)]
-    for section, keys in (("point", field_keys(PointSpec)), ("line", line_keys), ("buoy", field_keys(BuoySpec))):
-        for i, item in enumerate(table.get(section, [])):
-            found += [f"{section}.{label}.{key}" for label in (i, item["name"]) for key in keys]
-    found += [f"anchor.{i}.{key}" for i in range(len(table.get("anchor", []))) for key in field_keys(AnchorSpec)]
-    found += [f"failure.{i}.{key}" for i in range(len(table.get("failure", []))) for key in field_keys(FailureSpec)]
-    for i, item in enumerate(table.get("body", [])):
-        found += [f"body.{label}.{key}" for label in (i, item["name"]) for key in _body_keys(item)]
-    for i, item in enumerate(table.get("vessel", [])):
-        keys = [*VesselSpec.keys(), *(f"attachments.{name}" for name in item.get("attachments", {}))]
-        keys += [f"rao.{key}" for key in item.get("rao", {})]
-        found += [f"vessel.{label}.{key}" for label in (i, item["name"]) for key in keys]
+def declared_sections() -> list[SectionRow]:
+    """All sections of a scene in the order of a file, with effects registered from outside."""
+    return [
+        ("", "", None),
+        ("run", "[run]", RunSpec),
+        ("point.*", "[[point]]", PointSpec),
+        ("point_type.*", "[[point_type]]", PointSpec),
+        ("line.*", "[[line]]", LineSpec),
+        ("line.*.axial", "line.axial", None),
+        ("line.*.growth", "line.growth", GrowthSpec),
+        ("line_type.*", "[[line_type]]", LineType),
+        ("buoy.*", "[[buoy]]", BuoySpec),
+        ("body.*", "[[body]]", BodySpec),
+        ("body.*.cylinders.*", "body.cylinders", CylinderSpec),
+        ("body.*.spheres.*", "body.spheres", SphereSpec),
+        ("vessel.*", "[[vessel]]", VesselSpec),
+        ("vessel.*.rao", "vessel.rao", RaoSpec),
+        *((f"effects.{name}", f"[effects.{name}]", cls) for name, cls in EFFECTS.items()),
+        ("start", "[start]", StartSpec),
+        ("growth", "[growth]", SeasonSpec),
+        ("sea", "[sea]", SeaSpec),
+        ("sea.waves", "[sea.waves]", WaveSpec),
+        ("sea.current", "[sea.current]", CurrentSpec),
+        ("sea.level", "[sea.level]", LevelSpec),
+        ("failure.*", "[[failure]]", FailureSpec),
+        ("anchor.*", "[[anchor]]", AnchorSpec),
+        ("fit", "[fit]", FitSpec),
+        ("fit.sensor.*", "[[fit.sensor]]", SensorSpec),
+        ("fit.prior.*", "[[fit.prior]]", PriorSpec),
+        ("parameters", "[parameters]", None),
+        ("unit.*", "[unit.NAME]", None),
+        ("array.*", "[[array]]", None),
+    ]
+
+
+def describe(path: str) -> Mapping[str, Any]:
+    """Declaration of the value at a path, with `meaning`, `unit`, `low` and `high`; empty for keys read by hand."""
+    section, _, key = ScenePath(path).stem.rpartition(".")
+    for pattern, _, cls in declared_sections():
+        if cls is not None and re.fullmatch(re.escape(pattern).replace(r"\*", r"[^.]+"), section):
+            field = declared_fields(cls).get(key)
+            return {} if field is None else field.metadata
+    return {}
+
+
+def locate(table: Mapping[str, Any]) -> dict[str, Steps]:
+    """Steps to each value that a scene with one value per link may have, by path; without entries of lists."""
+    found: dict[str, Steps] = {}
+    for pattern, _, cls in declared_sections():
+        if pattern not in (*WITHOUT_PATHS, *BY_NAME) and (pattern != "growth" or "growth" in table):
+            declared = () if cls is None else declared_fields(cls)
+            found |= _steps(table, pattern, (*declared, *MORE_KEYS.get(pattern, ())))
+    for pattern in BY_NAME:
+        found |= _steps(table, pattern)
     return found
 
 
-def _body_keys(item: Mapping[str, Any]) -> list[str]:
-    """Keys of a body, those of its shapes by number and its attachments by name."""
-    found = BodySpec.keys()
-    for key, kind in BodySpec.SHAPES:
-        keys = field_keys(kind, getattr(kind, "KEYS", None))
-        found += [f"{key}.{i}.{name}" for i in range(len(item.get(key, []))) for name in keys]
-    return found + [f"attachments.{name}" for name in item.get("attachments", {})]
+def locate_written(table: Mapping[str, Any]) -> dict[str, Steps]:
+    """The same for types and lines of a table in its original form; empty without types."""
+    if not table.get("line_type"):
+        return {}
+    own = [key for law in LAWS for key in law_constants(law)]
+    lines = _steps(table, "line.*", ("name", "from", "to", "shelter", *OF_SECTIONS))
+    return {
+        **_steps(table, "line_type.*", (*declared_fields(LineType), *own)),
+        **{p: to for p, to in lines.items() if to[-1] not in OF_SECTIONS or "sections" not in table["line"][to[1]]},
+        **_steps(table, "line.*.sections.*", OF_SECTIONS),
+        **_steps(table, "line.*.attach.*", ("point", "at")),
+        **_steps(table, "line.*.growth", declared_fields(GrowthSpec)),
+    }
 
 
-def set_value(table: dict[str, Any], path: str, value: Plain, candidates: Iterable[str] = ()) -> None:
+def _steps(table: Mapping[str, Any], pattern: str, keys: Iterable[str] | None = None) -> dict[str, Steps]:
+    """Steps to these keys of every table at a pattern; without `keys`, to those that it has."""
+    tables = _tables(table, pattern.split(".") if pattern else [])
+    return {join(path, key): (*to, key) for path, to, own in tables for key in (own if keys is None else keys)}
+
+
+def _tables(table: Branch, words: list[str], path: str = "", to: Steps = ()) -> Iterator[tuple[str, Steps, Branch]]:
+    """Path, steps and value of every table at the words of a pattern; items of lists by number and by name."""
+    if not words:
+        yield path, to, table
+    elif isinstance(table, list):
+        for i, item in enumerate(table):
+            for label in dict.fromkeys((str(i), str(item.get("name", i)))):
+                yield from _tables(item, words[1:], f"{path}.{label}", (*to, i))
+    elif words[0] != "*":
+        yield from _tables(table.get(words[0], {}), words[1:], join(path, words[0]), (*to, words[0]))
+
+
+def set_value(
+    table: dict[str, Any],
+    path: str,
+    value: Plain,
+    known: Mapping[str, Steps] | None = None,
+    candidates: Iterable[str] = (),
+) -> None:
     """Set a value at a path of plain values; numbers at the end of the path are entries of a list.
 
     Args:
+        known: steps by path; default `locate`.
         candidates: further paths that the error line may suggest.
 
     Raises:
         SceneError: the path (with the nearest) or the entry does not exist.
     """
-    parent, key = _find_parent(table, path, candidates)
+    parent, key = _find_parent(table, path, locate(table) if known is None else known, candidates)
     parent[key] = value
 
 
-def get(table: dict[str, Any], path: str) -> Plain:
+def get(table: dict[str, Any], path: str, known: Mapping[str, Steps] | None = None) -> Plain:
     """The plain value at a path.
 
     Raises:
         SceneError: the path or entry does not exist, or no value is given there.
     """
-    parent, key = _find_parent(copy.deepcopy(table), path, ())
+    parent, key = _find_parent(copy.deepcopy(table), path, locate(table) if known is None else known, ())
     if isinstance(parent, dict) and key not in parent:
         raise SceneError(f"{path}: is not given in the scene")
     return parent[key]
 
 
-def _find_parent(table: dict[str, Any], path: str, candidates: Iterable[str]) -> tuple[Any, Any]:
+def _find_parent(
+    table: Branch, path: str, known: Mapping[str, Steps], candidates: Iterable[str]
+) -> tuple[Any, str | int]:
     """The container of the value at a path, and its key in it; missing tables are created."""
-    own = paths(table)
-    field = next((p for p in sorted(own, key=len, reverse=True) if path == p or path.startswith(p + ".")), None)
-    entries = [] if field is None else path[len(field) :].strip(".").split(".")
-    entries = [] if entries == [""] else entries
-    if field is None or not all(number.isdecimal() for number in entries):
-        raise SceneError(f"{path}: unknown path; {_hint(path, {*own, *candidates})}")
-    parent, key = _parent(table, field)
+    found = ScenePath(path).entry_of(known)
+    if found is None:
+        raise SceneError(f"{path}: unknown path; {_hint(path, {*known, *candidates})}")
+    stem, entries = found
+    *steps, key = known[stem]
+    for step in steps:
+        table = table[step] if isinstance(table, list) else table.setdefault(step, {})
     for number in entries:
-        parent, key, path = entry(parent.get(key) if isinstance(parent, dict) else parent[key], int(number), path)
-    return parent, key
+        items = table.get(key) if isinstance(table, dict) else table[key]
+        if not isinstance(items, list):
+            raise SceneError(
+                f"{path}: has no entries, its value is {items!r}; use the path without a number at its end"
+            )
+        if number >= len(items):
+            raise SceneError(f"{path}: entry {number} does not exist; allowed: 0 to {len(items) - 1}")
+        table, key = items, number
+    return table, key
 
 
 def _hint(path: str, candidates: set[str]) -> str:
@@ -116,48 +216,20 @@ def _hint(path: str, candidates: set[str]) -> str:
     hint = nearest(path, candidates)
     if not hint.startswith("known:") or len(candidates) <= shown:
         return hint
-    section = path.split(".")[0]
-    near = sorted(p for p in candidates if p.split(".")[0] == section)
-    if not near:
-        return f"known sections: {', '.join(sorted({p.split('.')[0] for p in candidates}))}"
+    sections = {ScenePath(p).section for p in candidates}
+    if ScenePath(path).section not in sections:
+        return f"known sections: {', '.join(sorted(sections))}"
+    near = sorted(p for p in candidates if ScenePath(p).section == ScenePath(path).section)
     return f"known: {', '.join(near[:shown])}{', ...' if len(near) > shown else ''}"
 
 
-def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
-    """The table that contains a known field, and the field's key in it; missing tables are created."""
-    section, _, rest = field.partition(".")
-    if not rest:
-        return table, section
-    if section not in LISTED:
-        *tables, key = rest.split(".")
-        parent = table.setdefault(section, {})
-    else:
-        items = table[section]
-        label, item = next(
-            (label, item)
-            for i, item in enumerate(items)
-            for label in (str(i), item.get("name", str(i)))
-            if rest.startswith(label + ".")
-        )
-        *tables, key = rest[len(label) + 1 :].split(".")
-        parent = item
-    for name in tables:
-        parent = parent[int(name)] if isinstance(parent, list) else parent.setdefault(name, {})
-    return parent, key
-
-
-def entry(items: Plain, index: int, path: str) -> tuple[list[Any], int, str]:
-    """A list that has an entry of that number, the number and the path."""
-    if not isinstance(items, list):
-        raise SceneError(f"{path}: has no entries, its value is {items!r}; use the path without a number at its end")
-    if index >= len(items):
-        raise SceneError(f"{path}: entry {index} does not exist; allowed: 0 to {len(items) - 1}")
-    return items, index, path
-
-
-#: Keys of a `[[line]]` that are expanded, and of the tables in its lists.
-LINE = ("name", "from", "to", "type", "length", "links", "shelter")
-LISTS = {"sections": ("type", "length", "links"), "attach": ("point", "at")}
+def is_written(table: dict[str, Any], path: str, written: Mapping[str, Steps]) -> bool:
+    """Whether a path is that of a value in its original form, or of an entry of a list there."""
+    stem, entries = ScenePath(path).entry_of(written) or ("", ())
+    if entries:
+        with suppress(SceneError):  # nothing is given there
+            return isinstance(get(table, stem, written), list)
+    return stem in written and not entries
 
 
 @dataclasses.dataclass(frozen=True)
@@ -210,68 +282,30 @@ class Written:
         Args:
             expanded: plain values of the scene with one value per link.
         """
-        table = self.table(expanded, keep_points=any(path.startswith("point.") for path in values))
-        locations = self.locate_values(table)
-        single = {path: value for path, value in values.items() if self._single(path, locations)}
-        self._refuse_sections(single)
+        table = self.table(expanded, keep_points=any(ScenePath(path).section == "point" for path in values))
+        written = locate_written(table)
+        own = [path for path in values if is_written(table, path, written)]
+        single = {path: value for path, value in values.items() if path not in own and self._of_links(path)}
         for path, value in values.items():
-            found = self.locate(path, locations)
-            if found is not None:
-                parent, key = found
-                parent[key] = value
-            elif path not in single:
-                set_value(table, path, value, candidates=locations)
+            if path not in single:
+                set_value(table, path, value, written if path in own else None, written)
         if not single:
             return table
         table = expand(table)
         for path, value in single.items():
-            set_value(table, path, value, candidates=locations)
+            set_value(table, path, value, candidates=written)
         return table
 
-    def _single(self, path: str, locations: Mapping[str, Any]) -> bool:
-        """Whether a path refers to single links: of a line, or an entry of a coefficient given by types."""
-        if path.startswith("line."):
-            return self.locate(path, locations) is None
-        return any(path.startswith(f"effects.{effect}.{key}.") for effect, key in self.taken)
+    def _of_links(self, path: str) -> bool:
+        """Whether a path that is not written refers to single links: of a line, or an entry of a coefficient of types.
 
-    @staticmethod
-    def locate(path: str, locations: Mapping[str, tuple[Any, Any]]) -> tuple[Any, Any] | None:
-        """The container of the original value at a path, or of an entry of an original list, and its key; None for
-        others."""
-        if path in locations:
-            return locations[path]
-        stem, _, number = path.rpartition(".")
-        if stem not in locations or not number.isdecimal():
-            return None
-        parent, key = locations[stem]
-        return entry(parent[key], int(number), path)[:2] if isinstance(parent.get(key), list) else None
-
-    def _refuse_sections(self, single: Mapping[str, Any]) -> None:
-        """Reject the length of a line of sections: it has none of its own, and that of single links is not what a user
-        means."""
-        for i, line in enumerate(self.line):
-            for key in ("type", "length", "links") if "sections" in line else ():
-                for path in (f"line.{label}.{key}" for label in (i, line.get("name", i))):
-                    if path in single:
-                        stem = path.removesuffix(key)
-                        raise SceneError(f"{path}: the line has sections. Use {stem}sections.0.{key} and so on")
-
-    @staticmethod
-    def locate_values(table: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-        """Positions of the values of types and lines in an original table, (parent, key) by path."""
-        found: dict[str, tuple[Any, Any]] = {}
-
-        def add(path: str, item: dict[str, Any], keys: Iterable[str]) -> None:
-            found.update({f"{path}.{key}": (item, key) for key in keys})
-
-        for section, keys in (("line_type", field_keys(LineType)), ("line", LINE)):
-            for i, item in enumerate(table[section]):
-                for label in (str(i), item.get("name", str(i))):
-                    path = f"{section}.{label}"
-                    add(path, item, keys if "sections" not in item else ("name", "from", "to", "shelter"))
-                    for name, inner in LISTS.items() if section == "line" else ():
-                        for k, part in enumerate(item.get(name, [])):
-                            add(f"{path}.{name}.{k}", part, inner)
-                    if "growth" in item:
-                        add(f"{path}.growth", item["growth"], field_keys(GrowthSpec))
-        return found
+        Raises:
+            SceneError: the length of a line of sections, which has none; that of links is not what a user means.
+        """
+        for i, line in enumerate(self.line if ScenePath(path).section == "line" else []):
+            for stem in (f"line.{label}" for label in (i, line.get("name", i)) if "sections" in line):
+                if path in [f"{stem}.{key}" for key in OF_SECTIONS]:
+                    key = ScenePath(path).key
+                    raise SceneError(f"{path}: the line has sections. Use {stem}.sections.0.{key} and so on")
+        taken = [f"effects.{effect}.{key}." for effect, key in self.taken]
+        return ScenePath(path).section == "line" or path.startswith(tuple(taken))

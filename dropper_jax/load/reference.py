@@ -17,27 +17,9 @@ import numpy as np
 
 from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import limits
-from dropper_jax.effects import EFFECTS
+from dropper_jax.base.read import ScenePath, declared_fields, limits
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
-from dropper_jax.load.line_types import LineType
-from dropper_jax.scene import (
-    AnchorSpec,
-    BodySpec,
-    BuoySpec,
-    FailureSpec,
-    GrowthSpec,
-    LineSpec,
-    PointSpec,
-    RunSpec,
-    SeasonSpec,
-    StartSpec,
-    VesselSpec,
-)
-from dropper_jax.scene.body import CylinderSpec, SphereSpec
-from dropper_jax.scene.fit import FitSpec, PriorSpec, SensorSpec
-from dropper_jax.scene.vessel import RaoSpec
-from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
+from dropper_jax.load.paths import declared_sections
 
 #: Shapes of values in words.
 SHAPES = {
@@ -79,7 +61,7 @@ class Key:
 
     @property
     def name(self) -> str:
-        return self.path.rpartition(".")[2]
+        return ScenePath(self.path).key
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,38 +154,6 @@ BY_HAND: dict[str, tuple[Key, ...]] = {
         ("shared", "points of a unit that are shared with others", "table", TABLE),
     ),
 }
-#: Sections in the order of a file: path, head, class that declares its keys, and their other names.
-DECLARED: tuple[tuple[str, str, type | None], ...] = (
-    ("", "", None),
-    ("run", "[run]", RunSpec),
-    ("point.*", "[[point]]", PointSpec),
-    ("point_type.*", "[[point_type]]", PointSpec),
-    ("line.*", "[[line]]", LineSpec),
-    ("line.*.axial", "line.axial", None),
-    ("line.*.growth", "line.growth", GrowthSpec),
-    ("line_type.*", "[[line_type]]", LineType),
-    ("buoy.*", "[[buoy]]", BuoySpec),
-    ("body.*", "[[body]]", BodySpec),
-    ("body.*.cylinders.*", "body.cylinders", CylinderSpec),
-    ("body.*.spheres.*", "body.spheres", SphereSpec),
-    ("vessel.*", "[[vessel]]", VesselSpec),
-    ("vessel.*.rao", "vessel.rao", RaoSpec),
-    *((f"effects.{name}", f"[effects.{name}]", cls) for name, cls in EFFECTS.items()),
-    ("start", "[start]", StartSpec),
-    ("growth", "[growth]", SeasonSpec),
-    ("sea", "[sea]", SeaSpec),
-    ("sea.waves", "[sea.waves]", WaveSpec),
-    ("sea.current", "[sea.current]", CurrentSpec),
-    ("sea.level", "[sea.level]", LevelSpec),
-    ("failure.*", "[[failure]]", FailureSpec),
-    ("anchor.*", "[[anchor]]", AnchorSpec),
-    ("fit", "[fit]", FitSpec),
-    ("fit.sensor.*", "[[fit.sensor]]", SensorSpec),
-    ("fit.prior.*", "[[fit.prior]]", PriorSpec),
-    ("parameters", "[parameters]", None),
-    ("unit.*", "[unit.NAME]", None),
-    ("array.*", "[[array]]", None),
-)
 ABOUT = {
     "": "Keys at the top of the file.",
     "line.*.axial": "Axial law of the links of a line; rigid if omitted.",
@@ -217,17 +167,15 @@ ABOUT = {
 
 def sections() -> list[Section]:
     """All sections of a scene, with effects registered from outside."""
-    known = {path for path, _, _ in DECLARED}
-    more = [(f"effects.{n}", f"[effects.{n}]", c) for n, c in EFFECTS.items() if f"effects.{n}" not in known]
-    return [_section(*row) for row in (*DECLARED, *more)]
+    return [_section(*row) for row in declared_sections()]
 
 
 def _section(path: str, head: str, cls: type | None) -> Section:
     keys = [] if cls is None else list(_declared_keys(path, cls))
     if path == "run":
         keys += [_option(name, about) for name, about in OPTIONS.items()]
-    if path == "line.*.axial":
-        names = {key.name for key in BY_HAND[path]}
+    if path in ("line.*.axial", "line_type.*"):
+        names = {key.name for key in (*keys, *BY_HAND.get(path, ()))}
         own = {key.name: key for law in LAWS.values() for key in _declared_keys(path, law) if key.name not in names}
         keys += own.values()
     if path == "point_type.*":
@@ -238,12 +186,8 @@ def _section(path: str, head: str, cls: type | None) -> Section:
 
 def _declared_keys(path: str, cls: type) -> Iterable[Key]:
     """Keys declared by a class."""
-    names = getattr(cls, "KEYS", {}) or {}
-    for field in dataclasses.fields(cls):
-        about = field.metadata
-        if "kind" not in about:
-            continue
-        name = f"{path}.{names.get(field.name, field.name)}"
+    for key, field in declared_fields(cls).items():
+        about, name = field.metadata, f"{path}.{key}"
         number = about["kind"] == "parameter"
         allowed = limits({**about, "unit": "-"}) if number or about.get("type") is int else ""
         if about.get("choices"):

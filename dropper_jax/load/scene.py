@@ -11,25 +11,29 @@ import numpy as np
 
 from dropper_jax.base.errors import LocatedValues, SceneError
 from dropper_jax.base.html_table import html_table
-from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_list, read_table, read_text, refuse
-from dropper_jax.base.renamed import new_keys, new_path
+from dropper_jax.base.read import (
+    Plain,
+    ScenePath,
+    check_keys,
+    plain,
+    read_fields,
+    read_list,
+    read_table,
+    read_text,
+)
+from dropper_jax.base.renamed import new_path
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.checks_system import (
     attached_points,
     check_bed,
-    check_bodies,
-    check_ends,
+    check_line,
     check_names,
-    check_span,
+    check_scene,
     check_system,
-    check_system_effects,
-    check_vessels,
 )
-from dropper_jax.load.checks_water import check_water
-from dropper_jax.load.library import with_library, with_library_points
-from dropper_jax.load.line_types import expand
-from dropper_jax.load.paths import Written, get, set_value
+from dropper_jax.load.paths import Written, get, is_written, locate, locate_written, set_value
+from dropper_jax.load.resolve import resolve
 from dropper_jax.load.template import Template
 from dropper_jax.scene import (
     BodySpec,
@@ -164,12 +168,7 @@ class Scene(SceneData):
                 return cls.from_dict(dict(table), name)
             except SceneError as error:
                 raise table.with_line(error) from None
-        given = with_library_points(new_keys(read_table(table, "scene")))
-        template = Template.of(given)
-        if template is not None:
-            return dataclasses.replace(cls.from_dict(template.expand(), name), template=template)
-        given = with_library(given)
-        table = expand(given)
+        table, written, template = resolve(table)
         check_keys(table, SECTIONS, "")
         bodies = tuple(BodySpec.read(item, f"body.{i}") for i, item in enumerate(_list(table, "body")))
         vessels = tuple(VesselSpec.read(item, f"vessel.{i}") for i, item in enumerate(_list(table, "vessel")))
@@ -210,18 +209,11 @@ class Scene(SceneData):
             season=SeasonSpec.read(table["growth"], [(line.name, line.piece_of) for line in lines])
             if "growth" in table
             else None,
-            written=Written.of(given, table),
+            written=written,
+            template=template,
         )
         read_text(scene.run.integrator, "run.integrator", INTEGRATORS)
-        if branched:
-            check_system_effects(scene)
-            check_bodies(scene)
-        check_vessels(scene)
-        for effect, values in scene.effects.items():
-            if EFFECTS[effect].needs_water or EFFECTS[effect].needs_sea:
-                check_water(effect, scene)
-            EFFECTS[effect].check(values, scene)
-        check_growth(scene)
+        check_scene(scene)
         scene = scene if branched else dataclasses.replace(scene, start=closed_start(scene))
         pose = None if branched else given_pose(scene)
         if pose is not None:
@@ -258,25 +250,27 @@ class Scene(SceneData):
         values = {new_path(path): copy.deepcopy(plain(value)) for path, value in values.items()}
         if self.template is not None:
             return self._from_template(values)
-        if parameters := [path for path in values if path.startswith("parameters.")]:
-            raise SceneError(f"{parameters[0]}: the scene has no [parameters]. Use paths of its values")
+        for path in values:
+            if ScenePath(path).section == "parameters":
+                raise SceneError(f"{path}: the scene has no [parameters]. Use paths of its values")
         table = self.to_dict()
         if "sea.packaged" in values:  # another sea replaces this one's waves and water
             table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
         if self.written is not None:
             return Scene.from_dict(self.written.with_changes(table, values))
+        known = locate(table)
         for path, value in values.items():
-            set_value(table, path, value)
+            set_value(table, path, value, known)
         return Scene.from_dict(table)
 
     def _from_template(self, values: Mapping[str, Any]) -> Scene:
         """The scene with values changed: parameters before all others, including those of earlier changes."""
-        template = self.template.with_changes(values)
-        if template.table == self.template.table:
-            changes = {path: value for path, value in values.items() if not path.startswith("parameters.")}
-            scene = dataclasses.replace(self, template=None)
-        else:
-            scene, changes = Scene.from_dict(template.expand(), self.name), template.changes
+        given = {path: value for path, value in values.items() if ScenePath(path).section == "parameters"}
+        changes = {path: value for path, value in values.items() if path not in given}
+        scene, template = self, self.template.with_changes(given, changes)
+        if given:
+            scene, changes = Scene.from_dict(template.table, self.name), template.changes
+        scene = dataclasses.replace(scene, template=None)
         return dataclasses.replace(scene.with_values(changes) if changes else scene, template=template)
 
     def value(self, path: str) -> Plain:
@@ -285,16 +279,11 @@ class Scene(SceneData):
         Raises:
             SceneError: the path does not exist, or no value is given there.
         """
-        if self.template is not None and path.startswith("parameters."):
-            return float(self.template.value(path.removeprefix("parameters.")))
+        if self.template is not None and ScenePath(path).section == "parameters":
+            return float(self.template.value(path))
         table = self.as_written()
-        found = None if self.written is None else self.written.locate(path, self.written.locate_values(table))
-        if found is None:
-            return get(self.to_dict(), path)
-        parent, key = found
-        if isinstance(parent, dict) and key not in parent:
-            raise SceneError(f"{path}: is not given in the scene")
-        return parent[key]
+        written = locate_written(table)
+        return get(table, path, written) if is_written(table, path, written) else get(self.to_dict(), path)
 
 
 def _items(table: Mapping[str, Any], section: str) -> Iterator[tuple[int, Any]]:
@@ -315,53 +304,3 @@ def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:
     return {
         name: read_fields(cls, table[name], f"effects.{name}", counts) for name, cls in EFFECTS.items() if name in table
     }
-
-
-def check_growth(scene: SceneData) -> None:
-    """Check that growth has water and the diameter of the bare rope, and that the volume follows from the diameter."""
-    for i, line in enumerate(scene.lines):
-        season = scene.season is not None and scene.season.on(line.name, line.piece_of)
-        if line.growth is None and not season:
-            continue
-        path = f"line.{i}"
-        if line.growth is not None and season:
-            raise SceneError(f"{path}.growth: given, but [growth] lists {line.name!r} too; allowed: one of them")
-        said = "growth" if season else f"{path}.growth"
-        if scene.sea is None:
-            raise SceneError(f"{said}: needs water, but the scene has no [sea]; needed: [sea] with `depth`")
-        if line.diameter is None:
-            raise SceneError(f"{path}.diameter: missing; {said} needs the diameter of the bare rope, > 0 m")
-        if line.outer_diameter is not None:
-            raise SceneError(f"{path}.outer_diameter: {said} changes the diameter; allowed: one of them")
-        if line.centre_of_mass is not None:
-            raise SceneError(f"{said}: needs point masses at the nodes, but the line has compound links. Remove it")
-        if scene.effects.get("buoyancy", {}).get("wet_weight") is not None:
-            raise SceneError(f"effects.buoyancy.wet_weight: is that of the bare line, but {said} changes it. Remove it")
-
-
-def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> None:
-    check_ends((line,), points)
-    start, end = point_named(points, line.start), point_named(points, line.end)
-    if start.is_free:
-        names = [point.name for point in points]
-        raise refuse(
-            f"point.{names.index(start.name)}.kind", start.kind, "cannot be the start of a rigid line", "fixed"
-        )
-    if not end.is_free:
-        _check_reach(line, "line.0", start, end)
-
-
-def _check_reach(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> None:
-    """Check that links between two fixed ends can close: no side of the polygon exceeds the sum of the others."""
-    if line.links < 2:
-        raise refuse(f"{path}.links", line.links, "leaves no free node between two fixed ends", "a whole number >= 2")
-    if not line.rigid:
-        return
-    distance = check_span(line, path, start, end)
-    longest = float(np.max(line.length))
-    others = line.total - longest + distance
-    if longest >= others:
-        raise SceneError(
-            f"{path}.length: a link of {longest:g} m cannot be closed by the others and the {distance:g} m between "
-            f"the ends; allowed: less than {others:g} m"
-        )

@@ -42,7 +42,6 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, check_keys, read_integer, read_list, read_number, read_table, read_text
-from dropper_jax.load.floats import with_types
 
 Number = int | float
 
@@ -180,34 +179,26 @@ class Template:
         own = any(key in table for key in TEMPLATE_KEYS) or any("repeat" in item or "float" in item for item in items)
         return cls(copy.deepcopy(dict(table))) if own else None
 
-    def with_changes(self, values: Mapping[str, Any]) -> Template:
-        """The template with some values changed by path, `parameters.NAME` among them.
+    def with_changes(self, parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> Template:
+        """The template with other values of parameters, by path, and further changes of the plain scene.
 
         Raises:
             SceneError: an unknown parameter (with the nearest).
         """
-        table, changes = copy.deepcopy(self.table), dict(self.changes)
-        for path, value in values.items():
-            section, _, name = path.partition(".")
-            if section != "parameters":
-                changes[path] = value
-                continue
-            known = table.get("parameters", {})
-            if name not in known:
-                raise SceneError(f"{path}: unknown parameter; {nearest(name, known)}")
-            known[name] = value
-        return Template(table, changes)
+        table = copy.deepcopy(self.table)
+        known = table.get("parameters", {})
+        for path, value in parameters.items():
+            known[_known_name(path, known)] = value
+        return Template(table, {**self.changes, **changes})
 
-    def value(self, name: str) -> Number:
-        """The value of a parameter.
+    def value(self, path: str) -> Number:
+        """The value of a parameter, by its path `parameters.NAME`.
 
         Raises:
             SceneError: the parameter does not exist (with the nearest), or it has no value.
         """
         names = Names(self._parameters())
-        if name not in names:
-            raise SceneError(f"parameters.{name}: unknown parameter; {nearest(name, names)}")
-        return names[name]
+        return names[_known_name(path, names)]
 
     def _parameters(self) -> Mapping[str, Any]:
         parameters = read_table(self.table.get("parameters", {}), "parameters")
@@ -218,8 +209,8 @@ class Template:
                 )
         return parameters
 
-    def expand(self) -> Table:
-        """The plain scene."""
+    def expand(self) -> tuple[Table, Plain]:
+        """The scene without parameters, repetitions and arrays, and the types of its points."""
         names = Names(self._parameters())
         for name in names:  # all of them, used or not
             names[name]
@@ -234,7 +225,7 @@ class Template:
             read_list(self.table.get("array", []), "array", None, "one or more [[array]] tables")
         ):
             self._lay(read_table(array, f"array.{i}"), f"array.{i}", names, found)
-        return with_types(found, types)
+        return found, types
 
     def _lay(self, array: Mapping[str, Any], path: str, names: Names, found: Table) -> None:
         """Add the units of an array to the scene."""
@@ -274,6 +265,14 @@ class Template:
             for buoy in part["buoy"]:
                 names_of = {"name": f"{prefix}{buoy['name']}", "point": called(buoy["point"])}
                 found.setdefault("buoy", []).append(buoy | names_of)
+
+
+def _known_name(path: str, known: Mapping[str, Any]) -> str:
+    """NAME of `parameters.NAME`."""
+    name = path.partition(".")[2]
+    if name not in known:
+        raise SceneError(f"{path}: unknown parameter; {nearest(name, known)}")
+    return name
 
 
 def _transform_point(point: Mapping[str, Any], origin: list[float], heading: float, path: str) -> list[float]:

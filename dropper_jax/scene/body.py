@@ -14,7 +14,7 @@ from dropper_jax.base.read import (
     as_table,
     check_keys,
     count,
-    field_keys,
+    declared_fields,
     read_fields,
     read_list,
     read_parameter,
@@ -33,10 +33,8 @@ POSITION = {"unit": "m", "shape": "vector"}
 class CylinderSpec:
     """A cylinder of a body, from one end of its axis to the other; a stepped buoy has several, one after another."""
 
-    KEYS: ClassVar[dict[str, str]] = {"start": "from", "end": "to"}
-
-    start: np.ndarray = parameter("one end of the axis", unit="m", shape="vector")
-    end: np.ndarray = parameter("the other end", unit="m", shape="vector")
+    start: np.ndarray = parameter("one end of the axis", unit="m", shape="vector", key="from")
+    end: np.ndarray = parameter("the other end", unit="m", shape="vector", key="to")
     diameter: float = parameter("diameter", unit="m", low=0.0, open_low=True)
     slices: int = count("slices along the axis for water forces", default=8)
     cdn: float = parameter("drag coefficient across", unit="-", low=0.0, default=1.0)
@@ -47,13 +45,13 @@ class CylinderSpec:
 
     @classmethod
     def read(cls, table: Plain, path: str) -> CylinderSpec:
-        cylinder = cls(**read_fields(cls, table, path, {}, cls.KEYS))
+        cylinder = cls(**read_fields(cls, table, path, {}))
         if np.array_equal(cylinder.start, cylinder.end):
             raise refuse(f"{path}.to", cylinder.end, "is equal to `from`", "a position other than `from`")
         return cylinder
 
     def table(self) -> dict[str, Any]:
-        return as_table(self, self.KEYS)
+        return as_table(self)
 
     @property
     def length(self) -> float:
@@ -123,7 +121,7 @@ class BodySpec:
 
     @classmethod
     def keys(cls) -> list[str]:
-        return [*field_keys(cls), *(key for key, _ in cls.SHAPES), "attachments"]
+        return [*declared_fields(cls), *(key for key, _ in cls.SHAPES), "attachments"]
 
     @classmethod
     def read(cls, table: Plain, path: str) -> BodySpec:

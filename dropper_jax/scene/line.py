@@ -12,7 +12,7 @@ the run with its breaks at fixed times.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,17 @@ from dropper_jax.axial.force_table import ForceTable, read_tables, tables_of
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, as_table, check_keys, count, field_keys, plain, read_fields, read_table, refuse
+from dropper_jax.base.read import (
+    Plain,
+    as_table,
+    check_keys,
+    count,
+    declared_fields,
+    plain,
+    read_fields,
+    read_table,
+    refuse,
+)
 
 
 class Grown(NamedTuple):
@@ -99,11 +109,9 @@ LINK_LIMIT = 100_000
 class LineSpec:
     """`[[line]]`: a path of links from point `start` to point `end`, one value per link in every array."""
 
-    KEYS: ClassVar[dict[str, str]] = {"start": "from", "end": "to"}
-
     name: str = option("name", type=str)
-    start: str = option("name of the point where the line starts", type=str)
-    end: str = option("name of the point where the line ends", type=str)
+    start: str = option("name of the point where the line starts", type=str, key="from")
+    end: str = option("name of the point where the line ends", type=str, key="to")
     links: int = count("number of links", high=LINK_LIMIT)
     length: np.ndarray = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
     mass: np.ndarray = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
@@ -146,7 +154,7 @@ class LineSpec:
     @classmethod
     def read(cls, table: Plain, path: str) -> LineSpec:
         own = dict(read_table(table, path))
-        check_keys(own, [*field_keys(cls, cls.KEYS), "axial", "growth", *BY_THE_METRE], path)
+        check_keys(own, [*declared_fields(cls), "axial", "growth", *BY_THE_METRE], path)
         for key in BY_THE_METRE:
             if key in own:
                 raise SceneError(f"{path}.{key}: is only used together with `type` or `sections`")
@@ -155,7 +163,7 @@ class LineSpec:
         links = own.get("links")
         known = isinstance(links, int) and 0 < links <= LINK_LIMIT
         count = links if known else 1  # a wrong number is rejected when the field is read
-        values = read_fields(cls, own, path, {"link": count}, cls.KEYS)
+        values = read_fields(cls, own, path, {"link": count})
         if values["outer_diameter"] is not None and values["diameter"] is None:
             why = "needs `diameter`, that of the displaced volume"
             raise SceneError(f"{path}.outer_diameter: {why}")
@@ -183,7 +191,7 @@ class LineSpec:
         return self.axial_law == "rigid"
 
     def table(self) -> dict[str, Any]:
-        found = {key: _one_or_all(value) for key, value in as_table(self, self.KEYS).items()}
+        found = {key: _one_or_all(value) for key, value in as_table(self).items()}
         if self.growth is not None:
             found["growth"] = self.growth.table()
         if self.rigid:

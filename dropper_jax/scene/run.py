@@ -17,7 +17,7 @@ from dropper_jax.base.read import (
     as_table,
     check_keys,
     count,
-    field_keys,
+    declared_fields,
     plain,
     read_fields,
     read_number,
@@ -69,7 +69,7 @@ class RunSpec:
         """A checked `[run]`; `options` are the additional keys of schemes, name and range."""
         options = options or {}
         given = read_table(table, path)
-        check_keys(given, [*field_keys(cls), *options], path)
+        check_keys(given, [*declared_fields(cls), *options], path)
         values = read_fields(cls, {key: value for key, value in given.items() if key not in options}, path, {})
         values["options"] = {
             key: read_number(given[key], f"{path}.{key}", declared) for key, declared in options.items() if key in given

@@ -15,7 +15,7 @@ from dropper_jax.base.read import (
     Plain,
     as_table,
     count,
-    field_keys,
+    declared_fields,
     plain,
     read_fields,
     read_list,
@@ -62,7 +62,7 @@ class SeasonSpec:
     @classmethod
     def all_keys(cls) -> list[str]:
         """Names of its values in a scene."""
-        return [*field_keys(cls), "thickness"]
+        return [*declared_fields(cls), "thickness"]
 
     @classmethod
     def read(cls, table: Plain, names: list[tuple[str, str | None]]) -> SeasonSpec:

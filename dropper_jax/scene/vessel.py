@@ -13,7 +13,7 @@ from dropper_jax.base.read import (
     Plain,
     as_table,
     check_keys,
-    field_keys,
+    declared_fields,
     read_fields,
     read_parameter,
     read_table,
@@ -47,7 +47,7 @@ class RaoSpec:
     def read(cls, table: Plain, path: str) -> RaoSpec:
         own = dict(read_table(table, path))
         tables = [*MOTIONS, *(f"{name}_phase" for name in MOTIONS)]
-        check_keys(own, [*field_keys(cls), *tables], path)
+        check_keys(own, [*declared_fields(cls), *tables], path)
         given = {key: own.pop(key) for key in tables if key in own}
         spec = cls(**read_fields(cls, own, path, {}))
         for key in ("frequency", "headings"):
@@ -138,7 +138,7 @@ class VesselSpec:
 
     @classmethod
     def keys(cls) -> list[str]:
-        return [*field_keys(cls), *cls.SPECIAL]
+        return [*declared_fields(cls), *cls.SPECIAL]
 
     @classmethod
     def read(cls, table: Plain, path: str) -> VesselSpec:

@@ -16,7 +16,7 @@ from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.files import find_referenced
-from dropper_jax.base.read import Plain, as_table, field_keys, plain, read_fields, read_table, read_text, refuse
+from dropper_jax.base.read import Plain, as_table, plain, read_fields, read_table, read_text, refuse
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.sea.current import KINDS, check_constituents
 from dropper_jax.sea.readers import read_components, read_elevation
@@ -248,13 +248,6 @@ class SeaSpec:
         found = as_table(self)
         parts = {"waves": self.waves, "current": self.current, "level": self.level}
         return {**found, **{key: part.table() for key, part in parts.items() if part is not None}}
-
-    @classmethod
-    def paths(cls) -> list[str]:
-        """All keys of a sea, in the syntax of `--set`; complete waves and currents are tables."""
-        sections = (("sea", cls), ("sea.waves", WaveSpec), ("sea.current", CurrentSpec), ("sea.level", LevelSpec))
-        keys = [f"{name}.{key}" for name, spec in sections for key in field_keys(spec)]
-        return [*keys, "sea.packaged", "sea.waves", "sea.current", "sea.level"]
 
 
 def _check_finite_waves(values: dict[str, Any], path: str) -> None:

@@ -8,6 +8,7 @@ the same solution, by a factor of about 0.1 per iteration at h omega = 0.6.
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,13 +24,36 @@ from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns
 Inverse = jax.Array | tuple[Components, Components, Components]
 
 
+class ConstraintMatrix(NamedTuple):
+    """Rows (n,) of `g M^-1 G'` of one line, tridiagonal: node i couples link i before it and link i + 1 after it."""
+
+    lower: jax.Array
+    diagonal: jax.Array
+    upper: jax.Array
+
+    @classmethod
+    def of(cls, inverse: Inverse, force: Components, gradient: Components) -> ConstraintMatrix:
+        """From M^-1 of the free nodes; of each link the force G of a unit tension and the gradient g of its row."""
+        links, free = len(force[0]), len(jax.tree.leaves(inverse)[0])
+        held = free < links
+        own = _times(inverse, _part(force, slice(free)))
+        joined = slice(None) if held else slice(-1)  # nodes with a link after them
+        after = slice(1, None)
+        following = _times(jax.tree.map(operator.itemgetter(joined), inverse), _part(force, after))
+        zero = jnp.zeros_like(force[0][:1])
+        far = dot(_part(gradient, slice(free)), own)
+        far = jnp.concatenate([far, zero]) if held else far
+        near = jnp.concatenate([zero, dot(_part(gradient, after), following)])
+        upper = -dot(_part(gradient, slice(links - 1)), following)
+        lower = -dot(_part(gradient, after), _part(own, joined))
+        return cls(jnp.concatenate([zero, lower]), far + near, jnp.concatenate([upper, zero]))
+
+
 class _Factor(NamedTuple):
     inverse: Inverse
     force: Components
     gradient: Components
-    lower: jax.Array
-    diagonal: jax.Array
-    upper: jax.Array
+    matrix: ConstraintMatrix
 
 
 def _times(inverse: Inverse, x: Components) -> Components:
@@ -42,37 +66,17 @@ def _part(x: Components, where: slice) -> Components:
     return tuple(c[where] for c in x)
 
 
-def _eliminate(inverse: Inverse, force: Components, gradient: Components, compliance: jax.Array, free: int) -> _Factor:
-    """The remaining tridiagonal matrix of the tensions: node i couples link i before it and link i + 1 after it."""
-    links = compliance.shape[0]
-    held = free < links
-    own = _times(inverse, _part(force, slice(free)))
-    joined = slice(None) if held else slice(-1)  # nodes with a link after them
-    inner = tuple(_part(row, joined) for row in inverse) if isinstance(inverse, tuple) else inverse[joined]
-    after = slice(1, None)
-    following = _times(inner, _part(force, after))
-    zero = jnp.zeros_like(compliance[:1])
-    far = -dot(_part(gradient, slice(free)), own)
-    far = jnp.concatenate([far, zero]) if held else far
-    near = jnp.concatenate([zero, -dot(_part(gradient, after), following)])
-    upper = dot(_part(gradient, slice(links - 1)), following)
-    lower = dot(_part(gradient, after), _part(own, joined))
-    return _Factor(
-        inverse,
-        force,
-        gradient,
-        jnp.concatenate([zero, lower]),
-        far + near - compliance,
-        jnp.concatenate([upper, zero]),
-    )
+def _eliminate(inverse: Inverse, force: Components, gradient: Components, compliance: jax.Array) -> _Factor:
+    """The matrix that remains for the tensions."""
+    matrix = ConstraintMatrix.of(inverse, force, gradient)
+    return _Factor(inverse, force, gradient, matrix._replace(diagonal=matrix.diagonal + compliance))
 
 
 def _solve(f: _Factor, rows: Unknowns) -> Unknowns:
     ends = rows.y.shape[0] - rows.x.shape[0] + 1
     loose = _times(f.inverse, components(rows.x))
     moved = tuple(link_differences(c, None, ends) for c in loose)
-    b = rows.y - dot(f.gradient, moved)
-    y = solve_tridiagonal(f.lower, f.diagonal, f.upper, b)
+    y = solve_tridiagonal(*f.matrix, dot(f.gradient, moved) - rows.y)
     back = _times(f.inverse, tuple(gather_links(y * p, ends) for p in f.force))
     return Unknowns(jnp.stack([a + b for a, b in zip(loose, back, strict=True)], axis=-1), y)
 
@@ -107,8 +111,7 @@ class Condensed:
     ) -> tuple[_Factor, CondensedParts]:
         inverse = self.prepare(problem, u) if prepared is None else prepared
         parts = problem.condensed_parts(u)
-        free = u.x.shape[0]
-        return _eliminate(inverse, components(parts.force), components(parts.gradient), parts.compliance, free), parts
+        return _eliminate(inverse, components(parts.force), components(parts.gradient), parts.compliance), parts
 
     def apply(self, factor: tuple[_Factor, CondensedParts], rows: Unknowns) -> Unknowns:
         return _solve(factor[0], rows)
@@ -116,4 +119,4 @@ class Condensed:
     def apply_transposed(self, factor: tuple[_Factor, CondensedParts], rows: Unknowns) -> Unknowns:
         f, parts = factor
         inverse = tuple(zip(*f.inverse, strict=True)) if isinstance(f.inverse, tuple) else f.inverse
-        return _solve(_eliminate(inverse, f.gradient, f.force, parts.compliance, rows.x.shape[0]), rows)
+        return _solve(_eliminate(inverse, f.gradient, f.force, parts.compliance), rows)

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.packaged import find_scene
 from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import plain_values
 from dropper_jax.run.simulate import Solution
 
 #: Kinds of figures that need no run, and interval of their samples of time [s].
@@ -103,7 +102,6 @@ def cases_of(figure: SourceFigure) -> list[Case]:
 
 def scene_of(name: str, pair: Sequence[float] = (), duration: float | None = None) -> Scene:
     """The scene of a case, by its key."""
-    found, name = find_scene(name)
-    scene = Scene.from_dict(plain_values(found, None), name)
+    scene = Scene.from_dict(*find_scene(name))
     values = dict(zip(PAIR, pair, strict=False)) | ({"run.duration": duration} if duration else {})
     return scene.with_values(values) if values else scene

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
@@ -156,7 +157,7 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     each = [
         part
         for part in OF_JOINTS
-        if isinstance(given.get(PARTS[part].rpartition(".")[2]), list)
+        if isinstance(given.get(ScenePath(PARTS[part]).key), list)
         or any(name.startswith(PARTS[part] + ".") for name in free)
     ]
     model, _ = build(scene_with_law(prepared.scene, dry, dict.fromkeys(OF_JOINTS, 0.0), each))
@@ -189,7 +190,7 @@ def scene_with_law(scene: Scene, dry: bool, friction: Mapping[str, float | None]
     found = table["effects"].setdefault("joint_friction", {})
     joints = len(scene.lines[0].length) + 1
     for part in OF_JOINTS:
-        field = PARTS[part].rpartition(".")[2]
+        field = ScenePath(PARTS[part]).key
         value = friction.get(part)
         value = (found.get(field) or 0.0) if value is None else value
         found[field] = [value] * joints if part in each and not isinstance(value, list) else value

@@ -16,6 +16,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.read import ScenePath
 from dropper_jax.model import Model
 from dropper_jax.run.build import build
 from fitting.calibration.advice import Candidate, joint_information, wide
@@ -231,7 +232,7 @@ def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, lis
         if len(new) == 1 and new[0].name == p.name:
             parameters.append(replace(p, where=new[0].where))
         else:  # joints now have separate numbers
-            parameters.append(replace(p, where=all_joints(model, p.name.rpartition(".")[2])))
+            parameters.append(replace(p, where=all_joints(model, ScenePath(p.name).key)))
             shared.append(parameters[-1])
     simulator = Simulator(model, parameters, choose_stepper(model), release)
     substeps = substeps_of(replace(prepared, windows=solution.windows), simulator)
@@ -268,7 +269,7 @@ def free_groups(
     names = [p.name for p in shared]
     values = dict(zip((p.name for p in base.problem.parameters), base.values, strict=True))
     start = {
-        p.name: values.get(p.name.rpartition(".")[0], values.get(p.name, p.value)) for g in found for p in g.parameters
+        p.name: values.get(ScenePath(p.name).stem, values.get(p.name, p.value)) for g in found for p in g.parameters
     }
     values = start | values
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import SceneLike, build_model
@@ -51,7 +52,7 @@ def pose(
     """
     names = [name.strip() for name in (default_free(scene) if free is None else free)]
     mine = [name.strip() for name in own]
-    known = [n for n in [*names, *mine] if n.split(".")[0] not in OF_DATA]
+    known = [n for n in [*names, *mine] if ScenePath(n).section not in OF_DATA]
     scene = with_effects(scene, full_names(scene, known)) if known else scene
     data = source if isinstance(source, Data) else read_data(source, scene)
     if mine and len(data.runs) < 2:
@@ -102,7 +103,7 @@ def pose(
 
 def _path(scene: Scene, name: str, option: str) -> str:
     """The full path of a name that may be short."""
-    return name if name.split(".")[0] in OF_DATA else full_names(scene, [name], option)[0]
+    return name if ScenePath(name).section in OF_DATA else full_names(scene, [name], option)[0]
 
 
 def _check_program(scenes: Sequence[Scene], data: Data) -> None:

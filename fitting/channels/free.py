@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
@@ -57,7 +58,7 @@ def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "fre
     found: list[Parameter] = []
     model = build_model(scene)
     for name in names:
-        section = name.split(".")[0].strip()
+        section = ScenePath(name).section.strip()
         if section == "start":
             found += _of_start(scene, name, option)
         elif section == "channel":
@@ -74,16 +75,14 @@ def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "fre
 
 
 def _of_start(scene: Scene, name: str, option: str) -> list[Parameter]:
-    _, _, rest = name.partition(".")
-    key, *entries = rest.split(".")
-    value = getattr(scene.start, key, None) if key in STARTS else None
-    if value is None:
-        given = [f"start.{k}" for k in STARTS if getattr(scene.start, k) is not None]
+    given = {f"start.{key}": key for key in STARTS if getattr(scene.start, key) is not None}
+    found = ScenePath(name).entry_of(given)
+    if found is None:
         raise SceneError(f"{option}: {name!r} is not given in the scene's start; {nearest(name, given)}")
-    array = np.asarray(value, float)
-    if not all(e.isdecimal() for e in entries) or len(entries) > array.ndim:
+    key, index = given[found[0]], found[1]
+    array = np.asarray(getattr(scene.start, key), float)
+    if len(index) > array.ndim:
         raise SceneError(f"{option}: {name!r} has no such entry; allowed: {array.ndim} numbers behind start.{key}")
-    index = tuple(int(e) for e in entries)
     if any(i >= size for i, size in zip(index, array.shape, strict=False)):
         raise SceneError(f"{option}: {name!r} has no such entry; allowed: below {', '.join(map(str, array.shape))}")
     within = list(np.ndindex(array.shape[len(index) :]))
@@ -98,35 +97,32 @@ def _of_start(scene: Scene, name: str, option: str) -> list[Parameter]:
     ]
 
 
-def _split(
+def _find(
     name: str, kind: str, names: Sequence[str], fields: Sequence[str], option: str
-) -> tuple[int, str, list[str]]:
-    words = name.split(".")
-    if len(words) < 3 or words[1] not in names:
-        label = words[1] if len(words) > 1 else name
+) -> tuple[int, str, tuple[int, ...]]:
+    """Number of the channel or camera, field, and entries of a name such as `channel.tension.offset.0`."""
+    known = {f"{kind}.{label}.{field}": (i, field) for i, label in enumerate(names) for field in fields}
+    found = ScenePath(name).entry_of(known)
+    label = name.split(".")[1] if name.count(".") > 1 else name
+    if found is None and label not in names:
         raise SceneError(f"{option}: {name!r}: {label!r} is not a {kind}; {nearest(label, names)}")
-    if words[2] not in fields:
-        raise SceneError(f"{option}: {name!r} does not exist; allowed: {kind}.{words[1]} and {', '.join(fields)}")
-    return names.index(words[1]), words[2], words[3:]
+    if found is None or (found[1] and not found[0].endswith(".offset")):
+        raise SceneError(f"{option}: {name!r} does not exist; allowed: {kind}.{label} and {', '.join(fields)}")
+    return *known[found[0]], found[1]
 
 
 def _of_channel(data: Data, name: str, option: str) -> list[Parameter]:
     known = [s.channel.name for s in data.sensors]
-    index, field, more = _split(name, "channel", known, ("offset", "gain", "delay"), option)
+    index, field, entries = _find(name, "channel", known, ("offset", "gain", "delay"), option)
     sensor = data.sensors[index]
     if field == "gain":
         return [Parameter(name, SetupPlace("readings", index, field), sensor.gain, 0.0)]
     if field == "delay":
-        ends = sensor.delay - DELAY_RANGE, sensor.delay + DELAY_RANGE
-        return [Parameter(name, SetupPlace("readings", index, "time"), sensor.delay, *ends, unit="s")]
+        return [_of_time(name, SetupPlace("readings", index, "time"), sensor.delay)]
     columns = len(sensor.channel.columns)
-    entries = range(columns)
-    if more:
-        if not (len(more) == 1 and more[0].isdecimal() and int(more[0]) < columns):
-            raise SceneError(f"{option}: {name!r} has no such column; allowed: 0 to {columns - 1}")
-        entries = [int(more[0])]
-    stem = ".".join(name.split(".")[:3])
-    unit = sensor.channel.measures
+    if len(entries) > 1 or any(i >= columns for i in entries):
+        raise SceneError(f"{option}: {name!r} has no such column; allowed: 0 to {columns - 1}")
+    stem, unit = ScenePath(name).stem, sensor.channel.measures
     return [
         Parameter(
             stem if columns == 1 else f"{stem}.{i}",
@@ -134,19 +130,21 @@ def _of_channel(data: Data, name: str, option: str) -> list[Parameter]:
             sensor.offset,
             unit=unit,
         )
-        for i in entries
+        for i in entries or range(columns)
     ]
 
 
 def _of_camera(data: Data, name: str, option: str) -> Parameter:
-    known = [c.name for c in data.cameras]
-    index, field, _ = _split(name, "camera", known, ("delay", "rate"), option)
+    index, field, _ = _find(name, "camera", [c.name for c in data.cameras], ("delay", "rate"), option)
     camera = data.cameras[index]
     if field == "delay":
-        ends = camera.delay - DELAY_RANGE, camera.delay + DELAY_RANGE
-        return Parameter(name, SetupPlace("clocks", index, "time"), camera.delay, *ends, unit="s")
+        return _of_time(name, SetupPlace("clocks", index, "time"), camera.delay)
     ends = camera.rate * (1 - RATE_RANGE), camera.rate * (1 + RATE_RANGE)
     return Parameter(name, SetupPlace("clocks", index, "rate"), camera.rate, *ends, unit="s/s")
+
+
+def _of_time(name: str, where: SetupPlace, delay: float) -> Parameter:
+    return Parameter(name, where, delay, delay - DELAY_RANGE, delay + DELAY_RANGE, unit="s")
 
 
 class Placed(NamedTuple):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_cores
+from dropper_jax.base.read import ScenePath
 from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, output_folder, read_scene
 from dropper_jax.cli.output import (
     FAILED,
@@ -99,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(f"--out: the folder {str(Path(args.out).parent)!r} does not exist; allowed: an existing one")
     plot = output_folder(args.plot, "--plot")
     parts = _parts(args)
-    if args.fit and (outside := next((path for path in vary if path.split(".")[0] in NOT_FITTED), None)):
+    if args.fit and (outside := next((path for path in vary if ScenePath(path).section in NOT_FITTED), None)):
         raise SceneError(f"--fit: {outside!r} cannot be fitted; allowed: parameters of the line, such as b_l, b_q")
     use_cores(args.devices)
     scene = read_scene(args, OVERRIDES)

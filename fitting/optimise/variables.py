@@ -16,7 +16,17 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.read import (
+    Plain,
+    ScenePath,
+    check_keys,
+    plain,
+    read_list,
+    read_number,
+    read_table,
+    read_text,
+    refuse,
+)
 from dropper_jax.load.scene import Scene
 
 KEYS = ("name", "low", "high", "catalogue")
@@ -72,16 +82,15 @@ def read_variables(raw: Plain, scene: Scene) -> tuple[Variable, ...]:
 def _read(table: Mapping[str, Any], path: str, scene: Scene) -> Variable:
     check_keys(table, KEYS, path)
     name = read_text(table.get("name"), f"{path}.name")
-    own = name if name.startswith("parameters.") or scene.template is None else f"parameters.{name}"
+    where = name if "." in name or scene.template is None else f"parameters.{name}"
     try:
-        value = scene.value(name if "." in name else own)
-        where = name if "." in name else own
+        value = scene.value(where)
     except SceneError as error:
         raise SceneError(f"{path}.name: {error}") from None
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise refuse(f"{path}.name", name, f"is {plain(value)!r}, no single number", "paths of such numbers")
-    if name.startswith("parameters.") or where.startswith("parameters."):
-        given = scene.template.table["parameters"][where.removeprefix("parameters.")]
+    if ScenePath(where).section == "parameters":
+        given = scene.template.table["parameters"][ScenePath(where).key]
         if isinstance(given, str):
             raise refuse(f"{path}.name", name, f"follows from others ({given})", "parameters that are numbers")
     low, high = (read_number(table.get(key), f"{path}.{key}", {}, "a number") for key in ("low", "high"))

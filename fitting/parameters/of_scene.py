@@ -7,7 +7,6 @@ that direction.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import jax
@@ -15,13 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.effects import EFFECTS
-from dropper_jax.load.line_types import LineType
+from dropper_jax.base.read import ScenePath
+from dropper_jax.load.paths import describe, locate_written
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
-from dropper_jax.scene import BuoySpec, PointSpec
-from dropper_jax.sea.spec import CurrentSpec, SeaSpec, WaveSpec
 from fitting.parameters.parameter import Parameter, check_once, paths, resolve
 from fitting.parameters.target import Direction, ModelPlace
 
@@ -39,9 +36,9 @@ def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: st
         SceneError: a path that is neither.
     """
     found: list[Parameter] = []
+    written = locate_written(scene.as_written())
     for name in names:
-        written = scene.written is not None and name in scene.written.locate_values(scene.as_written())
-        if written or name.startswith("parameters."):
+        if name in written or ScenePath(name).section == "parameters":
             found.append(scene_parameter(scene, model, name))
             continue
         try:
@@ -96,15 +93,8 @@ def scene_parameter(scene: Scene, model: Model, path: str) -> Parameter:
 
 
 def _unit(path: str) -> str:
-    """Unit of the field that a path ends with."""
-    kinds = {"line_type": LineType, "buoy": BuoySpec, "point": PointSpec}
-    section, key = path.split(".")[0], path.rsplit(".", 1)[1]
-    if section == "line":
-        return "m" if key in ("length", "at") else "-"
-    if section == "sea":
-        kinds["sea"] = {"waves": WaveSpec, "current": CurrentSpec}.get(path.split(".")[1], SeaSpec)
-    fields = {f.name: f for f in dataclasses.fields(kinds[section])} if section in kinds else {}
-    return fields[key].metadata.get("unit", "-") if key in fields else "-"
+    """Unit of the number at a path; lengths along a line are in lists that have no declaration."""
+    return "m" if ScenePath(path).key in ("length", "at") else describe(path).get("unit", "-")
 
 
 # A scene with fitted values, ready to simulate
@@ -147,8 +137,7 @@ def _entry_by_entry(scene: Scene, model: Model, p: Parameter) -> Scene:
     if not p.in_model:
         return scene
     whole = np.asarray(getattr(getattr(model, p.where.section)[p.where.index], p.where.field), float)
-    path = p.name if p.where.entry is None else p.name.rsplit(".", 1)[0]
-    return scene.with_values({path: whole.tolist()})
+    return scene.with_values({ScenePath(p.name).stem: whole.tolist()})
 
 
 # Names of free parameters: full paths, unique short names, or by default the scene's damping
@@ -191,8 +180,8 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
 
 
 def _is_full(name: str) -> bool:
-    known = ("camera.", "clock.", "marker.", "parameters.", "release.", "rig.")
-    return name.count(".") >= 2 or name.startswith(known)
+    sections = ("camera", "clock", "marker", "parameters", "release", "rig")
+    return name.count(".") >= 2 or (ScenePath(name).section in sections and "." in name)
 
 
 def _full(name: str, names: Sequence[str], option: str) -> str:
@@ -200,15 +189,10 @@ def _full(name: str, names: Sequence[str], option: str) -> str:
         raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
     stem, _, entry = name.partition(".")
     names = [p for p in names if not p.startswith("line.") or p.split(".")[1].isdecimal()]
-    found = [p for p in names if p.rsplit(".", 1)[1] == stem]
+    found = [p for p in names if ScenePath(p).key == stem]
     if not found:
-        found = [
-            f"effects.{effect}.{f.name}"
-            for effect, cls in EFFECTS.items()
-            for f in dataclasses.fields(cls)
-            if f.name == stem and effect in DAMPING and f.name in DAMPING[effect]
-        ]
+        found = [f"effects.{effect}.{key}" for effect, keys in DAMPING.items() for key in keys if key == stem]
     if len(found) != 1:
-        short = sorted({p.rsplit(".", 1)[1] for p in names} | {key for keys in DAMPING.values() for key in keys})
+        short = sorted({ScenePath(p).key for p in names} | {key for keys in DAMPING.values() for key in keys})
         raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + names)}")
     return found[0] + (f".{entry}" if entry else "")

@@ -24,9 +24,10 @@ import jax
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import ScenePath, declared_fields
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
-from dropper_jax.model import Effect, Line, Model, Point
+from dropper_jax.model import Model
 from fitting.parameters.target import (
     CAMERA,
     CLOCK,
@@ -184,20 +185,22 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
 
 def paths(model: Model) -> list[str]:
     """Every path of the model that can be free."""
-    found = [CAMERA, MARKER, NODE, SCALE, CLOCK, f"{LOST}.RUN.FRAME"]
-    for section, items in (("point", model.points), ("line", model.lines), ("effects", model.effects)):
-        for i, item in enumerate(items):
-            labels = [item.name] if section == "effects" else [str(i), item.name]
-            found += [f"{section}.{label}.{f.name}" for label in labels for f in _fields(item)]
+    return [CAMERA, MARKER, NODE, SCALE, CLOCK, f"{LOST}.RUN.FRAME", *_fields(model)]
+
+
+def _fields(model: Model) -> dict[str, tuple[str, int, dataclasses.Field]]:
+    """Section, number in it and field of every number of the model, by path."""
+    found = {}
+    for word, section in (("point", "points"), ("line", "lines"), ("effects", "effects")):
+        for i, item in enumerate(getattr(model, section)):
+            own = [
+                f
+                for f in dataclasses.fields(item)
+                if f.metadata.get("kind") == "parameter" and getattr(item, f.name) is not None
+            ]
+            for label in [item.name] if section == "effects" else [str(i), item.name]:
+                found |= {f"{word}.{label}.{f.name}": (section, i, f) for f in own}
     return found
-
-
-def _fields(item: Point | Line | Effect) -> list[dataclasses.Field]:
-    return [
-        f
-        for f in dataclasses.fields(item)
-        if f.metadata.get("kind") == "parameter" and getattr(item, f.name) is not None
-    ]
 
 
 def _expand(model: Model, name: str, option: str) -> list[Parameter]:
@@ -207,13 +210,15 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
         return [Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s")]
     if name == SCALE:
         return [Parameter(SCALE, scale_direction(model), 1.0, 0.5, 2.0, unit="m/m")]
-    if name == MARKER or name.startswith(MARKER + "."):
-        return _markers(model, name, option)
-    if name == NODE or name.startswith(NODE + "."):
-        return _node_markers(model, name, option)
-    if name == LOST or name.startswith(LOST + "."):
-        return [_lost_frame(name, option)]
-    section, index, field, entry = _locate(model, name, option)
+    own = {MARKER: _markers, NODE: _node_markers, LOST: _lost_frame}.get(".".join(name.split(".")[:2]))
+    if own is not None:
+        return own(model, name, option)
+    known = _fields(model)
+    found = ScenePath(name).entry_of(known)
+    if found is None or len(found[1]) > 1:
+        raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, paths(model))}")
+    (stem, entries), (section, index, field) = found, known[found[0]]
+    entry = entries[0] if entries else None
     item = getattr(model, section)[index]
     value = np.asarray(getattr(item, field.name))
     meta = field.metadata
@@ -223,17 +228,17 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     count = _used_entries(model, section, field, len(flat))
     if entry is not None and entry >= len(flat):
         raise SceneError(f"{option}: {name!r}: unknown entry; allowed: 0 to {len(flat) - 1}")
-    entries = range(count) if entry is None else [entry]
-    stem = name if entry is None else name.rsplit(".", 1)[0]
+    entries = range(count) if entry is None else entries
     return [_parameter(f"{stem}.{i}", ModelPlace(section, index, field.name, i), float(flat[i]), meta) for i in entries]
 
 
 def _markers(model: Model, name: str, option: str) -> list[Parameter]:
-    links, entry = model.line.links, name.removeprefix(MARKER).lstrip(".")
-    if entry and not (entry.isdecimal() and int(entry) < links):
+    links = model.line.links
+    every = {f"{MARKER}.{i}": Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad") for i in range(links)}
+    found = list(every.values()) if name == MARKER else [every[name]] if name in every else []
+    if not found:
         raise SceneError(f"{option}: {name!r}: unknown link; allowed: {MARKER}.0 to {MARKER}.{links - 1}")
-    each = [int(entry)] if entry else range(links)
-    return [Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad") for i in each]
+    return found
 
 
 def _node_markers(model: Model, name: str, option: str) -> list[Parameter]:
@@ -245,11 +250,11 @@ def _node_markers(model: Model, name: str, option: str) -> list[Parameter]:
     return found
 
 
-def _lost_frame(name: str, option: str) -> Parameter:
-    words = name.removeprefix(LOST).lstrip(".").split(".")
-    if len(words) != 2 or not all(word.isdecimal() for word in words):
+def _lost_frame(model: Model, name: str, option: str) -> list[Parameter]:
+    stem, entries = ScenePath(name).entry_of((LOST,)) or (name, ())
+    if len(entries) != 2:
         raise SceneError(f"{option}: {name!r} gives no frame; allowed: {LOST}.RUN.FRAME, both counted from 0")
-    return Parameter(name, LostPlace(*map(int, words)), 0.0, unit="s")
+    return [Parameter(name, LostPlace(*entries), 0.0, unit="s")]
 
 
 def _used_entries(model: Model, section: str, field: dataclasses.Field, size: int) -> int:
@@ -268,20 +273,6 @@ def _parameter(name: str, where: Target, value: float, meta: Mapping[str, Any]) 
     return Parameter(name, where, value, low, high, meta["unit"])
 
 
-def _locate(model: Model, name: str, option: str) -> tuple[str, int, dataclasses.Field, int | None]:
-    words = name.split(".")
-    entry = int(words.pop()) if len(words) > 3 and words[-1].isdecimal() else None
-    sections = {"point": "points", "line": "lines", "effects": "effects"}
-    if len(words) == 3 and words[0] in sections:
-        items = getattr(model, sections[words[0]])
-        for i, item in enumerate(items):
-            if words[1] == item.name or (words[0] != "effects" and words[1] == str(i)):
-                field = next((f for f in _fields(item) if f.name == words[2]), None)
-                if field is not None:
-                    return sections[words[0]], i, field, entry
-    raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, paths(model))}")
-
-
 def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> Model:
     """The model with these values (k,); differentiable."""
     for kind in (ModelPlace, Direction):  # setting a value must not undo an earlier direction
@@ -293,14 +284,12 @@ def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> M
 
 def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
     """The scene with value 0 for damping parameters that it lacks, so that its model has them."""
-    found = {}
-    for name in names:
-        words = name.split(".")
-        if len(words) < 3 or words[0] != "effects" or words[1] not in EFFECTS:
-            continue
-        field = next((f for f in dataclasses.fields(EFFECTS[words[1]]) if f.name == words[2]), None)
-        if field is None or field.metadata.get("kind") != "parameter" or field.metadata["low"] != 0.0:
-            continue
-        if scene.effects.get(words[1], {}).get(words[2]) is None:
-            found[".".join(words[:3])] = 0.0
+    zero = {
+        f"effects.{effect}.{key}"
+        for effect, cls in EFFECTS.items()
+        for key, field in declared_fields(cls).items()
+        if field.metadata["kind"] == "parameter" and field.metadata["low"] == 0.0
+        if scene.effects.get(effect, {}).get(key) is None
+    }
+    found = dict.fromkeys((ScenePath(name).stem for name in names if ScenePath(name).stem in zero), 0.0)
     return scene.with_values(found) if found else scene

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.scene import PriorSpec
@@ -84,7 +85,7 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
 def _resolve_prior(scene: Scene, model: Model, of: str, option: str) -> Sequence[Parameter]:
     """The numbers that a prior applies to: of the model, otherwise of the scene, such as `sea.current.speed`."""
     name = full_names(scene, [of], option)[0]
-    if name.split(".")[0] in ("point", "line", "effects") and scene.written is None:
+    if ScenePath(name).section in ("point", "line", "effects") and scene.written is None:
         return resolve(model, [name], option=option)
     return find_parameters(scene, model, [name], option)
 

@@ -17,7 +17,6 @@ from dropper_jax.base.renamed import new_keys
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import plain_values
 from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.quantities import PERIOD, quantity
@@ -165,8 +164,7 @@ def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
         source = read_text(source, "scene")
         if not is_packaged(source) and (folder / source).exists():
             source = folder / source
-        found, name = find_scene(source)
-        scene = Scene.from_dict(plain_values(found), name)
+        scene = Scene.from_dict(*find_scene(source))
     values = {f"parameters.{key}": value for key, value in _table(table, "parameters").items()}
     values |= _flat(_table(table, "set"))
     return scene.with_values(values) if values else scene

@@ -19,6 +19,7 @@ import numpy as np
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.memory import available_memory, in_words
+from dropper_jax.base.read import ScenePath
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build, build_model, equal_steps
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
@@ -211,7 +212,7 @@ def _paths(scene: Scene, names: list[str]) -> list[str]:
     """Full paths; short names are those of `dropper fit`."""
     found = []
     for name in names:
-        if name.startswith("run."):
+        if ScenePath(name).section == "run":
             raise SceneError(f"vary: {name!r} belongs to the compiled program. Use one sweep for each value")
         found.append(name if name.count(".") >= 2 else full_names(scene, [name], "vary")[0])
     for path in found:
@@ -224,8 +225,7 @@ def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
     if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
         raise SceneError(f"vary: {path}: no finite numbers; allowed: at least one")
     changed = [scene.with_values({path: value.item()}) for value in (values[0], values[-1])]
-    words = path.split(".")
-    still = words[0] == "effects" and words[1] in DAMPING and words[2] in DAMPING[words[1]]
+    still = any(ScenePath(path).stem == f"effects.{name}.{key}" for name, keys in DAMPING.items() for key in keys)
     model = build_model(scene)
     try:
         parameters = resolve(model, [path], option="vary")

@@ -13,7 +13,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
 from dropper_jax.cli.reference import as_markdown
 from dropper_jax.load.packaged import packaged_scene, scene_names
-from dropper_jax.load.paths import paths
+from dropper_jax.load.paths import locate
 from dropper_jax.load.reference import find, schema, sections
 from dropper_jax.load.scene import Scene
 
@@ -32,7 +32,7 @@ def test_every_path_of_a_scene_is_described(name):
     patterns = [re.escape(key.path).replace(r"\*", r"[^.]+") for section in sections() for key in section.keys]
     patterns += ["sea.(waves|current|level)", r"body\.[^.]+\.(cylinders|spheres)"]  # sections of their own
     known = re.compile("|".join(f"(?:{pattern})" for pattern in patterns))
-    missing = [path for path in paths(Scene.from_dict(packaged_scene(name)).to_dict()) if not known.fullmatch(path)]
+    missing = [path for path in locate(Scene.from_dict(packaged_scene(name)).to_dict()) if not known.fullmatch(path)]
     assert [path for path in missing if ".attachments." not in path] == []
 
 

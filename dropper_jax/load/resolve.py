@@ -1,0 +1,144 @@
+"""A scene's plain values without library parts, templates and types: one pass, before they are read and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Plain, check_keys, declared_fields, read_list, read_number, read_table, read_text
+from dropper_jax.base.renamed import new_keys
+from dropper_jax.load.library import FLOAT_DENSITY, PREFIX, float_of, part
+from dropper_jax.load.line_types import expand
+from dropper_jax.load.paths import Written
+from dropper_jax.load.template import Template
+from dropper_jax.scene import PointSpec
+
+
+class Resolved(NamedTuple):
+    """A scene's values, and its original form.
+
+    Attributes:
+        table: plain values with one value per link.
+        written: line types, sections and attached points in their original form; None without any.
+        template: parameters, repetitions and arrays in their original form; None without any.
+    """
+
+    table: dict[str, Any]
+    written: Written | None
+    template: Template | None
+
+
+def resolve(table: Plain) -> Resolved:
+    """New names of keys, library parts, parameters and repetitions, types of points, then types of lines.
+
+    Raises:
+        SceneError: one line with the path, the value and what is allowed.
+    """
+    given = with_library_points(new_keys(read_table(table, "scene")))
+    template = Template.of(given)
+    if template is not None:
+        given = with_point_types(*template.expand())
+    given = with_library_lines(given)
+    expanded = expand(given)
+    return Resolved(expanded, Written.of(given, expanded), template)
+
+
+def with_library_lines(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The scene with the types that its lines take from the library added to its `[[line_type]]`.
+
+    Raises:
+        SceneError: an unknown part, or a part that is not a line.
+    """
+    own = {name for item in _tables(table.get("line_type")) if isinstance(name := item.get("name"), str)}
+    wanted = {}
+    for i, line in enumerate(_tables(table.get("line"))):
+        paths = [(f"line.{i}.type", line)]
+        paths += [(f"line.{i}.sections.{k}.type", s) for k, s in enumerate(_tables(line.get("sections")))]
+        for path, item in paths:
+            name = item.get("type")
+            if isinstance(name, str) and name.startswith(PREFIX) and name not in own:
+                wanted.setdefault(name, path)
+    if not wanted:
+        return dict(table)
+    found = [_part_for(path, name, "line_type", "lines", "a rope, a chain or a crop") for name, path in wanted.items()]
+    return {**table, "line_type": [*_tables(table.get("line_type")), *found]}
+
+
+def with_library_points(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The scene, its points and those of its units with the values that they take from the library written out.
+
+    Raises:
+        SceneError: an unknown part, or a part that is not a point.
+    """
+    found = dict(table)
+    if "point" in found:
+        found["point"] = _points(found["point"], "point")
+    if isinstance(found.get("unit"), Mapping):
+        found["unit"] = {
+            name: {**unit, "point": _points(unit["point"], f"unit.{name}.point")}
+            if isinstance(unit, Mapping) and "point" in unit
+            else unit
+            for name, unit in found["unit"].items()
+        }
+    return found
+
+
+def _points(items: Plain, path: str) -> Plain:
+    return [_point(item, f"{path}.{i}.type") for i, item in enumerate(items)] if isinstance(items, list) else items
+
+
+def _point(item: Plain, path: str) -> Plain:
+    name = item.get("type") if isinstance(item, Mapping) else None
+    if not isinstance(name, str) or not name.startswith(PREFIX):
+        return item
+    values = _part_for(path, name, "point", "points", "a float, such as library:float-0.2")
+    rest = {key: value for key, value in item.items() if key != "type"}
+    return {**{key: value for key, value in values.items() if key != "name"}, **rest}
+
+
+def _part_for(path: str, name: str, section: str, use: str, allowed: str) -> dict[str, Any]:
+    try:
+        found, values = part(name.removeprefix(PREFIX))
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from None
+    if found != section:
+        other = "points" if use == "lines" else "lines"
+        raise SceneError(f"{path}: {name!r} is a part for {other}, not for {use}; allowed: {allowed}")
+    return values
+
+
+def _tables(items: Plain) -> list[Any]:
+    """The tables of a list; entries that are not tables are rejected later, with their names."""
+    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []
+
+
+def with_point_types(table: dict[str, Any], types: Plain) -> dict[str, Any]:
+    """The scene with the values that its points take from types and from `float` written out; a point's own values
+    win."""
+    known = {}
+    keys = [key for key in declared_fields(PointSpec) if key not in ("position",)]
+    for i, item in enumerate(read_list(types, "point_type", None, "one or more [[point_type]] tables")):
+        item = read_table(item, f"point_type.{i}")
+        check_keys(item, [*keys, "float", "float_density"], f"point_type.{i}")
+        known[read_text(item.get("name"), f"point_type.{i}.name")] = {k: v for k, v in item.items() if k != "name"}
+    points = table.get("point", [])
+    if not isinstance(points, Sequence) or isinstance(points, str):
+        return table
+    return {**table, "point": [_written_out(point, known, f"point.{i}") for i, point in enumerate(points)]}
+
+
+def _written_out(point: Plain, types: Mapping[str, Mapping[str, Any]], path: str) -> Plain:
+    if not isinstance(point, Mapping):
+        return point
+    found = dict(point)
+    if "type" in found:
+        found = {**types[read_text(found.pop("type"), f"{path}.type", types)], **found}
+    if "float" not in found:
+        if "float_density" in found:
+            raise SceneError(f"{path}.float_density: is only used together with `float`, its volume [m^3]")
+        return found
+    volume = read_number(found.pop("float"), f"{path}.float", {"low": 0.0, "open_low": True, "unit": "m^3"})
+    given = found.pop("float_density", FLOAT_DENSITY)
+    density = read_number(given, f"{path}.float_density", {"low": 0.0, "unit": "kg/m^3"})
+    return {**float_of(volume, density), **found}

@@ -60,12 +60,13 @@ def folder_without(folder: str | Path, last: str) -> Path:
     return folder
 
 
-def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], object]) -> Path:
+def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], object], sync: bool = True) -> Path:
     """Write a file under a temporary name in its folder, then rename it.
 
     Args:
         path: the file; an existing one is replaced only when the new one is complete.
         content: what to write: text as UTF-8, or a function that writes to the open binary file.
+        sync: wait for the disk, so that the file also survives a power cut.
 
     Returns:
         The path.
@@ -84,7 +85,8 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
             else:
                 file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
-            os.fsync(file.fileno())
+            if sync:
+                os.fsync(file.fileno())
         os.chmod(temporary, 0o666 & ~_umask())  # mkstemp makes files private; others expect the usual ones
         os.replace(temporary, path)
     except BaseException as error:
@@ -96,11 +98,11 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
     return path
 
 
-def unwritable(path: Path, error: OSError) -> OSError:
+def unwritable(path: Path, error: OSError | RuntimeError) -> OSError:
     """The same error with the name of the target file."""
-    reason = " ".join(str(error.strerror or error).split())
+    reason = " ".join(str(getattr(error, "strerror", None) or error).split())
     reason = reason if reason.startswith("cannot be written") else f"cannot be written: {reason}"
-    return OSError(error.errno, reason, str(path))
+    return OSError(getattr(error, "errno", None), reason, str(path))
 
 
 def part_prefix(path: Path) -> str:
@@ -133,6 +135,23 @@ def _is_left(item: Path, machine: str, process: int) -> bool:
         return process != os.getpid() and not is_alive(process)
     # age [s] after which a temporary file of another machine's process counts as left over
     return item.stat().st_mtime < time.time() - 24 * 3600.0
+
+
+@contextmanager
+def unfinished_folder(path: Path) -> Iterator[Path]:
+    """A temporary empty folder next to `path`, in which its content is prepared; it is removed at the end.
+
+    Raises:
+        OSError: the folder cannot be made; the error contains the name of `path`.
+    """
+    try:
+        folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=part_prefix(path), suffix=PART))
+    except OSError as error:
+        raise unwritable(path, error) from None
+    try:
+        yield folder
+    finally:
+        remove(folder)
 
 
 def remove(item: Path) -> None:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +18,7 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, SimulationError, nearest
-from dropper_jax.base.files import atomic_write
+from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.effects.coupled_motion import CoupledMotion
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
@@ -28,8 +27,7 @@ from dropper_jax.run.build import SceneLike, build_model, stepper_of
 from dropper_jax.run.carry import name_leaves, restore_carry, same_scene
 from dropper_jax.run.coupled_forces import half_link_mass, point_forces, set_free
 from dropper_jax.run.start import initial_state
-from dropper_jax.stepping.integrate import Progress, begin, step_failed
-from dropper_jax.stepping.step import step
+from dropper_jax.stepping.integrate import Progress, begin, next_progress
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
 Array = jax.Array | np.ndarray
@@ -105,13 +103,11 @@ class CoupledLines:
         lines = self.moving(state.motion, motion, state.progress.t, dt)
 
         def one(_: jax.Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
-            (s0, done, first_bad), residual, retried = result
-            s, report = step(lines.stepper, lines.model, s0, dt / count, first_bad < 0)
-            bad = step_failed(lines.stepper, lines.model, s, report.residual)
-            first_bad = jnp.where(bad & (first_bad < 0), done, first_bad)
+            progress, residual, retried = result
+            progress, report, _ = next_progress(lines.stepper, lines.model, progress, dt / count)
             # not `maximum`, which would lose a NaN
             worst = jnp.where(report.residual <= residual, residual, report.residual)
-            return Progress(s, done + 1, first_bad), worst, retried + (report.level > FULL_STEP)
+            return progress, worst, retried + (report.level > FULL_STEP)
 
         zero = jnp.zeros((), lines.model.dtype), jnp.zeros((), jnp.int32)
         progress, residual, retried = jax.lax.fori_loop(0, count, one, (state.progress, *zero))
@@ -290,8 +286,7 @@ class Coupled:
         """The whole state as arrays; also written to an `.npz` file if a path is given."""
         arrays = name_leaves(self._state())
         if path is not None:
-            text = np.array(json.dumps({"scene": self.scene.as_written(), "points": self.points}))
-            atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
+            write_archive(path, arrays, {"scene": self.scene.as_written(), "points": list(self.points)})
         return arrays
 
     def restore(self, saved: dict[str, np.ndarray] | str | Path) -> np.ndarray:
@@ -383,9 +378,7 @@ class Coupled:
 
     def _read_file(self, path: Path) -> dict[str, np.ndarray]:
         try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-            meta = json.loads(str(arrays.pop("meta")))
+            meta, arrays = read_archive(path)
             scene, points = Scene.from_dict(meta["scene"]), tuple(meta["points"])
         except OSError as error:
             raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None

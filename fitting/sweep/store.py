@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import PART, Lock, part_prefix, remove, remove_leftovers, unwritable
+from dropper_jax.base.files import Lock, remove_leftovers, unfinished_folder, unwritable
+from dropper_jax.base.store import Store, differences
 from dropper_jax.run.storage import extra
-from fitting.sweep.plan import QUANTITIES, STATUS, Plan, describe_quantity, differences
+from fitting.sweep.plan import QUANTITIES, STATUS, Plan, describe_quantity
 
 if TYPE_CHECKING:
     import zarr
@@ -38,7 +39,7 @@ def input_names(paths: list[str]) -> list[str]:
     return [path if doubt else name for path, name, doubt in zip(paths, short, unclear, strict=True)]
 
 
-class Store:
+class SweepStore(Store):
     """The group of one plan: created if missing, resumed if it belongs to the same inputs.
 
     One process fills it and holds the lock until `close`.
@@ -55,20 +56,18 @@ class Store:
         self.path, self.plan = Path(path), plan
         zarr = extra("zarr", "sweep")
         self.lock = Lock(self.path)
-        part = self.path.with_name(f"{part_prefix(self.path)}new{PART}")
         try:
             remove_leftovers(self.path)
             if self.path.exists():
                 self._check()
                 self._check_versions(versions, mix_versions)
             else:
-                remove(part)
-                self._create(zarr.open_group(part, mode="w-"), versions)
-                part.rename(self.path)
+                with unfinished_folder(self.path) as folder:
+                    self._create(zarr.open_group(folder / "new", mode="w-"), versions)
+                    (folder / "new").rename(self.path)
             self.group = zarr.open_group(self.path, mode="r+")
             self._check_arrays()
         except BaseException as error:
-            remove(part)
             self.lock.release()
             if isinstance(error, OSError):  # messages of Zarr do not name the file
                 raise unwritable(self.path, error) from None
@@ -185,29 +184,23 @@ class Store:
         array.attrs.update({"units": unit, "long_name": meaning})
         return array
 
-    def chunks_done(self) -> list[bool]:
-        """Which chunks are complete."""
-        return [self._is_done(chunk) for chunk in range(self.plan.chunks)]
-
-    def _is_done(self, chunk: int) -> bool:
-        cases = self.plan.cases_of(chunk)
+    def has(self, key: int) -> bool:
         try:
-            return bool(np.all(self.group["status"][cases[0] : cases[-1] + 1] != PENDING))
+            return bool(np.all(self.group["status"][self._cases(key)] != PENDING))
         except Exception:  # interrupted while it was written
             return False
 
-    def write(self, chunk: int, found: dict[str, np.ndarray]) -> None:
-        """Append one chunk, its status last.
+    def read(self, key: int) -> dict[str, np.ndarray] | None:
+        names = (*self._variables(), "failed_at", "status")
+        return {name: self.group[name][self._cases(key)] for name in names} if self.has(key) else None
 
-        Raises:
-            OSError: with the folder's name, if the disk cannot be written.
-        """
-        cases = self.plan.cases_of(chunk)
-        try:
-            for name in sorted(found, key=lambda name: name == "status"):
-                self.group[name][cases[0] : cases[-1] + 1] = found[name]
-        except OSError as error:
-            raise unwritable(self.path, error) from None
+    def write(self, key: int, found: dict[str, np.ndarray]) -> None:
+        for name in sorted(found, key=lambda name: name == "status"):
+            self.group[name][self._cases(key)] = found[name]
+
+    def _cases(self, key: int) -> slice:
+        cases = self.plan.cases_of(key)
+        return slice(int(cases[0]), int(cases[-1]) + 1)
 
     def counts(self) -> dict[str, int]:
         """Cases by status."""

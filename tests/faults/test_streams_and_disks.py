@@ -181,10 +181,11 @@ def test_a_run_kept_on_disk_has_the_numbers_of_one_in_memory(tmp_path, monkeypat
 
 @linux
 def test_rows_on_disk_are_joined_and_looked_at_without_standing_in_memory(tmp_path):
-    kept, part = OnDisk(tmp_path), np.arange(row_store.BLOCK_STATES * 300.0).reshape(row_store.BLOCK_STATES, 300)
+    kept = OnDisk(tmp_path, {}, {})
+    part = np.arange(row_store.BLOCK_STATES * 300.0).reshape(row_store.BLOCK_STATES, 300)
     for i in range(3):
-        kept.append([part + i])
-    (rest,) = kept.concatenate(kept.count)
+        kept.append(kept.count, ([part + i], {}))
+    (rest,) = kept.read(kept.count)
     whole = kept.join(part[0] - 1.0, rest)
     assert resident(tmp_path) < 0.5 * part.nbytes  # of six times as much
     some = row_store.take_every(whole, 7)
@@ -210,12 +211,12 @@ def test_a_killed_run_is_kept_up_to_its_last_whole_piece(tmp_path, monkeypatch):
     folder.mkdir()
     append = OnDisk.append
 
-    def ended(self, piece):
+    def ended(self, key, found):
         if self.count == 20:
             with (folder / "rows.0").open("ab") as file:
                 file.write(b"half")
             raise SystemError
-        append(self, piece)
+        append(self, key, found)
 
     monkeypatch.setattr(OnDisk, "append", ended)
     with pytest.raises(SystemError):
@@ -234,7 +235,7 @@ def test_sigterm_keeps_what_is_done_as_an_interruption_does(tmp_path):
     call = [*RUN, "--duration", "20000", "--out", str(out), "--json"]
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment) as run:
         for _ in range(600):
-            if any(row_store.count_rows(folder) for folder in tmp_path.iterdir()):
+            if any(row_store.read_mark(folder)[0] for folder in tmp_path.iterdir()):
                 break
             time.sleep(0.1)
         run.send_signal(signal.SIGTERM)

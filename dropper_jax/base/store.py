@@ -9,9 +9,9 @@ from __future__ import annotations
 import json
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -19,12 +19,15 @@ from dropper_jax.base.files import atomic_write, unwritable
 from dropper_jax.base.progress import Progress
 from dropper_jax.base.read import Plain
 
+Key = TypeVar("Key")
+Found = TypeVar("Found")
+
 
 class StoreStopped(RuntimeError):
     """Work that had to stop (full disk, dead worker); complete results are kept, and the same call resumes."""
 
 
-class Store(ABC):
+class Store(ABC, Generic[Key, Found]):
     """Chunks of results, each under its key. `path` is the file or folder that errors name.
 
     Creating a store on an existing folder resumes it, unless it belongs to another request (see `differences`).
@@ -33,18 +36,18 @@ class Store(ABC):
     path: Path
 
     @abstractmethod
-    def has(self, key: Any) -> bool:
+    def has(self, key: Key) -> bool:
         """Whether a chunk is complete."""
 
     @abstractmethod
-    def read(self, key: Any) -> Any:
+    def read(self, key: Key) -> Found | None:
         """The arrays of a chunk; None if it is not complete."""
 
     @abstractmethod
-    def write(self, key: Any, found: Any) -> None:
+    def write(self, key: Key, found: Found) -> None:
         """Write a chunk, its mark last."""
 
-    def append(self, key: Any, found: Any) -> None:
+    def append(self, key: Key, found: Found) -> None:
         """Add a chunk.
 
         Raises:
@@ -57,17 +60,17 @@ class Store(ABC):
 
     def fill(
         self,
-        results: Iterable[tuple[Hashable, Any]],
-        kept: int,
+        results: Iterable[tuple[Key, Found]],
+        before: int,
         total: int,
         say: Progress,
         words: Callable[[int, float], str],
-        size: Callable[[Any], int] = lambda key: 1,
+        size: Callable[[Key], int] = lambda key: 1,
     ) -> int:
         """Append results as they come, and report the fraction done; returns the number of cases that were added.
 
         Args:
-            kept, total: cases that were complete before, and all.
+            before, total: cases that were complete before, and all.
             words: the text of a report, from the cases added and their wall time [s].
             size: cases of a chunk.
 
@@ -80,10 +83,10 @@ class Store(ABC):
                 self.append(key, found)
             except OSError as error:
                 raise StoreStopped(
-                    f"{self.path}: {error.strerror}; {kept + added} of {total} cases are kept, the same call resumes"
+                    f"{self.path}: {error.strerror}; {before + added} of {total} cases are kept, the same call resumes"
                 ) from None
             added += size(key)
-            say((kept + added) / total, words(added, time.perf_counter() - started))
+            say((before + added) / total, words(added, time.perf_counter() - started))
         return added
 
 

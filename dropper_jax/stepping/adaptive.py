@@ -131,10 +131,8 @@ def advance_adaptively(
         within = Within(done.mean, done.square, done.least, done.largest, done.steps)
         return done.adaptive._replace(progress=progress), (row, within)
 
-    if count is None:
-        return jax.lax.scan(save, adaptive, None, length=saves)
     rows = empty_rows(jax.eval_shape(save, adaptive, None)[1], saves)
-    return scan_steps(save, adaptive, count, rows)
+    return scan_steps(save, adaptive, saves if count is None else count, rows)
 
 
 class _Tried(NamedTuple):

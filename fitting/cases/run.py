@@ -33,7 +33,7 @@ RUN_FORMAT = 2
 RUNS = "runs"
 
 
-class CaseStore(Store):
+class CaseStore(Store[Case, Found]):
     """The folder of a site's runs with one step: a file for each, whose name is the mark and the key of its inputs.
 
     Raises:

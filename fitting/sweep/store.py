@@ -39,7 +39,7 @@ def input_names(paths: list[str]) -> list[str]:
     return [path if doubt else name for path, name, doubt in zip(paths, short, unclear, strict=True)]
 
 
-class SweepStore(Store):
+class SweepStore(Store[int, dict[str, np.ndarray]]):
     """The group of one plan: created if missing, resumed if it belongs to the same inputs.
 
     One process fills it and holds the lock until `close`.
@@ -58,15 +58,11 @@ class SweepStore(Store):
         self.lock = Lock(self.path)
         try:
             remove_leftovers(self.path)
-            if self.path.exists():
-                self._check()
-                self._check_versions(versions, mix_versions)
-            else:
+            if not self.path.exists():
                 with unfinished_folder(self.path) as folder:
                     self._create(zarr.open_group(folder / "new", mode="w-"), versions)
                     (folder / "new").rename(self.path)
-            self.group = zarr.open_group(self.path, mode="r+")
-            self._check_arrays()
+            self.group = self._checked(versions, mix_versions)
         except BaseException as error:
             self.lock.release()
             if isinstance(error, OSError):  # messages of Zarr do not name the file
@@ -77,9 +73,18 @@ class SweepStore(Store):
         """Release the lock."""
         self.lock.release()
 
-    def _check_versions(self, here: dict[str, str], mixed: bool) -> None:
-        """Reject a part made with other versions, or record them if mixing is allowed."""
-        group = extra("zarr", "sweep").open_group(self.path, mode="r+")
+    def _checked(self, here: dict[str, str], mixed: bool) -> zarr.Group:
+        """The group, if it is whole, belongs to the same inputs and was made with the same versions; others are
+        recorded if mixing is allowed."""
+        try:
+            group = extra("zarr", "sweep").open_group(self.path, mode="r+")
+            there = dict(json.loads(group.attrs[IDENTITY]))
+        except Exception:  # any error of Zarr on a folder that is not a group
+            raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
+        found = differences(self.plan.identity(), there)
+        if found:
+            more = f" and {len(found) - MOST_DIFFERENCES} more" if len(found) > MOST_DIFFERENCES else ""
+            raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
         there = group.attrs.get("versions", {})
         there = there if isinstance(there, dict) else {}
         other = [
@@ -93,31 +98,15 @@ class SweepStore(Store):
         if other:
             earlier = group.attrs.get("versions_mixed", [])
             group.attrs["versions_mixed"] = [*(earlier if isinstance(earlier, list) else []), here]
-
-    def _check_arrays(self) -> None:
-        """Reject a group whose arrays are not those of the plan."""
-        plan = self.plan
-        inner = {name: about[0] for name, about in self._variables().items()}
-        shapes = {name: (plan.cases, *own) for name, own in {**inner, "failed_at": (), "status": ()}.items()}
+        inner = {name: about[0] for name, about in self._variables().items()} | {"failed_at": (), "status": ()}
+        shapes = {name: (self.plan.cases, *own) for name, own in inner.items()}
         try:
-            found = {name: tuple(self.group[name].shape) for name in shapes}
+            whole = all(tuple(group[name].shape) == shape for name, shape in shapes.items())
         except Exception:  # any error of Zarr on damaged metadata
-            found = {}
-        if found != shapes:
+            whole = False
+        if not whole:
             raise SceneError(f"{self.path}: is damaged: its arrays are not those of the sweep. Use a new folder")
-
-    def _check(self) -> None:
-        zarr = extra("zarr", "sweep")
-        try:
-            there = json.loads(zarr.open_group(self.path, mode="r").attrs[IDENTITY])
-            if not isinstance(there, dict):
-                raise TypeError
-        except Exception:  # any error of Zarr on a folder that is not a group
-            raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
-        found = differences(self.plan.identity(), there)
-        if found:
-            more = f" and {len(found) - MOST_DIFFERENCES} more" if len(found) > MOST_DIFFERENCES else ""
-            raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
+        return group
 
     def _create(self, group: zarr.Group, versions: dict[str, str]) -> None:
         plan = self.plan

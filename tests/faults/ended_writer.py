@@ -143,6 +143,11 @@ def check(kind: str, folder: Path, log: Path, answer: Path) -> None:
     answer.write_text(json.dumps(told))
 
 
+def size(file: Path) -> int:
+    """Bytes of a file, 0 without one."""
+    return file.stat().st_size if file.exists() else 0
+
+
 def main(kind: str, folder: Path, seed: str, count: int) -> None:
     rng = random.Random(f"{kind} {seed}")
     store, log, answer = folder / "store", folder / "log", folder / "answer.json"
@@ -150,11 +155,9 @@ def main(kind: str, folder: Path, seed: str, count: int) -> None:
         limit = None if number < count - 1 else 4_000  # the last one is refused by a full disk instead
         process = forked(lambda limit=limit: append_all(kind, store, log, limit))
         if limit is None:
-            before = log.stat().st_size if log.exists() else 0
-            late = time.monotonic() + 30  # the first half of the moments lies in the creation
-            while (
-                number > count // 4 and time.monotonic() < late and not (log.exists() and log.stat().st_size > before)
-            ):
+            before, late = size(log), time.monotonic() + 30
+            # a quarter of the moments lies in the creation
+            while number > count // 4 and time.monotonic() < late and size(log) == before:
                 time.sleep(0.001)
             time.sleep(rng.uniform(0.0, 0.05))
             os.kill(process, signal.SIGKILL)

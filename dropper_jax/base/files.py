@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import secrets
 import socket
 import tempfile
 import time
@@ -60,12 +61,13 @@ def folder_without(folder: str | Path, last: str) -> Path:
     return folder
 
 
-def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], object]) -> Path:
+def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], object], sync: bool = True) -> Path:
     """Write a file under a temporary name in its folder, then rename it.
 
     Args:
         path: the file; an existing one is replaced only when the new one is complete.
         content: what to write: text as UTF-8, or a function that writes to the open binary file.
+        sync: wait for the disk, so that the file also survives a power cut.
 
     Returns:
         The path.
@@ -74,33 +76,33 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
         OSError: the file cannot be written; the error contains its name.
     """
     path = Path(path)
-    temporary = None
+    temporary = path.with_name(f"{part_prefix(path)}{secrets.token_hex(4)}{PART}")
     try:
         remove_leftovers(path)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=part_prefix(path), suffix=PART)
-        with os.fdopen(handle, "w+b") as file:  # netCDF reads back what it wrote
+        with open(temporary, "x+b") as file:  # netCDF reads back what it wrote
             if callable(content):
                 content(file)
             else:
                 file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())  # mkstemp makes files private; others expect the usual ones
+            if sync:
+                os.fsync(file.fileno())
         os.replace(temporary, path)
     except BaseException as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
         if isinstance(error, OSError):
             raise unwritable(path, error) from None
         raise
     return path
 
 
-def unwritable(path: Path, error: OSError) -> OSError:
+def unwritable(path: Path, error: Exception) -> OSError:
     """The same error with the name of the target file."""
-    reason = " ".join(str(error.strerror or error).split())
+    number, reason = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
+    reason = " ".join(str(reason or error).split())
     reason = reason if reason.startswith("cannot be written") else f"cannot be written: {reason}"
-    return OSError(error.errno, reason, str(path))
+    return OSError(number, reason, str(path))
 
 
 def part_prefix(path: Path) -> str:
@@ -130,9 +132,29 @@ def leftovers(path: Path) -> list[Path]:
 
 def _is_left(item: Path, machine: str, process: int) -> bool:
     if machine == _machine():
-        return process != os.getpid() and not is_alive(process)
+        import psutil  # noqa: PLC0415 - 20 ms that starting does not need
+
+        # larger than any process number: not written by this package
+        return process != os.getpid() and not (process < 2**31 and psutil.pid_exists(process))
     # age [s] after which a temporary file of another machine's process counts as left over
     return item.stat().st_mtime < time.time() - 24 * 3600.0
+
+
+@contextmanager
+def unfinished_folder(path: Path) -> Iterator[Path]:
+    """A temporary empty folder next to `path`, in which its content is prepared; it is removed at the end.
+
+    Raises:
+        OSError: the folder cannot be made; the error contains the name of `path`.
+    """
+    try:
+        folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=part_prefix(path), suffix=PART))
+    except OSError as error:
+        raise unwritable(path, error) from None
+    try:
+        yield folder
+    finally:
+        remove(folder)
 
 
 def remove(item: Path) -> None:
@@ -146,28 +168,9 @@ def remove(item: Path) -> None:
             item.unlink()
 
 
-def is_alive(process: int) -> bool:
-    """Whether a process of this machine exists."""
-    if os.name == "nt":  # os.kill would end it
-        return True
-    try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:  # a process of another user
-        pass
-    return True
-
-
 def _machine() -> str:
     """This machine's name, reduced to letters and digits."""
     return re.sub(r"\W", "_", socket.gethostname()) or "unknown"
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 _FOLDER: ContextVar[Path | None] = ContextVar("folder of the scene that is read", default=None)

@@ -8,13 +8,12 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import PART, atomic_write, part_prefix, remove, unwritable
+from dropper_jax.base.files import atomic_write, remove
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.cli.faults import defer_signals
 from dropper_jax.cli.options import output_file, output_folder
@@ -42,22 +41,6 @@ WATER_PICTURES = {
     "response": "response",
     "tension_envelope": "tension_envelope",
 }
-
-
-@contextmanager
-def scratch_beside(out: Path | None) -> Iterator[Path | None]:
-    """A temporary empty folder next to the output file of a run; None if the run is not saved."""
-    if out is None:
-        yield None
-        return
-    try:
-        folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=part_prefix(out), suffix=PART))
-    except OSError as error:
-        raise unwritable(out, error) from None
-    try:
-        yield folder
-    finally:
-        remove(folder)
 
 
 def recover_leftovers(out: Path | None) -> None:

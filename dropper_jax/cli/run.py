@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dropper_jax.base.files import unfinished_folder
 from dropper_jax.cli.options import (
     add_examples,
     add_quiet,
@@ -109,14 +111,12 @@ def run(args: argparse.Namespace) -> int:
     before = None if args.start is None else read_run(args.start)
     scene = read_scene(args, OVERRIDES) if before is None else _further(args, before)
 
-    from dropper_jax.cli.outputs import recover_leftovers, save_or_report, scratch_beside
+    from dropper_jax.cli.outputs import recover_leftovers, save_or_report
     from dropper_jax.run.simulate import simulate
-    from dropper_jax.run.storage import netcdf_packages, zarr_packages
+    from dropper_jax.run.storage import check_packages
 
-    if out and out.suffix.lower() == ".nc":
-        netcdf_packages()
-    if out and out.suffix.lower() == ".zarr":
-        zarr_packages()
+    if out:
+        check_packages(out)
     if film:
         from dropper_jax.plots.animation import check_animation
 
@@ -124,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
     if tables:
         tables.mkdir(parents=True, exist_ok=True)
     recover_leftovers(out)
-    with scratch_beside(out) as scratch:
+    with unfinished_folder(out) if out else nullcontext() as scratch:
         solution = simulate(
             scene,
             progress=progress(args.quiet),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
@@ -21,7 +20,7 @@ from mpl_toolkits.mplot3d import proj3d
 from PIL import Image
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import PART, atomic_write, part_prefix, remove, remove_leftovers
+from dropper_jax.base.files import atomic_write, remove_leftovers, unfinished_folder
 from dropper_jax.base.progress import Progress
 from dropper_jax.plots import style, system, view
 from dropper_jax.plots.run import Run
@@ -99,22 +98,19 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
     first = next(images)
     height, width = first.shape[:2]
     remove_leftovers(path)
-    # ffmpeg derives the format from the suffix; the rest of the name must not be predictable
-    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=part_prefix(path), suffix=PART))
-    part = folder / "film.mp4"
-    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-"]
     # players require even sizes and 4:2:0
     target = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
-    call = [shutil.which("ffmpeg"), "-y", "-loglevel", "error", *source, *target, str(part)]
-    try:
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-"]
+    # ffmpeg derives the format from the suffix; the rest of the name must not be predictable
+    with unfinished_folder(path) as folder:
+        part = folder / "film.mp4"
+        call = [shutil.which("ffmpeg"), "-y", "-loglevel", "error", *source, *target, str(part)]
         with subprocess.Popen(call, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             _feed(process, first, images)
             said = process.stderr.read().decode(errors="replace").split("\n")[0]
         if process.returncode:
             raise OSError(f"{path.name}: ffmpeg failed: {said or process.returncode}")
         part.replace(path)
-    finally:
-        remove(folder)
     return path
 
 

@@ -24,8 +24,9 @@ from dropper_jax.run.arrays import breaks, words
 from dropper_jax.run.bends import twist_remarks
 from dropper_jax.run.bodies import body_motion
 from dropper_jax.run.build import allowed_error
-from dropper_jax.run.carry import Last
-from dropper_jax.run.resolution import pose_remarks, without_push
+from dropper_jax.run.carry import Last, last_row, name_leaves
+from dropper_jax.run.chunks import RunOutcome
+from dropper_jax.run.resolution import pose_remarks, with_quality_checks, without_push
 from dropper_jax.run.row_store import BLOCK_STATES, InMemory, release_pages
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.weights import floating_warnings
@@ -53,6 +54,33 @@ _observe_once = cached_jit(brief=True, quick=True)(_observe_all)
 
 
 def build_solution(
+    kind: type[Kind],
+    scene: Scene,
+    stepper: Stepper,
+    model: Model,
+    first: Last,
+    since: TimeOrigin,
+    outcome: RunOutcome,
+    extra: dict[str, Any],
+    rows: InMemory,
+) -> Kind:
+    """The result of a run: its observed states, steps, final state and warnings."""
+    run, carry = outcome.trajectory, outcome.carry
+    solution = _observed(kind, scene, stepper, model, first, since, run, extra, rows)
+    if isinstance(outcome.beside, Within):
+        refused = 0 if carry is None else int(carry.refused - first.carry.refused)
+        solution = _with_adaptive_steps(solution, outcome.beside, refused)
+    if isinstance(carry, Controlled):
+        solution = _with_controlled_steps(solution, stepper, model, run, outcome.beside, carry, first.carry)
+    if solution.first_bad is None and carry is not None:
+        solution = replace(solution, last=name_leaves(Last(last_row(run), carry)))
+    if outcome.interrupted:
+        notes = (outcome.refused,) if outcome.refused else ()
+        solution = replace(solution, status="interrupted", warnings=(*solution.warnings, *notes))
+    return with_quality_checks(solution)
+
+
+def _observed(
     kind: type[Kind],
     scene: Scene,
     stepper: Stepper,
@@ -168,7 +196,7 @@ def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _O
     return found
 
 
-def with_adaptive_steps(solution: Kind, within: Within, refused: int) -> Kind:
+def _with_adaptive_steps(solution: Kind, within: Within, refused: int) -> Kind:
     """The solution of a run with snap-adaptive steps: statistics between saved times, accepted and rejected steps."""
     good = len(solution.t) - 1
     first = solution.tension[:1]
@@ -186,7 +214,7 @@ def with_adaptive_steps(solution: Kind, within: Within, refused: int) -> Kind:
     )
 
 
-def with_controlled_steps(
+def _with_controlled_steps(
     solution: Kind,
     stepper: Stepper,
     model: Model,

@@ -17,6 +17,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain
+from dropper_jax.base.store import differences
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Parted, State
 from dropper_jax.stepping.adaptive import Adaptive
@@ -108,10 +109,9 @@ def same_scene(scene: Scene, before: Scene) -> None:
     Raises:
         SceneError: one line.
     """
-    ours, theirs = (_moving(s) for s in (scene, before))
-    key = _difference(ours, theirs, "")
-    if key is not None:
-        what = f"is of another scene, {before.name!r}, which differs from {scene.name!r} in {key}"
+    found = differences(*(_moving(one) for one in (scene, before)))
+    if found:
+        what = f"is of another scene, {before.name!r}, which differs from {scene.name!r} in {found[0]}"
         free = ", ".join(f"run.{name}" for name in FREE)
         raise SceneError(f"{RUN} {what}. Use the same scene; only {free} may change")
 
@@ -119,18 +119,6 @@ def same_scene(scene: Scene, before: Scene) -> None:
 def _moving(scene: Scene) -> dict[str, Plain]:
     plain = {key: value for key, value in scene.to_dict().items() if key not in WORDS}
     return {**plain, "run": {key: value for key, value in plain["run"].items() if key not in FREE}}
-
-
-def _difference(a: Plain, b: Plain, path: str) -> str | None:
-    """The path of the first value in which two trees of plain values differ; None if they are equal."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        pairs = [(key, a.get(key), b.get(key)) for key in (*a, *(key for key in b if key not in a))]
-    elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-        pairs = [(str(i), x, y) for i, (x, y) in enumerate(zip(a, b, strict=True))]
-    else:
-        return None if a == b else path
-    found = (_difference(x, y, f"{path}.{key}" if path else key) for key, x, y in pairs)
-    return next((key for key in found if key is not None), None)
 
 
 def may_go_on(status: str, failure: str) -> None:

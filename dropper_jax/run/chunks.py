@@ -21,6 +21,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import allowed_error
+from dropper_jax.run.carry import Last, last_row, name_leaves
 from dropper_jax.run.row_store import InMemory
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
@@ -224,7 +225,7 @@ def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows
         while done < saves:
             passed = [*(passed if len(passed) < 2 * MIN_CHUNKS else passed[::2]), (done, carry)]
             carry, piece = run.go_on(carry, saves - done)
-            rows.append(jax.tree.map(np.asarray, piece))
+            rows.append(done, (jax.tree.map(np.asarray, piece), name_leaves(Last(last_row(piece[0]), carry))))
             at = carry, done + len(piece[0].r)
             done = at[1]
             say(min(done / saves, 1.0), f"t = {float(carry.t):.3g} s")
@@ -238,5 +239,5 @@ def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows
     late_s = getattr(run.go_on, "late_s", 0.0)
     run_s = time.perf_counter() - started - late_s
     carry, done = at
-    joined, beside = rows.concatenate(done)
+    joined, beside = rows.read(done)
     return RunOutcome(joined, beside, carry, run_s, late_s, interrupted, refused, tuple(passed))

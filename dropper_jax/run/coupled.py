@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +15,7 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, SimulationError
-from dropper_jax.base.files import atomic_write
+from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import SceneLike
@@ -142,8 +141,7 @@ class Coupled:
         """The whole state as arrays; also written to an `.npz` file if a path is given."""
         arrays = name_leaves(self._state())
         if path is not None:
-            text = np.array(json.dumps({"scene": self.scene.as_written(), "points": self.points}))
-            atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
+            write_archive(path, arrays, {"scene": self.scene.as_written(), "points": list(self.points)})
         return arrays
 
     def restore(self, saved: dict[str, np.ndarray] | str | Path) -> np.ndarray:
@@ -235,9 +233,7 @@ class Coupled:
 
     def _read_file(self, path: Path) -> dict[str, np.ndarray]:
         try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-            meta = json.loads(str(arrays.pop("meta")))
+            meta, arrays = read_archive(path)
             scene, points = Scene.from_dict(meta["scene"]), tuple(meta["points"])
         except OSError as error:
             raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None

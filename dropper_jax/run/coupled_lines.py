@@ -21,8 +21,7 @@ from dropper_jax.model import Displacement, HolonomicConstraint, Law, Model, Sta
 from dropper_jax.model.slots import Force
 from dropper_jax.run.build import SceneLike, build_model, stepper_of
 from dropper_jax.run.start import initial_state
-from dropper_jax.stepping.integrate import Progress, begin, step_failed
-from dropper_jax.stepping.step import step
+from dropper_jax.stepping.integrate import Progress, begin, next_progress
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
 Array = jax.Array | np.ndarray
@@ -98,13 +97,11 @@ class CoupledLines:
         lines = self.moving(state.motion, motion, state.progress.t, dt)
 
         def one(_: jax.Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
-            (s0, done, first_bad), residual, retried = result
-            s, report = step(lines.stepper, lines.model, s0, dt / count, first_bad < 0)
-            bad = step_failed(lines.stepper, lines.model, s, report.residual)
-            first_bad = jnp.where(bad & (first_bad < 0), done, first_bad)
+            progress, residual, retried = result
+            progress, report, _ = next_progress(lines.stepper, lines.model, progress, dt / count)
             # not `maximum`, which would lose a NaN
             worst = jnp.where(report.residual <= residual, residual, report.residual)
-            return Progress(s, done + 1, first_bad), worst, retried + (report.level > FULL_STEP)
+            return progress, worst, retried + (report.level > FULL_STEP)
 
         zero = jnp.zeros((), lines.model.dtype), jnp.zeros((), jnp.int32)
         progress, residual, retried = jax.lax.fori_loop(0, count, one, (state.progress, *zero))

@@ -1,7 +1,7 @@
 """Store of the saved states of a run, in memory or, for runs larger than memory, in a folder on disk.
 
-On disk states are appended to one file for each array, and the number of complete states is written last. The files of
-a killed process are valid up to this number.
+On disk states are appended to one file for each array. Their number and the state from which the run continues are
+written last, by rename: the files of a killed process are valid up to this number.
 """
 
 from __future__ import annotations
@@ -12,14 +12,17 @@ import mmap
 import os
 import struct
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import jax
 import numpy as np
 
-#: File with the number of complete states and the data needed to build a solution from them.
-COUNT, ABOUT = "count", "run.json"
+from dropper_jax.base.store import Store, read_archive, write_archive
+
+#: File with the number of complete states and the last one; file with what is needed to build a solution from them.
+MARK, ABOUT = "complete.npz", "run.npz"
 #: Number of states processed at once if all would be too many.
 BLOCK_STATES = 4096
 
@@ -42,21 +45,25 @@ def take_every(array: np.ndarray, every: int) -> np.ndarray:
     return found
 
 
-class InMemory:
-    """Rows (k, ...) of several arrays in memory."""
+class InMemory(Store):
+    """Rows (k, ...) of several arrays in memory: chunks of a run under the number of rows before them."""
 
     def __init__(self) -> None:
+        self.path = Path("memory")
         self.pieces: list[Any] = []
         self.count = 0
 
-    def append(self, piece: Any) -> None:
-        """Append rows: a tree of arrays."""
-        self.pieces.append(piece)
-        self.count += len(jax.tree.leaves(piece)[0])
+    def has(self, key: int) -> bool:
+        return key < self.count
 
-    def concatenate(self, most: int) -> Any:
-        """The first rows, at most `most`."""
-        return jax.tree.map(lambda *parts: np.concatenate(parts)[:most], *self.pieces)
+    def write(self, key: int, found: tuple[Any, dict[str, np.ndarray]]) -> None:
+        """Append rows, a tree of arrays, with the named leaves of the state after them."""
+        self.pieces.append(found[0])
+        self.count = key + len(jax.tree.leaves(found[0])[0])
+
+    def read(self, key: int) -> Any:
+        """The first `key` rows, or as many as there are."""
+        return jax.tree.map(lambda *parts: np.concatenate(parts)[:key], *self.pieces)
 
     def join(self, first: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Rows after a first one."""
@@ -68,47 +75,56 @@ class InMemory:
 
 
 class OnDisk(InMemory):
-    """Rows of several arrays in files of a folder."""
+    """Rows of several arrays in files of a folder.
 
-    def __init__(self, folder: Path, about: dict[str, Any] | None = None) -> None:
+    Args:
+        about: plain values that identify the run; first: named leaves of its start.
+    """
+
+    def __init__(self, folder: Path, about: dict[str, Any], first: dict[str, np.ndarray]) -> None:
         super().__init__()
-        self.folder, self._kinds, self._tree = folder, [], None
-        self._numbers, self._about = itertools.count(), about or {}
+        self.path, self.about, self.first, self.last = folder, about, first, {}
+        self._kinds, self._tree, self._numbers = [], None, itertools.count()
 
     @classmethod
-    def reopen(cls, folder: Path, tree: Any) -> OnDisk:
-        """The rows that a killed run left there.
-
-        Args:
-            tree: structure of the arrays, with any leaves.
-        """
-        found = cls(folder, json.loads((folder / ABOUT).read_text(encoding="utf-8")))
-        found._tree, found.count = jax.tree.structure(tree), count_rows(folder)
-        found._kinds = [(tuple(shape), np.dtype(kind)) for shape, kind in found._about["kinds"]]
+    def resume(cls, folder: Path) -> OnDisk:
+        """The rows that a killed run left there; `with_structure` is needed to read them."""
+        if (folder / ABOUT).exists():
+            found = cls(folder, *read_archive(folder / ABOUT))
+        else:  # by an earlier version
+            found = cls(folder, json.loads((folder / "run.json").read_text(encoding="utf-8")), {})
+        found.count, found.last = read_mark(folder)
+        found._kinds = [(tuple(shape), np.dtype(kind)) for shape, kind in found.about["kinds"]]
         return found
 
-    def append(self, piece: Any) -> None:
-        leaves, tree = jax.tree.flatten(piece)
+    def with_structure(self, tree: Any) -> OnDisk:
+        """The same rows, as trees like this one."""
+        self._tree = jax.tree.structure(tree)
+        return self
+
+    def write(self, key: int, found: tuple[Any, dict[str, np.ndarray]]) -> None:
+        leaves, tree = jax.tree.flatten(found[0])
         if self._tree is None:
             self._tree = tree
             self._kinds = [(leaf.shape[1:], leaf.dtype) for leaf in leaves]
             kinds = [[list(shape), kind.str] for shape, kind in self._kinds]
-            (self.folder / ABOUT).write_text(json.dumps({**self._about, "kinds": kinds}), encoding="utf-8")
+            write_archive(self.path / ABOUT, self.first, {**self.about, "kinds": kinds}, sync=False)
         for number, leaf in enumerate(leaves):
-            with open(self.folder / f"rows.{number}", "ab", buffering=0) as file:
+            with open(self.path / f"rows.{number}", "ab", buffering=0) as file:
+                file.truncate(key * leaf[:1].nbytes)  # without what a failed write left
                 _write(file, np.ascontiguousarray(leaf).tobytes())
-        self.count += len(leaves[0])
-        (self.folder / COUNT).write_bytes(struct.pack("<q", self.count))
+        self.count = key + len(leaves[0])
+        write_archive(self.path / MARK, {**found[1], "count": np.array(self.count)}, sync=False)
 
-    def concatenate(self, most: int) -> Any:
-        count = min(self.count, most)
+    def read(self, key: int) -> Any:
+        count = min(self.count, key)
         found = [self._row(i, count, *kind) for i, kind in enumerate(self._kinds)]
         return jax.tree.unflatten(self._tree, found)
 
     def _row(self, number: int, count: int, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
         if 0 in shape:
             return np.zeros((count, *shape), dtype)
-        return np.memmap(self.folder / f"rows.{number}", dtype, "r", shape=(count, *shape))
+        return np.memmap(self.path / f"rows.{number}", dtype, "r", shape=(count, *shape))
 
     def join(self, first: np.ndarray, rest: np.ndarray) -> np.ndarray:
         first = np.asarray(first)
@@ -122,7 +138,7 @@ class OnDisk(InMemory):
     def empty(self, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
         if 0 in shape:
             return np.zeros(shape, dtype)
-        path = self.folder / f"array.{next(self._numbers)}"
+        path = self.path / f"array.{next(self._numbers)}"
         try:
             with open(path, "wb") as file:  # reserved: a disk that is full when pages are written ends the process
                 os.posix_fallocate(file.fileno(), 0, int(np.prod(shape)) * np.dtype(dtype).itemsize)
@@ -138,9 +154,11 @@ def _write(file: BinaryIO, data: bytes) -> None:
         left = left[file.write(left) :]
 
 
-def count_rows(folder: Path) -> int:
-    """Number of complete states in a folder."""
-    try:
-        return struct.unpack("<q", (folder / COUNT).read_bytes())[0]
-    except (OSError, struct.error):
-        return 0
+def read_mark(folder: Path) -> tuple[int, dict[str, np.ndarray]]:
+    """Number of complete states in a folder, and named leaves of the last one (none by an earlier version)."""
+    with suppress(Exception):  # any error about a missing or damaged file
+        last = read_archive(folder / MARK)[1]
+        return int(last.pop("count")), last
+    with suppress(OSError, struct.error):
+        return struct.unpack("<q", (folder / "count").read_bytes())[0], {}
+    return 0, {}

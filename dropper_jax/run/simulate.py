@@ -18,27 +18,26 @@ from dropper_jax.base.html_table import html_table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.model import Model, state, work_names
-from dropper_jax.run.assembly import TimeOrigin, build_solution, with_adaptive_steps, with_controlled_steps
+from dropper_jax.model import Model, State, state, work_names
+from dropper_jax.run.assembly import TimeOrigin, build_solution
 from dropper_jax.run.build import SceneLike, build_model, stepper_of
 from dropper_jax.run.carry import (
     Last,
     first_row,
-    last_row,
     may_go_on,
     name_leaves,
     restore_carry,
     same_scene,
 )
 from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
-from dropper_jax.run.resolution import check_skip, check_stretch, check_tolerance, with_quality_checks
+from dropper_jax.run.resolution import check_skip, check_stretch, check_tolerance
 from dropper_jax.run.row_store import InMemory, OnDisk
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.start import initial_state
 from dropper_jax.run.step_check import with_step_check
 from dropper_jax.run.summary import summary
+from dropper_jax.scene import RunSpec
 from dropper_jax.statics.search import node_positions
-from dropper_jax.stepping.adaptive import Adaptive
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.stepper import Stepper
 
@@ -111,9 +110,9 @@ class Solution(Samples):
 
     def save(self, path: str | Path) -> Path:
         """Write to `.npz`, `.nc` or `.zarr` with scene and settings, which `rerun` uses to repeat the run."""
-        from dropper_jax.run.storage import write_netcdf, write_npz, write_zarr  # noqa: PLC0415
+        from dropper_jax.run.storage import save_run  # noqa: PLC0415
 
-        return {".nc": write_netcdf, ".zarr": write_zarr}.get(Path(path).suffix.lower(), write_npz)(self, path)
+        return save_run(self, path)
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
@@ -122,9 +121,9 @@ class Solution(Samples):
         Raises:
             SceneError: one line, if the file is missing or is not a saved run.
         """
-        from dropper_jax.run.storage import read_netcdf, read_npz, read_zarr  # noqa: PLC0415
+        from dropper_jax.run.storage import read_run  # noqa: PLC0415
 
-        return {".nc": read_netcdf, ".zarr": read_zarr}.get(Path(path).suffix.lower(), read_npz)(path, cls)
+        return read_run(path, cls)
 
     def rerun(self, **kwargs: Any) -> Solution:
         """Simulate again from the provenance; on the same machine the results are bit-identical.
@@ -267,27 +266,16 @@ def simulate(
     first, since = initial_carry(stepper, model, scene, start)
     folder = None if scratch is None else Path(scratch)
     check_memory(model, first.row, run, folder)
-    about = {"scene": scene.as_written(), "settings": settings, "went_on": start is not None}
-    rows = InMemory() if folder is None else OnDisk(folder, about)
+    about = {"scene": scene.as_written(), "settings": settings, "since": list(since)}
+    rows = InMemory() if folder is None else OnDisk(folder, about, name_leaves(first))
     started = time.perf_counter()
     before = 0 if start is None else int(start.settings["steps"])
     compiled = compile_run(stepper, model, first.carry, run, before)
     compile_s = time.perf_counter() - started
     start_s = time.perf_counter() - entered
     outcome = run_chunks(compiled, run.saves, say, rows)
-    trajectory, within, carry = outcome.trajectory, outcome.beside, outcome.carry
-    solution = build_solution(Solution, scene, stepper, model, first, since, trajectory, dict(settings), rows)
-    if isinstance(carry, Adaptive):
-        solution = with_adaptive_steps(solution, within, int(carry.refused - first.carry.refused))
-    if isinstance(carry, Controlled):
-        solution = with_controlled_steps(solution, stepper, model, trajectory, within, carry, first.carry)
-    if solution.first_bad is None:
-        solution = replace(solution, last=name_leaves(Last(last_row(trajectory), carry)))
+    solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
     solution = replace(solution, compile_s=compile_s + outcome.late_s, run_s=outcome.run_s)
-    if outcome.interrupted:
-        notes = (outcome.refused,) if outcome.refused else ()
-        solution = replace(solution, status="interrupted", warnings=(*solution.warnings, *notes))
-    solution = with_quality_checks(solution)
     if step_check and tolerance is None and not errors:
         solution = with_step_check(solution, compiled, outcome, start_s + outcome.late_s)
     if choice is not None:
@@ -305,18 +293,13 @@ def simulate(
 
 def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution | None) -> tuple[Last, TimeOrigin]:
     """The initial state of a run, from its scene's start or the end of an earlier run, and the origin of its times."""
-    run, names = scene.run, work_names(model) if stepper.track_work else ()
+    run = scene.run
     if before is None:
         s = initial_state(model, scene.start)
         if scene.start.is_static:
             check_stretch(scene, np.asarray(node_positions(model, s)))
-        return Last(first_row(s, len(names)), first_carry(stepper, model, s, run)), TimeOrigin()
-
-    def kind(model: Model) -> Last:
-        s = state(model, jnp.zeros((model.free_nodes, 3), model.dtype))
-        return Last(first_row(s, len(names)), first_carry(stepper, model, s, run))
-
-    last, used = restore_carry(jax.eval_shape(kind, model), before.last), before.settings
+        return _end_at(stepper, model, s, run), TimeOrigin()
+    last, used = restored_end(stepper, model, run, before.last), before.settings
     since = TimeOrigin(*(before.continues or {"origin_s": 0.0, "saves": 0}).values())
     since = since._replace(saves=since.saves + len(before.t) - 1)
     if (run.dt, run.save_every) != (used["dt"], used["save_every"]):
@@ -325,6 +308,20 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
             here = last.carry._replace(origin=jnp.asarray(since.origin, model.dtype), saved=jnp.zeros((), jnp.int32))
             last = last._replace(carry=here)
     return last, since
+
+
+def _end_at(stepper: Stepper, model: Model, s: State, run: RunSpec) -> Last:
+    names = work_names(model) if stepper.track_work else ()
+    return Last(first_row(s, len(names)), first_carry(stepper, model, s, run))
+
+
+def restored_end(stepper: Stepper, model: Model, run: RunSpec, saved: dict[str, np.ndarray]) -> Last:
+    """The end of a run of this kind from its saved leaves."""
+
+    def anywhere(model: Model) -> Last:
+        return _end_at(stepper, model, state(model, jnp.zeros((model.free_nodes, 3), model.dtype)), run)
+
+    return restore_carry(jax.eval_shape(anywhere, model), saved)
 
 
 def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, Any]:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import sys
-import tempfile
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -18,13 +18,15 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import PART, atomic_write, part_prefix, refuse_pipe, remove_leftovers
+from dropper_jax.base.files import atomic_write, refuse_pipe, remove_leftovers, unfinished_folder, unwritable
+from dropper_jax.base.read import Plain
+from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.run import labelled
 from dropper_jax.run.carry import LAST, units
 from dropper_jax.run.deferred_errors import DeferredErrorFile
 from dropper_jax.run.labelled import check_archive, reopen_run
 from dropper_jax.run.row_store import release_pages
-from dropper_jax.run.samples import ARRAYS, BODIES, RUN_FORMAT, WITHIN, Kind, Samples
+from dropper_jax.run.samples import ARRAYS, BODIES, WITHIN, Kind, Samples
 
 if TYPE_CHECKING:
     import xarray
@@ -53,47 +55,95 @@ BODY_VARIABLES = {
 VARIABLES |= BODY_VARIABLES
 #: Optional arrays.
 SOME = (*WITHIN, *BODIES)
-#: Attribute with the provenance (all data except arrays), as JSON.
 #: Prefix of the names of internal states of effects.
 TAG = "own."
 #: Group of a netCDF file with the final state.
 RESTART = "restart"
+#: Packages of a format, and the extras that install them.
+PACKAGES = {
+    ".nc": {"xarray": "io", "h5netcdf": "io", "h5py": "io"},
+    ".zarr": {"xarray": "io", "zarr": "sweep"},
+}
+#: Attribute with the provenance (all data except arrays), as JSON.
 PROVENANCE = "dropper_jax_run"
 NOT_A_RUN = "not a saved run; allowed: a file written by `dropper run --out`"
 
 
-def write_npz(solution: Samples, path: str | Path) -> Path:
+def save_run(solution: Samples, path: str | Path) -> Path:
+    """Write a run in the format of the suffix: netCDF (`.nc`), Zarr (`.zarr`), otherwise `.npz`; completely or not at
+    all.
+
+    Raises:
+        SceneError: one line, if packages are missing, or the disk fails (netCDF, Zarr).
+        OSError: the disk fails.
+    """
+    path = Path(path)
+    check_packages(path)
+    write = {".nc": _write_netcdf, ".zarr": _write_zarr}.get(path.suffix.lower())
+    if write is None:
+        return _write_npz(solution, path)
+    try:
+        return write(solution, path)
+    except (OSError, RuntimeError) as error:  # HDF5 reports its errors as either
+        raise SceneError(f"{path}: {unwritable(path, error).strerror}") from None
+
+
+def check_packages(path: Path) -> None:
+    """Import the packages for the format of the suffix, so that a missing one is reported before the run starts."""
+    for module, name in PACKAGES.get(path.suffix.lower(), {}).items():
+        extra(module, name)
+
+
+def read_run(path: str | Path, kind: type[Kind]) -> Kind:
+    """A saved run, as a `kind` of samples.
+
+    Raises:
+        SceneError: one line, if packages or the file are missing, or it is not a saved run.
+    """
+    path = Path(path)
+    suffix, found = path.suffix.lower(), None
+    check_packages(path)
+    refuse_pipe(path, "run")
+    with _without_complaints():
+        try:
+            if suffix == ".zarr":
+                os.listdir(path)
+            else:
+                open(path, "rb").close()
+        except OSError as error:
+            raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+        try:
+            found = {".nc": _open_netcdf, ".zarr": _open_zarr}.get(suffix, _open_npz)(path)
+        except SceneError:
+            raise
+        except Exception:  # any error of the libraries about damaged bytes; own checks are SceneErrors
+            pass
+    if found is None:
+        raise SceneError(f"{path}: {NOT_A_RUN}")
+    return reopen_run(path, *found, kind)
+
+
+def _write_npz(solution: Samples, path: Path) -> Path:
     """Write arrays and provenance to an `.npz` file."""
     arrays = {name: getattr(solution, name) for name in (*ARRAYS, *_present_fields(solution))}
     arrays |= {TAG + name: values for name, values in solution.own.items()} | solution.last
-    text = np.array(json.dumps(solution.provenance()))
-    return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
+    return write_archive(path, arrays, solution.provenance())
 
 
-def read_npz(path: str | Path, kind: type[Kind]) -> Kind:
-    """The run of an `.npz` file, as a `kind` of samples.
+def _open_npz(path: Path) -> tuple[Plain, dict[str, Any]]:
+    with open(path, "rb") as file:
+        check_archive(file, path)
+    meta, found = read_archive(path)
+    return meta, _by_field({name: name for name in (*ARRAYS, *SOME)}, list(found), found.__getitem__)
 
-    Raises:
-        SceneError: one line, if the file is missing or is not a saved run.
-    """
-    refuse_pipe(Path(path), "run")
-    try:
-        with open(path, "rb") as opened:
-            check_archive(opened, path)
-            with np.load(opened, allow_pickle=False) as file:
-                meta = json.loads(str(file["meta"]))
-                arrays = {name: file[name] for name in (*ARRAYS, *(name for name in SOME if name in file.files))}
-                arrays["own"] = {name.removeprefix(TAG): file[name] for name in file.files if name.startswith(TAG)}
-                arrays["last"] = {name: file[name] for name in file.files if name.startswith(LAST)}
-    except SceneError:
-        raise
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except Exception:  # any error of zipfile, zlib, NumPy's header or JSON about damaged bytes
-        raise SceneError(f"{path}: not a saved run; allowed: an .npz file written by `dropper run --out`") from None
-    if not isinstance(meta, dict) or meta.get("format") != RUN_FORMAT:
-        raise SceneError(f"{path}: a saved run of another format; allowed: format {RUN_FORMAT}")
-    return reopen_run(path, meta, arrays, kind)
+
+def _by_field(
+    columns: dict[str, str], names: list[str], read: Callable[[str], np.ndarray]
+) -> dict[str, np.ndarray | dict[str, np.ndarray]]:
+    """Arrays of a run by field; `columns` are their names in the file, `names` all names in it."""
+    arrays = {key: read(name) for key, name in columns.items() if key not in SOME or name in names}
+    own = {name.removeprefix(TAG): read(name) for name in names if name.startswith(TAG)}
+    return {**arrays, "own": own, "last": {name: read(name) for name in names if name.startswith(LAST)}}
 
 
 def extra(module: str, name: str) -> Any:
@@ -106,12 +156,6 @@ def extra(module: str, name: str) -> Any:
 
 def _present_fields(solution: Samples) -> list[str]:
     return [name for name in SOME if getattr(solution, name) is not None]
-
-
-def netcdf_packages() -> None:
-    """Import the packages for netCDF, so that a missing one is reported before the run starts."""
-    for module in ("xarray", "h5netcdf", "h5py"):
-        extra(module, "io")
 
 
 def to_xarray(solution: Samples) -> xarray.Dataset:
@@ -194,36 +238,17 @@ def _attributes(solution: Samples) -> dict[str, Any]:
     }
 
 
-def from_xarray(dataset: xarray.Dataset, path: str | Path, kind: type[Kind]) -> Kind:
-    """The run from a dataset made by `to_xarray`; `path` is its name in error messages.
-
-    Raises:
-        SceneError: one line, if its parts are inconsistent.
-        KeyError, ValueError, TypeError: a dataset that is not a run.
-    """
-    there = {key: name for key, (name, *_) in VARIABLES.items() if key not in SOME or name in dataset}
-    arrays = {key: np.asarray(dataset[name].values) for key, name in there.items()}
-    own = {str(name).removeprefix(TAG): dataset[name].values for name in dataset.data_vars if str(name).startswith(TAG)}
-    last = {str(name): np.asarray(dataset[name].values) for name in dataset.data_vars if str(name).startswith(LAST)}
-    time = np.asarray(dataset["time"].values)
-    arrays |= {"t": time, "own": own, "last": last}
-    return reopen_run(path, json.loads(dataset.attrs[PROVENANCE]), arrays, kind)
+def _from_xarray(dataset: xarray.Dataset) -> tuple[Plain, dict[str, Any]]:
+    """Provenance and arrays of a dataset made by `to_xarray`."""
+    columns = {key: name for key, (name, *_) in VARIABLES.items()} | {"t": "time"}
+    arrays = _by_field(columns, list(map(str, dataset.data_vars)), lambda name: np.asarray(dataset[name].values))
+    return json.loads(dataset.attrs[PROVENANCE]), arrays
 
 
-def write_netcdf(solution: Samples, path: str | Path) -> Path:
-    """Write netCDF-4 atomically; the final state, from which a run continues, is the group `restart`.
-
-    Raises:
-        SceneError: one line, if packages are missing or the disk fails.
-    """
-    path = Path(path)
-    netcdf_packages()
+def _write_netcdf(solution: Samples, path: Path) -> Path:
+    """Write netCDF-4; the final state, from which a run continues, is the group `restart`."""
     dataset, packed = labelled.for_file(to_xarray(solution))
-    try:
-        return atomic_write(path, lambda file: _dump(dataset, file, packed, vars(solution).values()))
-    except (OSError, RuntimeError) as error:  # HDF5 reports its errors as either
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise SceneError(f"{path}: {' '.join(reason.split())}") from None
+    return atomic_write(path, lambda file: _dump(dataset, file, packed, vars(solution).values()))
 
 
 def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], arrays: Iterable[Any]) -> None:
@@ -243,35 +268,19 @@ def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], array
         raise held.refused
 
 
-def write_zarr(solution: Samples, path: str | Path) -> Path:
-    """Write a Zarr folder with consolidated metadata atomically; needs the extras `io` and `sweep`.
-
-    Raises:
-        SceneError: one line, if packages are missing, the path is something else, or the disk fails.
-    """
-    path = Path(path)
-    zarr_packages()
+def _write_zarr(solution: Samples, path: Path) -> Path:
+    """Write a Zarr folder with consolidated metadata; it replaces only a saved run."""
     if path.exists() and not _is_run_folder(path):
         raise SceneError(f"{path}: exists and is not a saved run. Use a new folder, or a saved run to replace")
     dataset = to_xarray(solution)
-    try:
-        remove_leftovers(path)
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=part_prefix(path), suffix=PART) as folder:
-            part = Path(folder) / "run"
-            dataset.to_zarr(part, mode="w-", zarr_format=2, consolidated=True)
-            if path.exists():
-                path.rename(Path(folder) / "before")
-            part.rename(path)
-    except (OSError, RuntimeError) as error:
-        reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-        raise SceneError(f"{path}: cannot be written: {reason}") from None
+    remove_leftovers(path)
+    with unfinished_folder(path) as folder:
+        part = folder / "run"
+        dataset.to_zarr(part, mode="w-", zarr_format=2, consolidated=True)
+        if path.exists():
+            path.rename(folder / "before")
+        part.rename(path)
     return path
-
-
-def zarr_packages() -> None:
-    """Import the packages for Zarr, so that a missing one is reported before the run starts."""
-    extra("xarray", "io")
-    extra("zarr", "sweep")
 
 
 def _is_run_folder(path: Path) -> bool:
@@ -281,52 +290,14 @@ def _is_run_folder(path: Path) -> bool:
         return False
 
 
-def read_zarr(path: str | Path, kind: type[Kind]) -> Kind:
-    """The run of a Zarr folder, as a `kind` of samples.
-
-    Raises:
-        SceneError: one line, if the folder is missing or is not a saved run.
-    """
-    xr = extra("xarray", "io")
-    extra("zarr", "sweep")
-    if not Path(path).is_dir():
-        raise SceneError(f"{path}: cannot be read: no such folder")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a damaged folder contains unexpected files, which the error reports
-            with xr.open_zarr(path, decode_times=False) as dataset:
-                return from_xarray(dataset, path, kind)
-    except SceneError:
-        raise
-    except Exception:  # any error of xarray, zarr or its codecs about damaged bytes; own checks are SceneErrors
-        raise SceneError(f"{path}: {NOT_A_RUN}") from None
+def _open_zarr(path: Path) -> tuple[Plain, dict[str, Any]]:
+    with extra("xarray", "io").open_zarr(path, decode_times=False) as dataset:
+        return _from_xarray(dataset)
 
 
-def read_netcdf(path: str | Path, kind: type[Kind]) -> Kind:
-    """The run of a netCDF file, as a `kind` of samples.
-
-    Raises:
-        SceneError: one line, if the file is missing or is not a saved run.
-    """
-    netcdf_packages()
-    refuse_pipe(Path(path), "run")
-    xr = extra("xarray", "io")
-    found = None
-    with _without_complaints():
-        try:
-            with open(path, "rb"):
-                pass
-            with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
-                found = from_xarray(_with_restart(dataset, path), path, kind)
-        except SceneError:
-            raise
-        except FileNotFoundError as error:
-            raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
-        except Exception:  # any error of xarray, h5netcdf or HDF5 about damaged bytes; own checks are SceneErrors
-            pass
-    if found is None:
-        raise SceneError(f"{path}: {NOT_A_RUN}")
-    return found
+def _open_netcdf(path: Path) -> tuple[Plain, dict[str, Any]]:
+    with extra("xarray", "io").open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+        return _from_xarray(_with_restart(dataset, path))
 
 
 def _with_restart(dataset: xarray.Dataset, path: str | Path) -> xarray.Dataset:
@@ -341,10 +312,13 @@ def _with_restart(dataset: xarray.Dataset, path: str | Path) -> xarray.Dataset:
 
 @contextmanager
 def _without_complaints() -> Iterator[None]:
-    """Suppress messages about objects that cannot be closed: h5netcdf's, of a file that it could not open."""
+    """Suppress messages about damaged bytes, which the error reports: of objects that cannot be closed (h5netcdf), and
+    of unexpected files (Zarr)."""
     before = sys.unraisablehook
     sys.unraisablehook = lambda _: None
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
     finally:
         sys.unraisablehook = before

@@ -11,14 +11,13 @@ bounds. Steps end at the saved times, which are evenly spaced.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import Model, State
-from dropper_jax.stepping.integrate import Progress, Trajectory, begin, step_failed
-from dropper_jax.stepping.step import step
+from dropper_jax.stepping.integrate import Progress, Trajectory, begin, checked_step, empty_rows, scan_steps
 from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
 
 
@@ -89,7 +88,7 @@ def advance_adaptively(
     `saves` rows the first are filled.
     """
 
-    def save(adaptive: Adaptive, _: None) -> tuple[Adaptive, tuple[Trajectory, Within]]:
+    def save(adaptive: Adaptive, _: jax.Array | None) -> tuple[Adaptive, tuple[Trajectory, Within]]:
         end = adaptive.progress.state.t + dt
         s = adaptive.progress.state
         nothing, none = jnp.zeros_like(s.tension), jnp.zeros((), jnp.int32)
@@ -126,17 +125,8 @@ def advance_adaptively(
         within = Within(done.mean, done.square, done.least, done.largest, done.steps)
         return done.adaptive._replace(progress=progress), (row, within)
 
-    if count is None:
-        return jax.lax.scan(save, adaptive, None, length=saves)
-    row = jax.eval_shape(save, adaptive, None)[1]
-    rows = jax.tree.map(lambda a: jnp.zeros((saves, *a.shape), a.dtype), row)
-
-    def fill(i: jax.Array, both: tuple[Adaptive, tuple[Trajectory, Within]]) -> tuple[Adaptive, tuple[Any, ...]]:
-        after, row = save(both[0], None)
-        put = lambda all_, one: jax.lax.dynamic_update_index_in_dim(all_, one, i, axis=0)  # noqa: E731
-        return after, jax.tree.map(put, both[1], row)
-
-    return jax.lax.fori_loop(0, count, fill, (adaptive, rows))
+    rows = empty_rows(jax.eval_shape(save, adaptive, None)[1], saves)
+    return scan_steps(save, adaptive, saves if count is None else count, rows)
 
 
 class _Tried(NamedTuple):
@@ -160,8 +150,7 @@ def _try(
     (state, _, first_bad), wanted, _ = adaptive
     left = end - state.t
     h = left / jnp.ceil(left / wanted - 1e-9)
-    s1, report = step(stepper, model, state, h, first_bad < 0)
-    bad = step_failed(stepper, model, s1, report.residual)
+    s1, report, bad = checked_step(stepper, model, state, h, first_bad < 0)
     rough = roughness(model, state, s1, h) / tolerance
     rough = jnp.where(bad | ~jnp.isfinite(rough), most, rough)
     # a failed run continues to its end with any roughness

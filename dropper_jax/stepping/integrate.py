@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,10 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.consistent import consistent
 from dropper_jax.model import Frozen, Model, Parted, State, as_parted, state
 from dropper_jax.stepping.step import step
-from dropper_jax.stepping.stepper import FULL_STEP, Stepper
+from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
+
+Carry = TypeVar("Carry")
+Rows = TypeVar("Rows")
 
 
 class Observed(NamedTuple):
@@ -127,6 +130,44 @@ def begin(stepper: Stepper, model: Model, s: State) -> Progress:
     return Progress(s, jnp.zeros((), jnp.int32), jnp.asarray(np.int32(-1)))
 
 
+def checked_step(
+    stepper: Stepper, model: Model, s: State, dt: jax.Array, solvable: jax.Array
+) -> tuple[State, Report, jax.Array]:
+    """One step of dt [s], its report and whether it failed; without retries if not `solvable` (the run is lost)."""
+    s, report = step(stepper, model, s, dt, solvable)
+    return s, report, step_failed(stepper, model, s, report.residual)
+
+
+def next_progress(
+    stepper: Stepper, model: Model, progress: Progress, dt: jax.Array
+) -> tuple[Progress, Report, jax.Array]:
+    """The progress after one step of dt [s], the report of the step and whether it failed."""
+    s, report, bad = checked_step(stepper, model, progress.state, dt, progress.first_bad < 0)
+    first_bad = jnp.where(bad & (progress.first_bad < 0), progress.done, progress.first_bad)
+    return Progress(s, progress.done + 1, first_bad), report, bad
+
+
+def scan_steps(
+    advance: Callable[[Carry, Any], tuple[Carry, Rows]], carry: Carry, count: jax.Array | int, rows: Rows
+) -> tuple[Carry, Rows]:
+    """Call `advance(carry, number)` `count` times; its results replace the first of the `rows` (capacity, ...).
+
+    `count` may be traced, which `scan` does not allow: one program serves runs of any length up to the capacity.
+    """
+
+    def fill(i: jax.Array, both: tuple[Carry, Rows]) -> tuple[Carry, Rows]:
+        carry, row = advance(both[0], i)
+        put = lambda all_, one: jax.lax.dynamic_update_index_in_dim(all_, one.astype(all_.dtype), i, axis=0)  # noqa: E731
+        return carry, jax.tree.map(put, both[1], row)
+
+    return jax.lax.fori_loop(0, count, fill, (carry, rows))
+
+
+def empty_rows(row: Rows, capacity: int) -> Rows:
+    """Rows (capacity, ...) of zeros like this one."""
+    return jax.tree.map(lambda a: jnp.zeros((capacity, *jnp.shape(a)), a.dtype), row)
+
+
 def advance(
     stepper: Stepper, model: Model, progress: Progress, dt: jax.Array, saves: int, save_every: int = 1
 ) -> tuple[Progress, Trajectory]:
@@ -155,14 +196,8 @@ def advance_some(
     """
     s, number = progress.state, jnp.zeros((), jnp.int32)
     row = Trajectory(s.r, s.v, s.tension, s.work, jnp.zeros((), model.dtype), number, number, number, s.parted, s.own)
-    rows = jax.tree.map(lambda a: jnp.zeros((capacity, *jnp.shape(a)), jnp.asarray(a).dtype), row)
-
-    def save(i: jax.Array, carry: tuple[Progress, Trajectory]) -> tuple[Progress, Trajectory]:
-        progress, row = _advance_and_save(stepper, model, carry[0], dt, save_every)
-        put = lambda all_, one: jax.lax.dynamic_update_index_in_dim(all_, one.astype(all_.dtype), i, axis=0)  # noqa: E731
-        return progress, jax.tree.map(put, carry[1], row)
-
-    return jax.lax.fori_loop(0, count, save, (progress, rows))
+    rows = empty_rows(row, capacity)
+    return scan_steps(lambda carry, _: _advance_and_save(stepper, model, carry, dt, save_every), progress, count, rows)
 
 
 def _advance_and_save(
@@ -171,10 +206,8 @@ def _advance_and_save(
     """Advance by `save_every` steps of dt [s], scalar or (save_every,), and save the result."""
 
     def one(carry: Progress, size: jax.Array | None) -> tuple[Progress, tuple[jax.Array, ...]]:
-        s, report = step(stepper, model, carry.state, dt if size is None else size, carry.first_bad < 0)
-        bad = step_failed(stepper, model, s, report.residual)
-        first_bad = jnp.where(bad & (carry.first_bad < 0), carry.done, carry.first_bad)
-        return Progress(s, carry.done + 1, first_bad), (report.residual, report.level > FULL_STEP, bad)
+        carry, report, bad = next_progress(stepper, model, carry, dt if size is None else size)
+        return carry, (report.residual, report.level > FULL_STEP, bad)
 
     sizes = dt if jnp.ndim(dt) else None
     if save_every == 1:

@@ -15,8 +15,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.controlled import advance_controlled, start_controlled
-from dropper_jax.stepping.integrate import Progress, begin, step_failed
-from dropper_jax.stepping.step import step
+from dropper_jax.stepping.integrate import begin, empty_rows, next_progress, scan_steps
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper, make_stepper
 
 #: Schemes with a weight gamma, and the default weights of a comparison.
@@ -171,29 +170,24 @@ def march(
 
     def one(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
         progress, first, worst, retried, path = carry
-        s, report = step(stepper, model, progress.state, dt, progress.first_bad < 0)
-        bad = step_failed(stepper, model, s, report.residual)
-        first_bad = jnp.where(bad & (progress.first_bad < 0), progress.done, progress.first_bad)
+        after, report, _ = next_progress(stepper, model, progress, dt)
         worst = jnp.maximum(worst, report.residual)
-        path = path + jnp.sum((s.r - progress.state.r) ** 2) / dt
-        first = jnp.where(i == 0, s.tension, first)
-        return Progress(s, progress.done + 1, first_bad), first, worst, retried + (report.level > FULL_STEP), path
+        path = path + jnp.sum((after.state.r - progress.state.r) ** 2) / dt
+        first = jnp.where(i == 0, after.state.tension, first)
+        return after, first, worst, retried + (report.level > FULL_STEP), path
 
     def row(carry: tuple[Any, ...]) -> Marched:
         progress, first, worst, retried, path = carry
         s = progress.state
         return Marched(s.r, s.v, jnp.stack([s.tension, first]), s.work, worst, progress.first_bad, retried, path)
 
-    def save(k: jax.Array, both: tuple[tuple[Any, ...], Marched]) -> tuple[tuple[Any, ...], Marched]:
-        carry, rows = both
+    def save(carry: tuple[Any, ...], _: jax.Array) -> tuple[tuple[Any, ...], Marched]:
         carry = jax.lax.fori_loop(0, every, one, carry)
-        put = lambda into, x: jax.lax.dynamic_update_index_in_dim(into, x, k, 0)  # noqa: E731
-        return carry, jax.tree.map(put, rows, row(carry))
+        return carry, row(carry)
 
     zero = jnp.zeros((), model.dtype)
     start = begin(stepper, model, s), jnp.zeros_like(s.tension), zero, jnp.zeros((), jnp.int32), zero
-    rows = jax.tree.map(lambda x: jnp.zeros((capacity, *x.shape), x.dtype), jax.eval_shape(row, start))
-    return jax.lax.fori_loop(0, saves, save, (start, rows))[1]
+    return scan_steps(save, start, saves, empty_rows(jax.eval_shape(row, start), capacity))[1]
 
 
 class MarchResult(NamedTuple):

@@ -13,7 +13,7 @@ from dropper_jax.report.tension import YEAR, damage
 from dropper_jax.scene import whole_lines
 from fitting.cases.flags import FINAL_SEEDS, characteristic, flags_of
 from fitting.cases.one import STATUS, Found
-from fitting.cases.run import Store
+from fitting.cases.run import CaseStore
 from fitting.site import Anchor, Case, Part, Site, Storm
 
 
@@ -21,7 +21,7 @@ class Runs:
     """The stored runs of a site, load case by load case; only one is in memory at a time."""
 
     def __init__(self, site: Site, folder: str | Path, dt: float) -> None:
-        self.site, self.store = site, Store(folder, site, dt)
+        self.site, self.store = site, CaseStore(folder, site, dt)
         self.lines = whole_lines(site.scene)
         self.held = [point.name for point in site.scene.points if not point.is_free]
 

@@ -9,18 +9,16 @@ import os
 import threading
 import time
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, BinaryIO
-
-import numpy as np
+from typing import Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import atomic_write
 from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.store import Store, StoreStopped, read_archive, write_archive
 from fitting.cases.one import Found, Runner
 from fitting.site import Case, Site, read_site
 from fitting.sweep.run import done_on
@@ -35,17 +33,17 @@ RUN_FORMAT = 2
 RUNS = "runs"
 
 
-class Store:
-    """The folder of a site's runs with one step.
+class CaseStore(Store[Case, Found]):
+    """The folder of a site's runs with one step: a file for each, whose name is the mark and the key of its inputs.
 
     Raises:
         SceneError: the folder cannot be made, or is a file.
     """
 
     def __init__(self, folder: str | Path, site: Site, dt: float) -> None:
-        self.folder, self.site = Path(folder) / RUNS, site
+        self.path, self.site = Path(folder) / RUNS, site
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise SceneError(f"--out: {str(folder)!r} cannot be made: {error.strerror or error}") from None
         run = site.run
@@ -60,7 +58,7 @@ class Store:
         }
         self._shared = hashlib.sha256(json.dumps(shared, sort_keys=True).encode()).hexdigest()
 
-    def path(self, case: Case) -> Path:
+    def file(self, case: Case) -> Path:
         """The file of a run."""
         storm = case.storm
         own = {
@@ -69,31 +67,23 @@ class Store:
             "broken": None if storm.broken is None else [storm.broken.line, storm.broken.link, self.site.break_time],
         }
         text = self._shared + json.dumps(own, sort_keys=True)
-        return self.folder / f"{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"
+        return self.path / f"{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"
 
-    def read(self, case: Case) -> Found | None:
-        """Arrays of a run; None if it is not stored."""
+    def has(self, key: Case) -> bool:
+        return zipfile.is_zipfile(self.file(key))
+
+    def read(self, key: Case) -> Found | None:
         try:
-            with self.path(case).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-                return dict(arrays)
-        except (OSError, ValueError, zipfile.BadZipFile, EOFError):  # a damaged file is computed again
+            return read_archive(self.file(key))[1]
+        except Exception:  # any error about damaged bytes: such a file is computed again
             return None
 
-    def has(self, case: Case) -> bool:
-        """Whether a run is stored, without reading its arrays."""
-        return zipfile.is_zipfile(self.path(case)) if self.path(case).exists() else False
-
-    def write(self, case: Case, found: Found) -> None:
-        """Keep a run."""
-        atomic_write(self.path(case), _writer(found))
+    def write(self, key: Case, found: Found) -> None:
+        write_archive(self.file(key), found)
 
 
-def _writer(found: Found) -> Callable[[BinaryIO], None]:
-    return lambda file: np.savez_compressed(file, **found)
-
-
-class CasesStopped(RuntimeError):
-    """Runs stopped early (full disk, dead worker); finished runs are complete, and the same call resumes."""
+#: The same error under the name of this subject.
+CasesStopped = StoreStopped
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +118,7 @@ def run_cases(
     """
     cases = list(site.cases if cases is None else cases)
     dt = site.prepared().run.dt if dt is None else dt
-    store, say = Store(folder, site, dt), progress or silent
+    store = CaseStore(folder, site, dt)
     todo = [case for case in cases if not store.has(case)]
     kept, started = len(cases) - len(todo), time.perf_counter()
     if scheduler is not None:
@@ -137,15 +127,11 @@ def run_cases(
         source = _local(site, todo, dt, min(workers, len(todo)))
     else:
         source = _here(site, todo, dt)
-    try:
-        for i, (case, found) in enumerate(source, start=1):
-            store.write(case, found)
-            left = (time.perf_counter() - started) / i * (len(todo) - i)
-            say((kept + i) / len(cases), f"{kept + i} of {len(cases)} runs, {left:.0f} s left")
-    except OSError as error:
-        raise CasesStopped(
-            f"{store.folder}: cannot be written: {error.strerror or error}; the same call resumes"
-        ) from None
+
+    def words(ran: int, seconds: float) -> str:
+        return f"{kept + ran} of {len(cases)} runs, {seconds / ran * (len(todo) - ran):.0f} s left"
+
+    store.fill(source, kept, len(cases), progress or silent, words)
     return Done(len(cases), kept, time.perf_counter() - started)
 
 

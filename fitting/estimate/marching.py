@@ -14,9 +14,7 @@ from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.model import Model, State
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.controlled import advance_controlled, start_controlled
-from dropper_jax.stepping.integrate import begin
-from dropper_jax.stepping.integrate import step_failed as unsolved
-from dropper_jax.stepping.step import step
+from dropper_jax.stepping.integrate import begin, checked_step, scan_steps
 from dropper_jax.stepping.stepper import Stepper, make_stepper
 from fitting.traces import planar
 
@@ -67,20 +65,17 @@ def march(
 
     def part(i: jax.Array, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
         s, bad = carry
-        s, report = step(stepper, model, s, dt / substeps, bad == 0)
-        return s, bad + jnp.where(i < counted, unsolved(stepper, model, s, report.residual), 0)
+        s, _, unsolved = checked_step(stepper, model, s, dt / substeps, bad == 0)
+        return s, bad + jnp.where(i < counted, unsolved, 0)
 
-    put = jax.lax.dynamic_update_index_in_dim
-
-    def full_interval(i: int, carry: tuple[tuple[State, jax.Array], jax.Array, jax.Array]) -> tuple[Any, ...]:
-        carry, r, v = carry
-        carry = jax.lax.fori_loop(0, substeps, lambda _, carry: part(i, carry), carry)
-        return carry, put(r, carry[0].r, i, 0), put(v, carry[0].v, i, 0)
+    def full_interval(carry: tuple[State, jax.Array], i: jax.Array) -> tuple[tuple[State, jax.Array], tuple[Any, ...]]:
+        s, bad = jax.lax.fori_loop(0, substeps, lambda _, carry: part(i, carry), carry)
+        return (s, bad), (s.r, s.v)
 
     first = begin(stepper, model, s).state, jnp.zeros((), jnp.int32)
     # steps that are not reached keep the first pose: a link of zero length would have no angle and no finite derivative
     shelf = lambda a: jnp.broadcast_to(a, (capacity, *a.shape))  # noqa: E731
-    (_, bad), r, v = jax.lax.fori_loop(0, steps, full_interval, (first, shelf(first[0].r), shelf(first[0].v)))
+    (_, bad), (r, v) = scan_steps(full_interval, first, steps, (shelf(first[0].r), shelf(first[0].v)))
     return *jax.vmap(partial(planar.from_nodes, model))(r, v), bad
 
 

@@ -7,9 +7,8 @@ value (a length, a sea state, a start angle) goes through the scene, on the host
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -241,30 +240,3 @@ def same(one: Model, other: Model) -> bool:
     """Whether two models have the same numbers."""
     a, b = jax.tree.leaves(one), jax.tree.leaves(other)
     return jax.tree.structure(one) == jax.tree.structure(other) and all(map(np.array_equal, a, b))
-
-
-def differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
-    """Paths at which two identities differ, with both values."""
-    one, other = dict(_flat(json.loads(json.dumps(here)))), dict(_flat(there))
-    return [
-        f"{path} = {_short(other.get(path))} there, {_short(one.get(path))} here"
-        for path in sorted({*one, *other})
-        if one.get(path) != other.get(path)
-    ]
-
-
-def _flat(value: Plain, path: str = "") -> Iterator[tuple[str, Plain]]:
-    """Leaves of plain tables by path; lists of plain values are leaves."""
-    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
-        value = dict(enumerate(value))
-    if not isinstance(value, dict):
-        yield path, value
-        return
-    for key, item in value.items():
-        yield from _flat(item, f"{path}.{key}" if path else str(key))
-
-
-def _short(value: Plain) -> str:
-    if not isinstance(value, list) or len(value) <= 3:
-        return "nothing" if value is None else f"{value}"
-    return f"[{value[0]}, {value[1]}, ... {value[-1]}] ({len(value)} values)"

@@ -7,6 +7,7 @@ import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +16,13 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import versions
 from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.store import StoreStopped
 from dropper_jax.lanes import Fallbacks
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import Plan, from_identity, make_plan
 from fitting.sweep.program import Program
-from fitting.sweep.store import IDENTITY, Store, input_names
+from fitting.sweep.store import IDENTITY, SweepStore, input_names
 
 if TYPE_CHECKING:
     import xarray
@@ -31,8 +33,8 @@ Found = dict[str, np.ndarray]
 Scheduler = Any
 
 
-class SweepStopped(RuntimeError):
-    """A sweep that had to stop (full disk); written chunks are complete, and the same call resumes."""
+#: The same error under the name of this subject.
+SweepStopped = StoreStopped
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,55 +101,41 @@ def sweep(
     """
     plan = make_plan(scene, vary, seeds, quantities, traces, chunk, listed, **settings)
     say = progress or silent
-    store = Store(out, plan, versions(), mix_versions)
+    store = SweepStore(out, plan, versions(), mix_versions)
     try:
         return _fill(store, scheduler, say)
     finally:
         store.close()
 
 
-def _fill(store: Store, scheduler: Scheduler | None, say: Progress) -> SweepResult:
+def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> SweepResult:
     """Run the missing chunks."""
-    plan, done = store.plan, store.chunks_done()
-    todo = [c for c in range(plan.chunks) if not done[c]]
-    before = sum(len(plan.cases_of(c)) for c in range(plan.chunks) if done[c])
-    started, first, ran = time.perf_counter(), None, 0
-    fallbacks = Fallbacks()
-    source = _local(plan, todo, fallbacks) if scheduler is None else _remote(plan, todo, scheduler, fallbacks)
-    for c, found in source if todo else ():
-        first = time.perf_counter() if first is None else first
-        if c is None:  # compiled
-            continue
-        _write(store, c, found, before + ran)
-        ran += len(plan.cases_of(c))
-        say((before + ran) / plan.cases, _speed(plan, ran, time.perf_counter() - first, plan.cases - before - ran))
-    end = time.perf_counter()
-    compile_s = 0.0 if first is None else first - started
-    run_s = 0.0 if first is None else end - first
+    plan, fallbacks = store.plan, Fallbacks()
+    todo = [c for c in range(plan.chunks) if not store.has(c)]
+    missing = sum(len(plan.cases_of(c)) for c in todo)
+    before, started, compile_s, run_s, ran = plan.cases - missing, time.perf_counter(), 0.0, 0.0, 0
+
+    def words(ran: int, seconds: float) -> str:
+        rate = ran / max(seconds, 1e-9)
+        left = (missing - ran) / max(rate, 1e-9)
+        return f"{rate * plan.scene.run.steps / 1e6:.2f} million steps/s, {left:.0f} s left"
+
+    if todo:
+        source = _local(plan, todo, fallbacks) if scheduler is None else _remote(plan, todo, scheduler, fallbacks)
+        first = next(source)
+        compile_s = time.perf_counter() - started
+        results = source if first[0] is None else chain([first], source)
+        ran = store.fill(results, before, plan.cases, say, words, lambda c: len(plan.cases_of(c)))
+        run_s = time.perf_counter() - started - compile_s
     rate = ran * plan.scene.run.steps / run_s if run_s > 0 else 0.0
     return SweepResult(
         store.path, plan.cases, before, store.counts(), plan.scene.run.steps, compile_s, run_s, rate, fallbacks, plan
     )
 
 
-def _speed(plan: Plan, ran: int, seconds: float, left: int) -> str:
-    rate = ran / max(seconds, 1e-9)
-    return f"{rate * plan.scene.run.steps / 1e6:.2f} million steps/s, {left / max(rate, 1e-9):.0f} s left"
-
-
-def _write(store: Store, chunk: int, found: Found, count: int) -> None:
-    try:
-        store.write(chunk, found)
-    except OSError as error:
-        reason = error.strerror or error
-        raise SweepStopped(
-            f"{store.path}: cannot be written: {reason}; {count} of {store.plan.cases} cases are kept, "
-            "the same call resumes"
-        ) from None
-
-
 def _local(plan: Plan, todo: list[int], fallbacks: Fallbacks) -> Iterator[tuple[int | None, Found]]:
-    """Results chunk by chunk; the next chunks run while these are written."""
+    """Results chunk by chunk, after a first item that marks the end of compilation; the next chunks run while these are
+    written."""
     program = _program(json.dumps(plan.identity()), None)
     groups = [todo[i : i + program.devices] for i in range(0, len(todo), program.devices)]
     program.compile(groups[0])

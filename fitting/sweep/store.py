@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import PART, Lock, part_prefix, remove, remove_leftovers, unwritable
+from dropper_jax.base.files import Lock, remove_leftovers, unfinished_folder, unwritable
+from dropper_jax.base.store import Store, differences
 from dropper_jax.run.storage import extra
-from fitting.sweep.plan import QUANTITIES, STATUS, Plan, describe_quantity, differences
+from fitting.sweep.plan import QUANTITIES, STATUS, Plan, describe_quantity
 
 if TYPE_CHECKING:
     import zarr
@@ -38,7 +39,7 @@ def input_names(paths: list[str]) -> list[str]:
     return [path if doubt else name for path, name, doubt in zip(paths, short, unclear, strict=True)]
 
 
-class Store:
+class SweepStore(Store[int, dict[str, np.ndarray]]):
     """The group of one plan: created if missing, resumed if it belongs to the same inputs.
 
     One process fills it and holds the lock until `close`.
@@ -55,20 +56,14 @@ class Store:
         self.path, self.plan = Path(path), plan
         zarr = extra("zarr", "sweep")
         self.lock = Lock(self.path)
-        part = self.path.with_name(f"{part_prefix(self.path)}new{PART}")
         try:
             remove_leftovers(self.path)
-            if self.path.exists():
-                self._check()
-                self._check_versions(versions, mix_versions)
-            else:
-                remove(part)
-                self._create(zarr.open_group(part, mode="w-"), versions)
-                part.rename(self.path)
-            self.group = zarr.open_group(self.path, mode="r+")
-            self._check_arrays()
+            if not self.path.exists():
+                with unfinished_folder(self.path) as folder:
+                    self._create(zarr.open_group(folder / "new", mode="w-"), versions)
+                    (folder / "new").rename(self.path)
+            self.group = self._checked(versions, mix_versions)
         except BaseException as error:
-            remove(part)
             self.lock.release()
             if isinstance(error, OSError):  # messages of Zarr do not name the file
                 raise unwritable(self.path, error) from None
@@ -78,9 +73,18 @@ class Store:
         """Release the lock."""
         self.lock.release()
 
-    def _check_versions(self, here: dict[str, str], mixed: bool) -> None:
-        """Reject a part made with other versions, or record them if mixing is allowed."""
-        group = extra("zarr", "sweep").open_group(self.path, mode="r+")
+    def _checked(self, here: dict[str, str], mixed: bool) -> zarr.Group:
+        """The group, if it is whole, belongs to the same inputs and was made with the same versions; others are
+        recorded if mixing is allowed."""
+        try:
+            group = extra("zarr", "sweep").open_group(self.path, mode="r+")
+            there = dict(json.loads(group.attrs[IDENTITY]))
+        except Exception:  # any error of Zarr on a folder that is not a group
+            raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
+        found = differences(self.plan.identity(), there)
+        if found:
+            more = f" and {len(found) - MOST_DIFFERENCES} more" if len(found) > MOST_DIFFERENCES else ""
+            raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
         there = group.attrs.get("versions", {})
         there = there if isinstance(there, dict) else {}
         other = [
@@ -94,31 +98,15 @@ class Store:
         if other:
             earlier = group.attrs.get("versions_mixed", [])
             group.attrs["versions_mixed"] = [*(earlier if isinstance(earlier, list) else []), here]
-
-    def _check_arrays(self) -> None:
-        """Reject a group whose arrays are not those of the plan."""
-        plan = self.plan
-        inner = {name: about[0] for name, about in self._variables().items()}
-        shapes = {name: (plan.cases, *own) for name, own in {**inner, "failed_at": (), "status": ()}.items()}
+        inner = {name: about[0] for name, about in self._variables().items()} | {"failed_at": (), "status": ()}
+        shapes = {name: (self.plan.cases, *own) for name, own in inner.items()}
         try:
-            found = {name: tuple(self.group[name].shape) for name in shapes}
+            whole = all(tuple(group[name].shape) == shape for name, shape in shapes.items())
         except Exception:  # any error of Zarr on damaged metadata
-            found = {}
-        if found != shapes:
+            whole = False
+        if not whole:
             raise SceneError(f"{self.path}: is damaged: its arrays are not those of the sweep. Use a new folder")
-
-    def _check(self) -> None:
-        zarr = extra("zarr", "sweep")
-        try:
-            there = json.loads(zarr.open_group(self.path, mode="r").attrs[IDENTITY])
-            if not isinstance(there, dict):
-                raise TypeError
-        except Exception:  # any error of Zarr on a folder that is not a group
-            raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
-        found = differences(self.plan.identity(), there)
-        if found:
-            more = f" and {len(found) - MOST_DIFFERENCES} more" if len(found) > MOST_DIFFERENCES else ""
-            raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
+        return group
 
     def _create(self, group: zarr.Group, versions: dict[str, str]) -> None:
         plan = self.plan
@@ -185,29 +173,23 @@ class Store:
         array.attrs.update({"units": unit, "long_name": meaning})
         return array
 
-    def chunks_done(self) -> list[bool]:
-        """Which chunks are complete."""
-        return [self._is_done(chunk) for chunk in range(self.plan.chunks)]
-
-    def _is_done(self, chunk: int) -> bool:
-        cases = self.plan.cases_of(chunk)
+    def has(self, key: int) -> bool:
         try:
-            return bool(np.all(self.group["status"][cases[0] : cases[-1] + 1] != PENDING))
+            return bool(np.all(self.group["status"][self._cases(key)] != PENDING))
         except Exception:  # interrupted while it was written
             return False
 
-    def write(self, chunk: int, found: dict[str, np.ndarray]) -> None:
-        """Append one chunk, its status last.
+    def read(self, key: int) -> dict[str, np.ndarray] | None:
+        names = (*self._variables(), "failed_at", "status")
+        return {name: self.group[name][self._cases(key)] for name in names} if self.has(key) else None
 
-        Raises:
-            OSError: with the folder's name, if the disk cannot be written.
-        """
-        cases = self.plan.cases_of(chunk)
-        try:
-            for name in sorted(found, key=lambda name: name == "status"):
-                self.group[name][cases[0] : cases[-1] + 1] = found[name]
-        except OSError as error:
-            raise unwritable(self.path, error) from None
+    def write(self, key: int, found: dict[str, np.ndarray]) -> None:
+        for name in sorted(found, key=lambda name: name == "status"):
+            self.group[name][self._cases(key)] = found[name]
+
+    def _cases(self, key: int) -> slice:
+        cases = self.plan.cases_of(key)
+        return slice(int(cases[0]), int(cases[-1]) + 1)
 
     def counts(self) -> dict[str, int]:
         """Cases by status."""

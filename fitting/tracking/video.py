@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import PART, part_prefix, remove, remove_leftovers
+from dropper_jax.base.files import remove_leftovers, unfinished_folder
 
 if TYPE_CHECKING:
     import cv2
@@ -116,9 +115,8 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> P
     code = cv2.VideoWriter_fourcc(*CODECS[path.suffix.lower()])
     writer = None
     remove_leftovers(path)
-    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=part_prefix(path), suffix=PART))
-    part = folder / f"film{path.suffix}"
-    try:
+    with unfinished_folder(path) as folder:
+        part = folder / f"film{path.suffix}"
         for frame in frames:
             if frame.ndim == 2:
                 frame = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
@@ -131,6 +129,4 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> P
             raise SceneError(f"{path.name}: there is no frame to write; allowed: at least one")
         writer.release()
         os.replace(part, path)
-    finally:
-        remove(folder)
     return path

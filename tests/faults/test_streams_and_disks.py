@@ -181,10 +181,11 @@ def test_a_run_kept_on_disk_has_the_numbers_of_one_in_memory(tmp_path, monkeypat
 
 @linux
 def test_rows_on_disk_are_joined_and_looked_at_without_standing_in_memory(tmp_path):
-    kept, part = OnDisk(tmp_path), np.arange(row_store.BLOCK_STATES * 300.0).reshape(row_store.BLOCK_STATES, 300)
+    kept = OnDisk(tmp_path, {}, {})
+    part = np.arange(row_store.BLOCK_STATES * 300.0).reshape(row_store.BLOCK_STATES, 300)
     for i in range(3):
-        kept.append([part + i])
-    (rest,) = kept.concatenate(kept.count)
+        kept.append(kept.count, ([part + i], {}))
+    (rest,) = kept.read(kept.count)
     whole = kept.join(part[0] - 1.0, rest)
     assert resident(tmp_path) < 0.5 * part.nbytes  # of six times as much
     some = row_store.take_every(whole, 7)
@@ -201,31 +202,57 @@ def resident(folder):
 
 def test_a_killed_run_is_kept_up_to_its_last_whole_piece(tmp_path, monkeypatch):
     """The process ends between two pieces, half of the third written; the next start saves what was whole."""
-    monkeypatch.setattr(chunks, "SECONDS", 0.0)
     out = tmp_path / "run.npz"
-    machine = files.part_prefix(out).split(".")[3].rsplit("-", 2)[0]
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    folder = tmp_path / f".run.npz.{machine}-{dead.pid}-x.part"
-    folder.mkdir()
-    append = OnDisk.append
-
-    def ended(self, piece):
-        if self.count == 20:
-            with (folder / "rows.0").open("ab") as file:
-                file.write(b"half")
-            raise SystemError
-        append(self, piece)
-
-    monkeypatch.setattr(OnDisk, "append", ended)
-    with pytest.raises(SystemError):
-        dj.simulate("conical-pendulum", dt=0.01, duration=2.0, scratch=folder)
+    killed_at(20, out, monkeypatch, lambda folder: dj.simulate("conical-pendulum", **SHORT, scratch=folder))
     told = recover(out)
     assert told == [f"{out}: from a run that was killed; the part after t = 0.2 s is lost"]
-    found, whole = load_run(out), dj.simulate("conical-pendulum", dt=0.01, duration=2.0)
+    found, whole = load_run(out), dj.simulate("conical-pendulum", **SHORT)
     assert found.status == "interrupted"
     np.testing.assert_array_equal(found.positions, whole.positions[:21])
     assert [item.name for item in tmp_path.iterdir()] == ["run.npz"]
+
+
+SHORT = {"dt": 0.01, "duration": 2.0}
+
+
+def killed_at(count, out, monkeypatch, simulate):
+    """The folder of a run whose process ended after so many states, half of the next piece written."""
+    machine = files.part_prefix(out).split(".")[3].rsplit("-", 2)[0]
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    folder = out.parent / f".{out.name}.{machine}-{dead.pid}-x.part"
+    folder.mkdir()
+    append = OnDisk.append
+
+    def ended(self, key, found):
+        if self.count == count:
+            with (folder / "rows.0").open("ab") as file:
+                file.write(b"half")
+            raise SystemError
+        append(self, key, found)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(chunks, "SECONDS", 0.0)
+        patched.setattr(OnDisk, "append", ended)
+        with pytest.raises(SystemError):
+            simulate(folder)
+
+
+@pytest.mark.parametrize("settings", [{}, {"integrator": "tsit5"}], ids=["equal steps", "error-controlled steps"])
+def test_a_killed_run_continues_to_the_bit_also_one_that_continued_another(tmp_path, monkeypatch, settings):
+    whole = dj.simulate("conical-pendulum-damped", dt=0.01, duration=0.6, **settings)
+    first = dj.simulate("conical-pendulum-damped", dt=0.01, duration=0.2, **settings)
+    out = tmp_path / "run.npz"
+    killed_at(15, out, monkeypatch, lambda folder: first.continued(0.4, scratch=folder))
+    assert len(recover(out)) == 1
+    part = load_run(out)
+    assert part.status == "interrupted"
+    rest = part.continued()
+    for name in ("t", "positions", "velocities", "tension", "work"):
+        joined = [getattr(first, name), getattr(part, name)[1:], getattr(rest, name)[1:]]
+        np.testing.assert_array_equal(np.concatenate(joined), getattr(whole, name), err_msg=name)
+    for name, values in whole.last.items():
+        np.testing.assert_array_equal(rest.last[name], values, err_msg=name)
 
 
 def test_sigterm_keeps_what_is_done_as_an_interruption_does(tmp_path):
@@ -234,7 +261,7 @@ def test_sigterm_keeps_what_is_done_as_an_interruption_does(tmp_path):
     call = [*RUN, "--duration", "20000", "--out", str(out), "--json"]
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment) as run:
         for _ in range(600):
-            if any(row_store.count_rows(folder) for folder in tmp_path.iterdir()):
+            if any(row_store.read_mark(folder)[0] for folder in tmp_path.iterdir()):
                 break
             time.sleep(0.1)
         run.send_signal(signal.SIGTERM)

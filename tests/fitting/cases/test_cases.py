@@ -8,7 +8,9 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +26,7 @@ from fitting.cases import assess, run_cases, write_page
 from fitting.cases.flags import characteristic
 from fitting.cases.one import Runner
 from fitting.cases.page import page
-from fitting.cases.run import Store
+from fitting.cases.run import CaseStore as Store
 from fitting.cases.steps import step_errors
 from fitting.site import Case, read_site
 from fitting.site.sections import RunValues
@@ -189,10 +191,18 @@ def test_runs_killed_at_any_moment_go_on_with_the_same_bits(site, folder, tmp_pa
 
 def test_a_file_cut_off_while_it_was_written_counts_as_not_there(site, folder, tmp_path):
     store = Store(tmp_path, site, DT)
-    whole = Store(folder, site, DT).path(site.cases[0]).read_bytes()
-    store.path(site.cases[0]).write_bytes(whole[: len(whole) // 2])
+    whole = Store(folder, site, DT).file(site.cases[0]).read_bytes()
+    store.file(site.cases[0]).write_bytes(whole[: len(whole) // 2])
     assert not store.has(site.cases[0])
     assert store.read(site.cases[0]) is None
+
+
+def test_a_run_that_an_earlier_version_stored_is_found_under_the_same_name(site, tmp_path):
+    with zipfile.ZipFile(Path(__file__).parents[2] / "run" / "saved-files.zip") as archive:
+        archive.extractall(tmp_path)
+    store = Store(tmp_path / "cases", site, DT)
+    assert [store.has(case) for case in site.cases].index(True) == 0
+    np.testing.assert_array_equal(store.read(site.cases[0])["largest"], np.arange(4.0))
 
 
 def test_utilisation_is_factor_times_the_mean_of_the_seeds_maxima_over_capacity(site, folder, found):

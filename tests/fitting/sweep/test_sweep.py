@@ -21,7 +21,7 @@ zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
 
 from fitting.sweep import SweepStopped, open_sweep, sweep  # noqa: E402
-from fitting.sweep.store import Store  # noqa: E402
+from fitting.sweep.store import SweepStore as Store  # noqa: E402
 
 SCENE = {
     "name": "swept",
@@ -127,8 +127,8 @@ def test_resumed_after_a_cut_is_the_uninterrupted_sweep_to_the_bit(whole, tmp_pa
 def test_killed_process_resumes_without_redoing_or_losing_a_case(whole, tmp_path):
     path = tmp_path / "killed.zarr"
     code = (
-        "from fitting.sweep import sweep; import time, fitting.sweep.store as s; w = s.Store.write\n"
-        "s.Store.write = lambda *a: (w(*a), time.sleep(0.3))\n"
+        "from fitting.sweep import sweep; import time, fitting.sweep.store as s; w = s.SweepStore.write\n"
+        "s.SweepStore.write = lambda *a: (w(*a), time.sleep(0.3))\n"
         f"sweep({SCENE!r}, {VARY!r}, {str(path)!r}, chunk=4, traces=True, extra=0, halvings=0)"
     )
     child = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)

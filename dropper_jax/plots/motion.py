@@ -87,6 +87,8 @@ def _surface(run: Run, path: np.ndarray, name: str) -> Panel | None:
 
 #: Height of the axis of a spectrum [decades], and the fraction of the power that its frequency axis shows.
 DECADES, SHOWN = 4, 0.999
+#: Weights of the average of a power over frequencies.
+BAND = np.full(9, 1 / 9)
 
 
 @style.with_style
@@ -163,8 +165,10 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
 
 
 def _system_spectra(run: Run, path: str | Path) -> Path:
-    """Spectra of the tensions at the ends of lines, of the motion and of the surface, a panel each."""
-    shown = [_spectra(panel) for panel in (ends_panel(run), *motion_panels(run))]
+    """Spectra of the tensions at the ends of lines, of the motion and of the surface, a panel each; in waves also the
+    vertical motion over the surface."""
+    spectra = [_spectra(panel) for panel in (ends_panel(run), *motion_panels(run))]
+    shown = [*spectra, *_heave_ratio(spectra)]
     figure = style.new_figure(8.5, 1.2 + 1.75 * len(shown))
     all_axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     for axes, panel in zip(all_axes, shown, strict=True):
@@ -173,7 +177,7 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
         axes.set_title(panel.title, loc="left", fontsize=9)
         if any(curve.name for curve in panel.curves):
             legend(axes)
-    firsts = [panel.curves[0] for panel in shown]
+    firsts = [panel.curves[0] for panel in spectra]
     last = np.median([_last_frequency(curve.t, curve.values[None, :, None]) for curve in firsts])
     all_axes[-1].set(xlabel="frequency [Hz]", xlim=(0.0, last))
     figure.align_ylabels()
@@ -191,6 +195,24 @@ def _spectra(panel: Panel) -> Panel:
             pair = spectrum.amplitude_spectrum(curve.t[:count], curve.values[:count])
         curves.append(Curve(curve.name, *pair, colour=curve.colour))
     return Panel(panel.label.replace(" from its start", ""), curves, panel.title)
+
+
+def _heave_ratio(spectra: list[Panel]) -> list[Panel]:
+    """Amplitude of the vertical motion over that of the surface where the waves are; empty without waves.
+
+    Powers are averaged over nine frequencies first: the ratio of single ones scatters in irregular waves.
+    """
+    surface, heave = spectra[-1], next((panel for panel in spectra if panel.label == "z [m]"), None)
+    if surface.label != "surface [m]" or heave is None or len(surface.curves[0].values) < 2 * len(BAND):
+        return []
+    power = [np.convolve(curve.values**2, BAND, "same") for curve in (surface.curves[0], *heave.curves)]
+    # the average leaves the band of the waves within a tenth of the maximum amplitude
+    waves = power[0] >= 0.01 * power[0].max()
+    curves = [
+        Curve(curve.name, curve.t[waves], np.sqrt(own[waves] / power[0][waves]), colour=curve.colour)
+        for curve, own in zip(heave.curves, power[1:], strict=True)
+    ]
+    return [Panel("ratio [m/m]", curves, "vertical motion over surface elevation, at the frequencies of the waves")]
 
 
 def _directions(run: Run) -> dict[str, np.ndarray]:

@@ -182,6 +182,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> d
         "bodies": body_data(run.bodies, kept),
         "bed": _bed_grid(run),
         "water": None if sea is None else _water(sea, run, part.surface),
+        "flows": [] if sea is None else _flows(solution, sea),
     }
 
 
@@ -238,6 +239,28 @@ def _middle(nodes: slice | np.ndarray) -> int:
     """The node in the middle of a line."""
     indices = np.arange(nodes.start, nodes.stop) if isinstance(nodes, slice) else nodes
     return int(indices[len(indices) // 2])
+
+
+def _flows(solution: Solution, sea: Sea) -> list[dict[str, Any]]:
+    """Waves and current for their arrows: the direction of travel [rad] at the surface, and a text with their size."""
+    spec, found = solution.scene.sea, []
+    if spec.waves is not None:
+        waves = spec.waves
+        if waves.kind == "spectrum":
+            text = f"waves, Hs {waves.hs:.3g} m, Tp {waves.tp:.3g} s"
+        elif waves.kind == "regular":
+            text = "waves" + (f", H {2 * waves.size:.3g} m" if waves.size is not None else "")
+            text += f", T {waves.period:.3g} s" if waves.period is not None else ""
+        else:
+            text = "waves"
+        course = np.exp(1j * np.asarray(waves.direction, float)).mean()
+        found.append({"text": text, "direction": float(np.angle(course)), "colour": "#0072b2"})
+    if sea.current is not None:
+        u, v, _ = np.asarray(sea.current.velocity(jnp.zeros(1), jnp.asarray(solution.t[0]), sea.depth))[0]
+        if u or v:
+            text = f"current {np.hypot(u, v):.2g} m/s at the surface"
+            found.append({"text": text, "direction": float(np.arctan2(v, u)), "colour": "#009e73"})
+    return found
 
 
 def _pack(values: np.ndarray) -> str:

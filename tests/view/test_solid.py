@@ -89,7 +89,8 @@ def test_a_click_on_a_rope_shows_its_tension_and_a_trail(page, tmp_path, options
         range: byId("part-range").textContent, node: picked.node,
         blue: count(byId("trace"), (r, g, b) => r < 40 && g > 90 && b > 150),
         vivid: count(canvas, (r, g, b) => Math.max(r, g, b) - Math.min(r, g, b) > 90),
-        kept: (() => { let kept; window.save = (name, blob) => { kept = [name, blob.type, blob.size]; }; save_curve(); return kept; })(),
+        kept: (() => { let kept; window.save = (name, blob) => { kept = [name, blob.type, blob.size]; };
+          save_curve(); return kept; })(),
         long: [force(12345), force(57.54), plain(0.00123), clock(3.5)] };
     })()"""
     seen = seen_in_browser(page, probe, tmp_path, options)

@@ -202,7 +202,7 @@ from dropper_jax.base.toml_text import as_toml  # noqa: E402
 calibrated = fitted_scene(result.scene, result.model, result.parameters, result.values)
 Path("fitted.toml").write_text(as_toml(calibrated.as_written()))
 run = dj.simulate("fitted.toml", duration=2.0)
-print(run.status, f"maximum tension {run.tension.max():.2f} N")
+print(run.status, f"largest tension {run.tension.max():.2f} N")
 print(
     "\n".join(
         line for line in Path("fitted.toml").read_text().splitlines() if "length" in line or line.startswith("b_")

@@ -30,8 +30,6 @@ from dropper_jax.plots.run import Run
 LONGEST = 4.2
 #: Number of points on a cut through the surface.
 SURFACE_POINTS = 80
-#: Length of the traced node's path in frames.
-TRAIL = 10
 
 SUFFIXES = (".gif", ".mp4")
 
@@ -146,7 +144,9 @@ def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndar
 
 
 class _Stage:
-    """A drawn background and the moving parts, which alone are redrawn for each frame."""
+    """A drawn background and the moving parts, which alone are redrawn for each frame; `trail` frames of a path."""
+
+    trail = 10
 
     def __init__(self, run: Run, frames: np.ndarray, speed: float) -> None:
         self.t, self.run = run.t, run
@@ -193,8 +193,9 @@ class _Stage:
         # the first buoy of a system is more informative than the middle of its list of nodes
         self.traced = run.buoys[0].node if run.buoys else run.positions.shape[1] // 2
         names = {node: name for name, node in run.point_names.items()}
-        trail = f"thin line: path of {names.get(self.traced, f'node {self.traced}')}, last {TRAIL} frames"
-        self.figure.text(0.02, 0.012, trail, color=style.FAINT, fontsize=7)
+        what = names.get(self.traced, f"node {self.traced}")
+        note = f"thin line: path of {what}, last {self.trail} frames"
+        self.figure.text(0.02, 0.012, note, color=style.FAINT, fontsize=7)
 
     def _surroundings(self, positions: np.ndarray, limits: np.ndarray, frames: np.ndarray, flat: bool) -> None:
         """Surface and buoys of a system at the frames, in screen coordinates; empty for a single line."""
@@ -221,7 +222,7 @@ class _Stage:
         """One frame (height, width, 3) of bytes."""
         nodes = self.screen[frame]
         self.canvas.restore_region(self.background)
-        middle = self.screen[max(0, frame - TRAIL * self.step) : frame + 1, self.traced]
+        middle = self.screen[max(0, frame - self.trail * self.step) : frame + 1, self.traced]
         self.trace.set_data(*middle.T)
         self.links.set_segments(self.run.segments(nodes))
         self.links.set_array(self.tension[frame])

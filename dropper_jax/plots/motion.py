@@ -87,8 +87,6 @@ def _surface(run: Run, path: np.ndarray, name: str) -> Panel | None:
 
 #: Height of the axis of a spectrum [decades], and the fraction of the power that its frequency axis shows.
 DECADES, SHOWN = 4, 0.999
-#: Weights of the average of a power over frequencies.
-BAND = np.full(9, 1 / 9)
 
 
 @style.with_style
@@ -202,15 +200,15 @@ def _heave_ratio(spectra: list[Panel]) -> list[Panel]:
 
     Powers are averaged over nine frequencies first: the ratio of single ones scatters in irregular waves.
     """
-    surface, heave = spectra[-1], next((panel for panel in spectra if panel.label == "z [m]"), None)
-    if surface.label != "surface [m]" or heave is None or len(surface.curves[0].values) < 2 * len(BAND):
+    by_label, band = {panel.label: panel.curves for panel in spectra}, np.full(9, 1 / 9)
+    if not {"surface [m]", "z [m]"} <= by_label.keys() or len(by_label["z [m]"][0].values) < 2 * len(band):
         return []
-    power = [np.convolve(curve.values**2, BAND, "same") for curve in (surface.curves[0], *heave.curves)]
+    power = [np.convolve(curve.values**2, band, "same") for curve in by_label["surface [m]"] + by_label["z [m]"]]
     # the average leaves the band of the waves within a tenth of the maximum amplitude
     waves = power[0] >= 0.01 * power[0].max()
     curves = [
         Curve(curve.name, curve.t[waves], np.sqrt(own[waves] / power[0][waves]), colour=curve.colour)
-        for curve, own in zip(heave.curves, power[1:], strict=True)
+        for curve, own in zip(by_label["z [m]"], power[1:], strict=True)
     ]
     return [Panel("ratio [m/m]", curves, "vertical motion over surface elevation, at the frequencies of the waves")]
 

@@ -243,18 +243,15 @@ def _middle(nodes: slice | np.ndarray) -> int:
 
 def _flows(solution: Solution, sea: Sea) -> list[dict[str, Any]]:
     """Waves and current for their arrows: the direction of travel [rad] at the surface, and a text with their size."""
-    spec, found = solution.scene.sea, []
-    if spec.waves is not None:
-        waves = spec.waves
-        if waves.kind == "spectrum":
-            text = f"waves, Hs {waves.hs:.3g} m, Tp {waves.tp:.3g} s"
-        elif waves.kind == "regular":
-            text = "waves" + (f", H {2 * waves.size:.3g} m" if waves.size is not None else "")
-            text += f", T {waves.period:.3g} s" if waves.period is not None else ""
-        else:
-            text = "waves"
-        course = np.exp(1j * np.asarray(waves.direction, float)).mean()
-        found.append({"text": text, "direction": float(np.angle(course)), "colour": "#0072b2"})
+    waves, found = solution.scene.sea.waves, []
+    if waves is not None:
+        many = np.ndim(waves.amplitude) > 0
+        hs = 4.0 * np.sqrt(0.5 * np.sum(np.square(waves.amplitude))) if many else waves.hs
+        given = {"Hs": hs, "Tp": waves.tp, "H": waves.height, "amplitude": waves.amplitude, "T": waves.period}
+        unit = {"Tp": "s", "T": "s"}
+        sizes = [f"{name} {x:.3g} {unit.get(name, 'm')}" for name, x in given.items() if np.ndim(x) == 0 and x]
+        course = np.angle(np.exp(1j * np.asarray(waves.direction, float)).mean())
+        found.append({"text": ", ".join(["waves", *sizes]), "direction": float(course), "colour": "#0072b2"})
     if sea.current is not None:
         u, v, _ = np.asarray(sea.current.velocity(jnp.zeros(1), jnp.asarray(solution.t[0]), sea.depth))[0]
         if u or v:

@@ -108,7 +108,9 @@ def test_surface_of_the_page_is_the_regular_wave(wet):
 
 
 def test_arrows_of_waves_and_current_have_their_direction_and_size(wet):
-    assert data(view_page(wet))["flows"] == [{"text": "waves, H 2 m, T 6 s", "direction": 0.0, "colour": "#0072b2"}]
+    assert data(view_page(wet))["flows"] == [
+        {"text": "waves, amplitude 1 m, T 6 s", "direction": 0.0, "colour": "#0072b2"}
+    ]
 
 
 def test_a_name_cannot_break_out_of_the_page(wet):

@@ -71,7 +71,7 @@ def damping_sweep(work: Path) -> None:
             axes.grid(False)
             bar = figure.colorbar(mesh, ax=axes)
             bar.add_lines(lines)
-            bar.set_ticks(lines.levels)
+            bar.set_ticks(lines.levels[1:-1])
         style.save(figure, HERE / "damping-sweep.png")
 
 

@@ -204,8 +204,8 @@ def _heave_ratio(spectra: list[Panel]) -> list[Panel]:
     if not {"surface [m]", "z [m]"} <= by_label.keys() or len(by_label["z [m]"][0].values) < 2 * len(band):
         return []
     power = [np.convolve(curve.values**2, band, "same") for curve in by_label["surface [m]"] + by_label["z [m]"]]
-    # the average leaves the band of the waves within a tenth of the maximum amplitude
-    waves = power[0] >= 0.01 * power[0].max()
+    surface = by_label["surface [m]"][0].values
+    waves = surface >= 0.1 * surface.max()
     curves = [
         Curve(curve.name, curve.t[waves], np.sqrt(own[waves] / power[0][waves]), colour=curve.colour)
         for curve, own in zip(by_label["z [m]"], power[1:], strict=True)

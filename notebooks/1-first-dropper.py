@@ -79,7 +79,7 @@ print(f"status            {solution.status}")
 print(f"failed steps      {solution.failed_steps}, retried {solution.retried_steps}")
 print(f"energy balance    drifts by {solution.energy_drift:.0e} J of {solution.energy_scale:.2f} J")
 weight = 9.81 * scene.lines[0].mass.sum()
-print(f"largest tension   {solution.tension.max():.2f} N; the whole dropper weighs {weight:.2f} N")
+print(f"maximum tension   {solution.tension.max():.2f} N; the whole dropper weighs {weight:.2f} N")
 
 # %%
 fig, axes = plt.subplots(2, 5, figsize=(9.5, 4.0), sharex=True, sharey=True, layout="constrained")

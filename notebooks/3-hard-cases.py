@@ -105,7 +105,7 @@ print(f"it can stand anywhere within {TAU / (MASS * 9.81 * LENGTH):.4f} rad")
 
 # %%
 lab = dj.load_scene("dropper-release-a")
-head = ("step [s]", "status", "retried", "of steps", "largest residual", "energy drift [J]")
+head = ("step [s]", "status", "retried", "of steps", "maximum residual", "energy drift [J]")
 widths = (9, 15, 8, 9, 17, 17)
 print(" ".join(f"{text:>{width}s}" for text, width in zip(head, widths, strict=True)))
 for dt in (0.005, 0.01, 0.02, 0.04, 0.06, 0.08):

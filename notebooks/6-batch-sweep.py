@@ -47,11 +47,14 @@ for name, values in found.data_vars.items():
 
 # %%
 fig, axes = plt.subplots(1, 2, figsize=(9.5, 3.8), layout="constrained")
-pictured = {"excursion": "largest excursion of a node [m]", "energy_final": "energy at the end [J]"}
+pictured = {"excursion": "maximum excursion of a node [m]", "energy_final": "energy at the end, above the minimum [J]"}
 for ax, (name, label) in zip(axes, pictured.items(), strict=True):
     level = np.asarray(found[name])
+    if name == "energy_final":
+        level = level - level.min()  # the zero of the potential energy is arbitrary
     mesh = ax.pcolormesh(b_l, b_q, level.T, cmap=style.tension_map(), shading="gouraud")
-    ax.set(xscale="log", xlabel="b_l [kg/s]", ylabel="b_q [kg/m]", title=label)
+    ax.set(xscale="log", title=label)
+    ax.set(xlabel="linear damping b_l [kg/s]", ylabel="quadratic damping b_q [kg/m]")
     ax.grid(False)
     fig.colorbar(mesh, ax=ax)
 plt.show()
@@ -93,7 +96,7 @@ print({str(name): size for name, size in sea.sizes.items()})
 
 # %%
 fig, axes = plt.subplots(1, 2, figsize=(9.5, 3.8), layout="constrained")
-pictured = {"tension_max": "largest tension [N]", "excursion": "largest excursion of a node [m]"}
+pictured = {"tension_max": "maximum tension [N]", "excursion": "maximum excursion of a node [m]"}
 for ax, (name, label) in zip(axes, pictured.items(), strict=True):
     values = np.asarray(sea[name]).reshape(len(heights), len(drag), -1)
     for k, cd in enumerate(drag):

@@ -52,8 +52,10 @@ def execute(script: Path, fast: bool) -> Any:
             cell.source = text or "pass  # left out of short runs"
         settings["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # not worth an optimised program
     with tempfile.TemporaryDirectory() as folder:
+        where = {"metadata": {"path": folder}}
+        # one output for all prints of a cell, however slowly they come
         client = nbclient.NotebookClient(
-            notebook, timeout=TIMEOUT, kernel_name="python3", resources={"metadata": {"path": folder}}
+            notebook, timeout=TIMEOUT, kernel_name="python3", resources=where, coalesce_streams=True
         )
         client.execute(env=settings)
     return tidy(notebook)

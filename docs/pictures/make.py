@@ -1,4 +1,4 @@
-"""Make the pictures of the documentation: python docs/pictures/make.py"""
+"""Make the pictures of the documentation: python docs/pictures/make.py [storm damping_sweep ...]"""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def contact_sheet(work: Path) -> None:
 
 
 def damping_sweep(work: Path) -> None:
-    """Largest tension and remaining energy of the lab dropper over both damping coefficients."""
+    """Maximum tension and remaining energy of the lab dropper over both damping coefficients."""
     scene = dj.load_scene("dropper-release-a").with_values({"run.duration": 5.0, "run.integrator": "rattle"})
     values = {"b_l": np.geomspace(0.0005, 0.02, 24), "b_q": np.linspace(0.0, 0.01, 16)}
     sweep(scene, values, work / "damping.zarr", quantities=["tension_max", "energy_final"])
@@ -58,7 +58,7 @@ def damping_sweep(work: Path) -> None:
         for axes, name, label in zip(
             figure.subplots(1, 2),
             ("tension_max", "energy_final"),
-            ("largest tension [N]", "energy at 5 s above rest [J]"),
+            ("maximum tension [N]", "energy at 5 s above rest [J]"),
             strict=True,
         ):
             level = np.asarray(found[name])
@@ -66,10 +66,12 @@ def damping_sweep(work: Path) -> None:
                 level = level - resting_energy(scene)
             mesh = axes.pcolormesh(values["b_l"], values["b_q"], level.T, cmap=style.tension_map(), shading="gouraud")
             lines = axes.contour(values["b_l"], values["b_q"], level.T, 6, colors="white", linewidths=0.8)
-            axes.clabel(lines, fontsize=8)
-            axes.set(xscale="log", xlabel="b_l [kg/s]", ylabel="b_q [kg/m]", title=label)
+            axes.set(xscale="log", title=label)
+            axes.set(xlabel="linear damping b_l [kg/s]", ylabel="quadratic damping b_q [kg/m]")
             axes.grid(False)
-            figure.colorbar(mesh, ax=axes)
+            bar = figure.colorbar(mesh, ax=axes)
+            bar.add_lines(lines)
+            bar.set_ticks(lines.levels[1:-1])
         style.save(figure, HERE / "damping-sweep.png")
 
 
@@ -84,7 +86,7 @@ def storm(work: Path) -> None:
     page = view_page(solution)
     peak = float(solution.t[np.argmax(solution.tension.max(axis=1))])
     look = f"""<script>state.now = {peak};
-      Object.assign(eye, {{ zoom: 2.35, rise: 0.15, turn: -0.5, shift: [20, 45] }});
+      Object.assign(eye, {{ zoom: 2.8, rise: 0.15, turn: -0.5, shift: [20, 70] }});
       byId("names").checked = false; for (const id of ["about", "how"]) byId(id).hidden = true;
       document.querySelector("footer").hidden = true; document.querySelector("footer").style.display = "none";
       byId("name").textContent = "edulis-longline, t = {peak:.1f} s"; draw();</script></body>"""
@@ -165,8 +167,6 @@ def resting_energy(scene: dj.Scene) -> float:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
-        contact_sheet(Path(folder))
-        damping_sweep(Path(folder))
-        storm(Path(folder))
-        source_figures(Path(folder))
-        sweep_against_fit(Path(folder))
+        for make in (contact_sheet, damping_sweep, storm, source_figures, sweep_against_fit):
+            if not sys.argv[1:] or make.__name__ in sys.argv[1:]:
+                make(Path(folder))

@@ -277,7 +277,7 @@ def _known_name(path: str, known: Mapping[str, Any]) -> str:
 
 def _transform_point(point: Mapping[str, Any], origin: list[float], heading: float, path: str) -> list[float]:
     where = f"{path}, point {point['name']}"
-    x, y, z = (read_number(v, where, {}) for v in read_list(point.get("position"), where, 3, "3 numbers"))
+    x, y, z = (read_number(v, where, {"unit": "m"}) for v in read_list(point.get("position"), where, 3, "3 numbers"))
     cos, sin = math.cos(heading), math.sin(heading)
     return [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y, origin[2] + z]
 

@@ -138,7 +138,9 @@ def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndar
 
 
 class _Stage:
-    """A drawn background and the moving parts, which alone are redrawn for each frame."""
+    """A drawn background and the moving parts, which alone are redrawn for each frame; `trail` frames of a path."""
+
+    trail = 10
 
     def __init__(self, run: Run, frames: np.ndarray, speed: float) -> None:
         self.t, self.run = run.t, run
@@ -182,6 +184,12 @@ class _Stage:
             artist.set(**options)
         self.figure.text(0.02, 0.955, style.heading(run, speed), fontsize=10, fontweight="bold")
         self.figure.text(0.98, 0.012, text, color=colour, fontsize=7, ha="right")
+        # the first buoy of a system is more informative than the middle of its list of nodes
+        self.traced = run.buoys[0].node if run.buoys else run.positions.shape[1] // 2
+        names = {node: name for name, node in run.point_names.items()}
+        what = names.get(self.traced, f"node {self.traced}")
+        note = f"thin line: path of {what}, last {self.trail} frames"
+        self.figure.text(0.02, 0.012, note, color=style.FAINT, fontsize=7)
 
     def _surroundings(self, positions: np.ndarray, limits: np.ndarray, frames: np.ndarray, flat: bool) -> None:
         """Surface and buoys of a system at the frames, in screen coordinates; empty for a single line."""
@@ -196,8 +204,6 @@ class _Stage:
             see = partial(self._project, flat=flat)
             for frame in frames:
                 self.floats[frame] = [*self.floats.get(frame, []), *run.bodies.outlines(frame, see)]
-        # the first buoy of a system is more informative than the middle of its list of nodes
-        self.traced = run.buoys[0].node if run.buoys else self.screen.shape[1] // 2
 
     def _project(self, positions: np.ndarray, flat: bool) -> np.ndarray:
         """Project positions (..., 3) to the plane of the axes, (..., 2)."""
@@ -210,8 +216,7 @@ class _Stage:
         """One frame (height, width, 3) of bytes."""
         nodes = self.screen[frame]
         self.canvas.restore_region(self.background)
-        # length of the trace of the middle node in frames
-        middle = self.screen[max(0, frame - 10 * self.step) : frame + 1, self.traced]
+        middle = self.screen[max(0, frame - self.trail * self.step) : frame + 1, self.traced]
         self.trace.set_data(*middle.T)
         self.links.set_segments(self.run.segments(nodes))
         self.links.set_array(self.tension[frame])

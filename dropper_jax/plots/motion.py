@@ -161,8 +161,10 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
 
 
 def _system_spectra(run: Run, path: str | Path) -> Path:
-    """Spectra of the tensions at the ends of lines, of the motion and of the surface, a panel each."""
-    shown = [_spectra(panel) for panel in (ends_panel(run), *motion_panels(run))]
+    """Spectra of the tensions at the ends of lines, of the motion and of the surface, a panel each; in waves also the
+    vertical motion over the surface."""
+    spectra = [_spectra(panel) for panel in (ends_panel(run), *motion_panels(run))]
+    shown = [*spectra, *_heave_ratio(spectra)]
     figure = style.new_figure(8.5, 1.2 + 1.75 * len(shown))
     all_axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     for axes, panel in zip(all_axes, shown, strict=True):
@@ -171,7 +173,7 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
         axes.set_title(panel.title, loc="left", fontsize=9)
         if any(curve.name for curve in panel.curves):
             legend(axes)
-    firsts = [panel.curves[0] for panel in shown]
+    firsts = [panel.curves[0] for panel in spectra]
     last = np.median([_last_frequency(curve.t, curve.values[None, :, None]) for curve in firsts])
     all_axes[-1].set(xlabel="frequency [Hz]", xlim=(0.0, last))
     figure.align_ylabels()
@@ -189,6 +191,24 @@ def _spectra(panel: Panel) -> Panel:
             pair = spectrum.amplitude_spectrum(curve.t[:count], curve.values[:count])
         curves.append(Curve(curve.name, *pair, colour=curve.colour))
     return Panel(panel.label.replace(" from its start", ""), curves, panel.title)
+
+
+def _heave_ratio(spectra: list[Panel]) -> list[Panel]:
+    """Amplitude of the vertical motion over that of the surface where the waves are; empty without waves.
+
+    Powers are averaged over nine frequencies first: the ratio of single ones scatters in irregular waves.
+    """
+    by_label, band = {panel.label: panel.curves for panel in spectra}, np.full(9, 1 / 9)
+    if not {"surface [m]", "z [m]"} <= by_label.keys() or len(by_label["z [m]"][0].values) < 2 * len(band):
+        return []
+    power = [np.convolve(curve.values**2, band, "same") for curve in by_label["surface [m]"] + by_label["z [m]"]]
+    surface = by_label["surface [m]"][0].values
+    waves = surface >= 0.1 * surface.max()
+    curves = [
+        Curve(curve.name, curve.t[waves], np.sqrt(own[waves] / power[0][waves]), colour=curve.colour)
+        for curve, own in zip(by_label["z [m]"], power[1:], strict=True)
+    ]
+    return [Panel("ratio [m/m]", curves, "vertical motion over surface elevation, at the frequencies of the waves")]
 
 
 def _directions(run: Run) -> dict[str, np.ndarray]:

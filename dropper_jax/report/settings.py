@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import limits
 
 
 def _setting(meaning: str, unit: str, default: Any, option: str) -> Any:
@@ -40,10 +41,10 @@ class Settings:
             value, option = getattr(self, field.name), field.metadata["option"]
             if value is None:
                 continue
-            if not math.isfinite(value) or value < 0:
-                raise SceneError(f"{option}: {value:g} is out of range; allowed: a number >= 0")
-            if value == 0 and field.name in ("breaking_load", "safety_factor", "curve_k", "curve_m", "storm", "snap"):
-                raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0")
+            positive = field.name in ("breaking_load", "safety_factor", "curve_k", "curve_m", "storm", "snap")
+            if not math.isfinite(value) or value < 0 or (value == 0 and positive):
+                allowed = limits({**field.metadata, "low": 0.0, "open_low": positive})
+                raise SceneError(f"{option}: {value:g} is out of range; allowed: a number {allowed}")
         if not 0 < self.confidence < 1:
             raise SceneError(f"--confidence: {self.confidence:g} is out of range; allowed: above 0 and below 1")
         if self.slack is not None and self.snap is not None and self.snap <= self.slack:

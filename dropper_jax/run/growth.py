@@ -89,7 +89,7 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[di
     for month in asked:
         if not season.months[0] <= month <= season.months[-1]:
             raise SceneError(
-                f"--month: {month:g} is out of range; allowed: {season.months[0]:g} to {season.months[-1]:g}"
+                f"--month: {month:g} is out of range; allowed: {season.months[0]:g} to {season.months[-1]:g} months"
             )
     ropes: dict[tuple[float, float], list[str]] = {}
     for line in scene.lines:

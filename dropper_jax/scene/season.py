@@ -91,7 +91,7 @@ class SeasonSpec:
             many = len(spec.density)
             raise refuse("growth.density", plain(spec.density), f"has {many} entries", f"1 or {len(spec.depth)}")
         if not spec.months[0] <= spec.month <= spec.months[-1]:
-            within = f"{spec.months[0]:g} to {spec.months[-1]:g}, as `months`"
+            within = f"{spec.months[0]:g} to {spec.months[-1]:g} months, as `months`"
             raise refuse("growth.month", spec.month, "is out of range", within)
         if (spec.attachment is None) != (spec.mussel_mass is None):
             missing = "mussel_mass" if spec.mussel_mass is None else "attachment"

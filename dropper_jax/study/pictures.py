@@ -109,28 +109,36 @@ def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Pa
 
 @style.plot_style()
 def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
-    """Layer and wet weight over depth, a curve for each month, a column for each rope."""
+    """Layer and wet weight over depth, a curve for each month, a column for each rope.
+
+    Dashes: below the last depth of the table values are constant.
+    """
     ropes = list(dict.fromkeys(tuple(row["lines"]) for row in rows))
     months = list(dict.fromkeys(row["month"] for row in rows))
     figure = style.new_figure(max(3.6 * len(ropes), 5.0) + 0.8, 6.4)
     grid = figure.subplots(2, len(ropes), sharey=True, squeeze=False)
+    below = 0.2 * max(row["depth_m"] for row in rows) or 1.0
     for column, lines in zip(grid.T, ropes, strict=True):
         for i, month in enumerate(months):
             shown = [row for row in rows if tuple(row["lines"]) == lines and row["month"] == month]
             depth = [row["depth_m"] for row in shown]
             colour = style.tension_map()(0.9 * i / max(len(months) - 1, 1))
             for axes, key, size in zip(column, ("thickness_m", "wet_weight_n_per_m"), (1e3, 1.0), strict=True):
-                axes.plot([size * row[key] for row in shown], depth, "o-", color=colour, ms=3.5, label=f"{month:g}")
+                values = [size * row[key] for row in shown]
+                axes.plot(values, depth, "o-", color=colour, ms=3.5, label=f"month {month:g}")
+                axes.plot([values[-1]] * 2, [depth[-1], depth[-1] + below], color=colour, ls="--")
         column[0].set_title(
             lines[0] + (f" and {len(lines) - 1} more" if len(lines) > 1 else ""), loc="left", fontsize=9
         )
+        for axes in column:
+            axes.axvline(0.0, color=style.FAINT, lw=0.7)
         column[0].set_xlabel("layer [mm]")
         column[1].set_xlabel("wet weight [N/m]")
     grid[0, 0].invert_yaxis()
     for axes in grid[:, 0]:
         axes.set_ylabel("depth [m]")
     handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, title="month", loc="outside right upper")
+    figure.legend(handles, labels, loc="outside right upper")
     title(figure, f"{name}: mussels by depth and month")
     return style.save(figure, path)
 

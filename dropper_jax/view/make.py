@@ -178,6 +178,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> d
         "bodies": body_data(run.bodies, kept),
         "bed": _bed_grid(run),
         "water": None if sea is None else _water(sea, run, part.surface),
+        "flows": [] if sea is None else _flows(solution, sea),
     }
 
 
@@ -235,6 +236,25 @@ def _middle(nodes: slice | np.ndarray) -> int:
     """The node in the middle of a line."""
     indices = np.arange(nodes.start, nodes.stop) if isinstance(nodes, slice) else nodes
     return int(indices[len(indices) // 2])
+
+
+def _flows(solution: Solution, sea: Sea) -> list[dict[str, Any]]:
+    """Waves and current for their arrows: the direction of travel [rad] at the surface, and a text with their size."""
+    waves, found = solution.scene.sea.waves, []
+    if waves is not None:
+        many = np.ndim(waves.amplitude) > 0
+        hs = 4.0 * np.sqrt(0.5 * np.sum(np.square(waves.amplitude))) if many else waves.hs
+        given = {"Hs": hs, "Tp": waves.tp, "H": waves.height, "amplitude": waves.amplitude, "T": waves.period}
+        unit = {"Tp": "s", "T": "s"}
+        sizes = [f"{name} {x:.3g} {unit.get(name, 'm')}" for name, x in given.items() if np.ndim(x) == 0 and x]
+        course = np.angle(np.exp(1j * np.asarray(waves.direction, float)).mean())
+        found.append({"text": ", ".join(["waves", *sizes]), "direction": float(course), "colour": "#0072b2"})
+    if sea.current is not None:
+        u, v, _ = np.asarray(sea.current.velocity(jnp.zeros(1), jnp.asarray(solution.t[0]), sea.depth))[0]
+        if u or v:
+            text = f"current {np.hypot(u, v):.2g} m/s at the surface"
+            found.append({"text": text, "direction": float(np.arctan2(v, u)), "colour": "#009e73"})
+    return found
 
 
 def _pack(values: np.ndarray) -> str:

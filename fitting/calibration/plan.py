@@ -97,10 +97,11 @@ def plan(
         SceneError: for any invalid input, in one line.
     """
     weights = [1.0] if gap_weight is None else [gap_weight]
-    for key, numbers in (("duration", durations), ("noise", noises), ("gap_weight", weights), ("rate", [rate])):
+    units = {"duration": " s", "noise": " rad", "gap_weight": "", "rate": " Hz"}
+    for (key, unit), numbers in zip(units.items(), (durations, noises, weights, [rate]), strict=True):
         bad = [x for x in numbers if not (np.isfinite(x) and x > 0)]
         if bad or not len(numbers):
-            raise SceneError(f"{key}: {bad[0] if bad else 'none'} is not positive; allowed: > 0")
+            raise SceneError(f"{key}: {bad[0] if bad else 'none'} is not positive; allowed: > 0{unit}")
     found = []
     for i, source in enumerate(scenes):
         scene = load_scene(source)

@@ -54,7 +54,8 @@ def name_of(table: Mapping[str, Any], path: str, default: str | None = None) -> 
 
 
 def number_of(table: Mapping[str, Any], path: str, key: str, default: float | None, **limits: Any) -> float | None:
-    return read_number(table[key], f"{path}.{key}", {"unit": "-", **limits}) if key in table else default
+    unit = {"at": "m", "delay": "s", "from": "s", "until": "s", "focal": "px"}.get(key, "-")
+    return read_number(table[key], f"{path}.{key}", {"unit": unit, **limits}) if key in table else default
 
 
 def vector_of(table: Mapping[str, Any], path: str, key: str, count: int) -> np.ndarray:

@@ -323,7 +323,8 @@ def _check_numbers(args: argparse.Namespace) -> None:
     for key in ("until", "window", "dt", "huber", "iterations", "bootstrap", "posterior"):
         value = getattr(args, key)
         if value is not None and not value > 0:
-            raise SceneError(f"--{key}: {value:g} is not positive; allowed: > 0")
+            unit = " s" if key in ("until", "window", "dt") else ""
+            raise SceneError(f"--{key}: {value:g} is not positive; allowed: > 0{unit}")
 
 
 def text(result: FitResult) -> str:

@@ -43,7 +43,7 @@ OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
 DEFAULT_QUANTITIES = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
 #: Tables of a scene whose values cannot be parameters of a fit.
 NOT_FITTED = ("start", "point", "sea")
-#: Maximum number of cases in the table of scores.
+#: Maximum number of cases in a printed table.
 MOST_ROWS = 15
 HOST_COUNT = "xla_force_host_platform_device_count"
 SPACINGS = {"linear": "linspace", "log": "geomspace"}
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         "sweep dropper-release-a --vary b_l=0.001:0.01:8 --duration 5 --out sweep.zarr",
         "sweep my-longline.toml --vary sea.current.speed=0:1:5 --vary sea.waves.hs=1,2,3 "
-        "--quantities tension.west-leg.fairlead.max --out sea.zarr",
+        "--duration 60 --quantities tension.west-leg.fairlead.max --out sea.zarr",
     )
     add_scene(parser)
     vary = "values of a path, lo:hi:n, lo:hi:n:log or a,b,c (may be given several times)"
@@ -160,7 +160,8 @@ def run(args: argparse.Namespace) -> int:
             draw_against_trace(scores, plot, fitted)
         if not scores or result.plan.quantities:
             draw_sweep(result.path, plot)
-    print_result(args.json, found, text(found))
+    small = not args.json and not args.traces and result.cases <= MOST_ROWS and result.plan.quantities
+    print_result(args.json, found, text(found, _result_table(result.path) if small else ""))
     return OK
 
 
@@ -229,8 +230,20 @@ def _values(option: str) -> tuple[str, np.ndarray]:
         ) from None
 
 
-def text(found: dict[str, Any]) -> str:
-    """The result as text."""
+def _result_table(path: Path) -> str:
+    """Inputs and results of each case."""
+    from fitting.sweep import open_sweep
+
+    with open_sweep(path) as found:
+        names = [name for name in found.data_vars if name not in ("status", "failed_at")]
+        units = [f"{name} [{found[name].attrs['units']}]" for name in names]
+        frame = found[names].to_dataframe().reset_index()
+    inputs = [name for name in frame.columns if name not in names]
+    return table([(*inputs, *units), *(tuple(f"{x:.4g}" for x in row) for row in frame[[*inputs, *names]].to_numpy())])
+
+
+def text(found: dict[str, Any], results: str = "") -> str:
+    """The result as text, with a table of inputs and results."""
     counts = ", ".join(f"{count} {status}" for status, count in found["counts"].items() if count)
     pairs = [
         ("scene", found["scene"]),
@@ -242,6 +255,8 @@ def text(found: dict[str, Any]) -> str:
     if found["vmapped"]:
         pairs.append(("by vmap", f"{', '.join(found['vmapped'])}: needs two transposes of the cases' axis"))
     parts = [listing(pairs)]
+    if results:
+        parts.append(results)
     if "trace" in found:
         parts.append(_score_table(found["trace"]))
     return "\n\n".join([*parts, f"ok: {found['out']}"])

@@ -64,10 +64,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    for key in ("square", "scale", "distance", "radius", "fps"):
+    for key, unit in {"square": "m", "scale": "m", "distance": "m", "radius": "px", "fps": "Hz"}.items():
         value = getattr(args, key)
         if value is not None and not (0 < value < math.inf):
-            raise SceneError(f"--{key}: {value:g} is out of range; allowed: > 0")
+            raise SceneError(f"--{key}: {value:g} is out of range; allowed: > 0 {unit}")
     out = output_file(args.out or f"{Path(args.video).stem}.csv", "--out", (".csv",))
     positions = output_file(args.positions, "--positions", (".csv",))
     overlay = output_file(args.overlay, "--overlay", (".png", ".avi", ".mp4"))

@@ -24,7 +24,7 @@ import jax
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import ScenePath, declared_fields
+from dropper_jax.base.read import ScenePath, declared_fields, limits
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
@@ -175,11 +175,13 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
         raise SceneError(f"bounds: {p.name!r}: empty interval {low:g} to {high:g}; allowed: low <= high")
     if not low <= value <= high:
         if p.name in start:
-            raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {low:g} to {high:g}")
+            allowed = limits({"low": low, "high": high, "unit": p.unit})
+            raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {allowed}")
         value = min(max(value, low), high)
     prior = priors.get(p.name, p.prior)
     if prior is not None and not (0 < prior[1] < np.inf and np.isfinite(prior[0])):
-        raise SceneError(f"prior: {p.name!r} has standard deviation {prior[1]:g}; allowed: > 0")
+        allowed = limits({"low": 0.0, "open_low": True, "unit": p.unit})
+        raise SceneError(f"prior: {p.name!r} has standard deviation {prior[1]:g}; allowed: {allowed}")
     return dataclasses.replace(p, value=value, low=low, high=high, prior=prior)
 
 

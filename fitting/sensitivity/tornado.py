@@ -28,6 +28,17 @@ def global_picture(found: Global, of: str, path: str | Path) -> Path:
     return _bars(found.names, [found.first, found.total], labels, axis, f"{of}: {found.runs} runs", path, errors)
 
 
+def path_label(name: str) -> str:
+    """A parameter's path as a label: "mass of link 3" for `line.0.mass.2`, "linear damping: b_l"."""
+    section, *words = name.split(".")
+    if section == "effects":
+        return f"{words[0].replace('_', ' ')}: {'.'.join(words[1:])}"
+    if section != "line" or len(words) < 2 or not words[-1].isdigit():
+        return name
+    line = "" if words[0] == "0" else f"line.{words[0]}: "
+    return f"{line}{words[1]} of link {int(words[-1]) + 1}"
+
+
 def _bars(
     names: Sequence[str],
     values: Sequence[np.ndarray],
@@ -47,7 +58,7 @@ def _bars(
             colour = np.where(column[order] < 0, style.SECOND, style.CYCLE[(0, 5)[i]])
             spread = None if errors is None or not np.isfinite(errors[i]).all() else errors[i][order]
             axes.barh(row, column[order], height, color=colour, label=label, xerr=spread, ecolor=style.DARK)
-        axes.set_yticks(np.arange(len(names)), [names[i] for i in order])
+        axes.set_yticks(np.arange(len(names)), [path_label(names[i]) for i in order])
         axes.axvline(0.0, color=style.DARK, lw=0.8)
         axes.set_xlabel(axis)
         axes.set_title(title, loc="left")

@@ -8,7 +8,7 @@ from PIL import Image
 
 from dropper_jax import plots
 from dropper_jax.cli.outputs import draw
-from dropper_jax.plots import series, style
+from dropper_jax.plots import motion, series, style
 from dropper_jax.plots.run import chosen_links, readable
 from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import end_tensions, held_points, point_load
@@ -32,6 +32,20 @@ def test_mean_of_a_long_record_has_no_beat_with_its_waves():
     assert np.ptp(series._without_beat(at, mean, 8.33)[20:-20]) < 0.05
     slow = np.linspace(0.0, 1.0, 320)
     np.testing.assert_array_equal(series._without_beat(at, slow, 100.0), slow)
+
+
+def test_ratio_of_heave_to_surface_is_that_of_their_amplitudes():
+    t = np.linspace(0.0, 200.0, 4001)
+    eta = sum(np.cos(w * t + w**2) for w in (0.5, 0.7, 0.9))
+    panels = [
+        series.Panel("z from its start [m]", [series.Curve("buoy", t, 0.4 * eta)]),
+        series.Panel("surface [m]", [series.Curve("", t, eta)]),
+    ]
+    (ratio,) = motion._heave_ratio([motion._spectra(panel) for panel in panels])
+    frequency = ratio.curves[0].t
+    assert 0.05 < frequency.min() < 0.5 / (2 * np.pi) < 0.9 / (2 * np.pi) < frequency.max() < 0.2
+    np.testing.assert_allclose(ratio.curves[0].values, 0.4, rtol=1e-9)
+    assert motion._heave_ratio([motion._spectra(panels[0])]) == []
 
 
 def test_turns_count_waves_and_not_rounding():

@@ -89,12 +89,18 @@ def test_a_click_on_a_rope_shows_its_tension_and_a_trail(page, tmp_path, options
         range: byId("part-range").textContent, node: picked.node,
         blue: count(byId("trace"), (r, g, b) => r < 40 && g > 90 && b > 150),
         vivid: count(canvas, (r, g, b) => Math.max(r, g, b) - Math.min(r, g, b) > 90),
+        kept: (() => { let kept; window.save = (name, blob) => { kept = [name, blob.type, blob.size]; };
+          save_curve(); return kept; })(),
         long: [force(12345), force(57.54), plain(0.00123), clock(3.5)] };
     })()"""
     seen = seen_in_browser(page, probe, tmp_path, options)
     assert seen["solid"] == (options == WITH)
     assert seen["picked"] == "backbone 2"
     assert seen["node"] in (6, 7)
+    name, kind, size = seen["kept"]
+    assert name.endswith(".csv")
+    assert kind == "text/csv"
+    assert size > 200
     # 1000 N (1 + 0.3 sin + 0.1 5/17): from 729.4 N to 1329.4 N
     assert seen["range"] == "729 N to 1.33 kN, mean 1.03 kN"
     assert not seen["hidden"]

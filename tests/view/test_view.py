@@ -107,6 +107,12 @@ def test_surface_of_the_page_is_the_regular_wave(wet):
     assert found["depth"] == 30.0
 
 
+def test_arrows_of_waves_and_current_have_their_direction_and_size(wet):
+    assert data(view_page(wet))["flows"] == [
+        {"text": "waves, amplitude 1 m, T 6 s", "direction": 0.0, "colour": "#0072b2"}
+    ]
+
+
 def test_a_name_cannot_break_out_of_the_page(wet):
     page = view_page(wet)
     assert "<line>" not in page

@@ -58,6 +58,26 @@ function trace() {  // tension of the picked link over time, least and largest o
   ink.fillStyle = "#5f6368"; ink.fillText(`${clock(start, 0)} s`, left, h - 2); ink.textAlign = "right"; ink.fillText(`${clock(end, 0)} s`, w - 2, h - 2);
   ink.textAlign = "left"; ink.fillText(force(tension[locate(time, state.now)[0] * links + link]), Math.min(x(state.now) + 4, w - 60 * ratio()), top + 9 * ratio());
 }
+function save(name, blob) {
+  const place = URL.createObjectURL(blob), download = `${run.name}-${name}`.replace(/[^\w.-]+/g, "-");
+  Object.assign(document.createElement("a"), { href: place, download }).click();
+  setTimeout(() => URL.revokeObjectURL(place), 1000);
+}
+function save_curve() {
+  const rows = Array.from(time, (t, k) => `${t},${tension[k * links + picked.link]}`);
+  save(`${run.parts[picked.link]}.csv`, new Blob([["time_s,tension_n", ...rows, ""].join("\n")], { type: "text/csv" }));
+}
+function save_picture() {  // the canvas with title, time and colour bar, which are elements of their own on the page
+  const sheet = document.createElement("canvas"), ink = sheet.getContext("2d"), w = sheet.width = canvas.width, u = ratio();
+  sheet.height = canvas.height;
+  ink.fillStyle = "#ffffff"; ink.fillRect(0, 0, w, sheet.height); ink.drawImage(canvas, 0, 0);
+  ink.fillStyle = "#2b2f33"; ink.font = `bold ${16 * u}px system-ui, sans-serif`;
+  ink.fillText(`${run.name}, t = ${clock(state.now)} s`, 18 * u, 26 * u);
+  ink.font = `${12 * u}px system-ui, sans-serif`; ink.textAlign = "right"; ink.fillText(byId("unit").textContent, w - 18 * u, 26 * u);
+  ink.drawImage(byId("bar"), w - 32 * u, 38 * u, 14 * u, 160 * u);
+  ["high", "mid", "low"].forEach((id, i) => ink.fillText(byId(id).textContent, w - 40 * u, (48 + 74 * i) * u));
+  sheet.toBlob((blob) => save(`${state.now.toFixed(2)}s.png`, blob));
+}
 function names(points) {  // beside the middle of each line, where no other name stands
   const taken = [], high = 15 * ratio();
   pen.font = `${12 * ratio()}px system-ui, sans-serif`; pen.textBaseline = "middle";

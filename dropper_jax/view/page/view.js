@@ -178,6 +178,17 @@ function axes() {
     path([project(...corner), project(...tip)]); pen.stroke(); label(name, project(...tip));
   });
 }
+function flows() {  // arrows of waves and current in the lower right corner, as seen from here
+  run.flows.forEach(({ text, direction, colour: ink }, i) => {
+    const x = canvas.width - 34 * ratio(), y = canvas.height - (44 + 26 * (run.flows.length - 1 - i)) * ratio(), long = 20 * ratio();
+    const [c, s] = [Math.cos(direction), Math.sin(direction)], right = Math.cos(eye.turn) * c + Math.sin(eye.turn) * s;
+    const up = Math.sin(eye.rise) * (Math.cos(eye.turn) * s - Math.sin(eye.turn) * c), [dx, dy] = [long * right, -long * up];
+    const tip = [x + dx, y + dy], turn = Math.atan2(dy, dx), wing = (a) => [tip[0] - 8 * ratio() * Math.cos(turn + a), tip[1] - 8 * ratio() * Math.sin(turn + a)];
+    pen.strokeStyle = pen.fillStyle = ink; pen.lineWidth = 3 * ratio(); path([[x - dx, y - dy], tip]); pen.stroke();
+    if (Math.hypot(dx, dy) > 3 * ratio()) { path([tip, wing(0.5), wing(-0.5)], true); pen.fill(); pen.stroke(); }
+    pen.font = `${12 * ratio()}px system-ui, sans-serif`; pen.textAlign = "right"; pen.fillText(text, x - 28 * ratio(), y + 4 * ratio()); pen.textAlign = "left";
+  });
+}
 function surface() {
   const n = water.points, eta = sample(water.elevation, n * n, locate(water.time, state.now));
   const at = (i, j) => project(water.x[i], water.y[j], eta[i * n + j]);
@@ -224,13 +235,14 @@ function line(frame) {
   if (bodies && !solids) bodies.shapes.forEach((one) => solid(one, frame));
   return { points, pull, r };
 }
-function tell({ points, pull }) {
+function tell({ points, pull, r }) {
   const tip = byId("tip"); tip.hidden = true;
   if (!state.mouse) return;
   const [mx, my] = state.mouse.map((v) => v * ratio());
   const found = nearest(points, mx, my, 7 * ratio());
   if (!found) return;
-  tip.textContent = `${run.parts[found.link]}: ${force(pull[found.link])}`; tip.hidden = false;
+  const at = r.subarray(3 * found.node, 3 * found.node + 3);
+  tip.textContent = `${run.parts[found.link]}: ${force(pull[found.link])}; node at ${[...at].map((v) => v.toFixed(2)).join(", ")} m`; tip.hidden = false;
   tip.style.left = `${state.mouse[0] + 14}px`; tip.style.top = `${state.mouse[1] + 6}px`;
 }
 function ratio() { return window.devicePixelRatio || 1; }
@@ -261,6 +273,7 @@ function draw() {
   } else if (run.bed) bed(); else floor();
   scale();
   axes();
+  flows();
   if (!solids && wet && eye.rise < 0) surface();  // seen from below, the surface lies behind the line
   const drawn = line(frame);
   if (byId("trail").checked) trail(frame);
@@ -334,6 +347,8 @@ canvas.addEventListener("wheel", (e) => { e.preventDefault(); zoom(Math.exp(-0.0
 byId("play").addEventListener("click", () => play(!state.playing));
 byId("scrub").addEventListener("input", (e) => { state.now = Number(e.target.value); draw(); });
 byId("fit").addEventListener("click", () => { fit(); draw(); });
+byId("save").addEventListener("click", save_picture);
+byId("part-save").addEventListener("click", save_curve);
 byId("part-close").addEventListener("click", () => pick(null));
 for (const id of ["trail", "water", "names"]) byId(id).addEventListener("change", draw);
 for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => look(button.dataset.view));

@@ -17,6 +17,7 @@ from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import local, ranges, study, windows
 from fitting.sensitivity.derivatives import global_indices
+from fitting.sensitivity.tornado import path_label
 
 SCENE = {
     "name": "pendulum",
@@ -151,6 +152,12 @@ def test_statistics_of_a_sine_are_its_amplitude():
     assert STATISTICS["fatigue"](x) == pytest.approx(1.5 * (4 / (3 * np.pi)) ** (1 / 3), rel=1e-4)
     for name, statistic in STATISTICS.items():
         assert np.isfinite(jax.grad(statistic)(jnp.ones((8, 1)))).all(), name
+
+
+def test_labels_name_links_and_effects():
+    assert path_label("line.0.mass.2") == "mass of link 3"
+    assert path_label("line.leg.length") == "line.leg.length"
+    assert path_label("effects.linear_damping.b_l") == "linear damping: b_l"
 
 
 def test_command_prints_a_table_and_draws(tmp_path, capsys, monkeypatch, found):

@@ -88,8 +88,8 @@ def summary(run: Samples) -> dict[str, Any]:
 def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", rates: bool = True) -> Path:
     """Polar angles and their rates: columns `t [s], theta_1..n [rad], omega_1..n [rad/s]`.
 
-    For several lines the columns are `theta_LINE/1`, ..., line after line. The first comment also states the angle error
-    of the run's time step, `model_error=... [rad]`, if the run has checked it (`run.step_check`).
+    For several lines the columns are `theta_LINE/1`, ..., line after line. The first comment also states the angle
+    error of the run's time step, `model_error=... [rad]`, if the run has checked it (`run.step_check`).
 
     Args:
         solution: the run.

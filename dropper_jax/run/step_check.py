@@ -43,8 +43,6 @@ ROUGH, ERROR_TARGET, LESS = 0.1, 0.01, 0.75
 #: 30 % in less than four times this time. A linear drift of the phase takes 30 times as long.
 CHAOS_RESOLVED, SEPARATED, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
 FULL_RUN = "the whole run"
-#: Duration over which the angle error is found, as a fraction of the shortest link's period: about a fit's windows.
-ANGLE_WINDOW = 0.2
 #: Names of the results by their keys.
 WORDS = {"mean_tension": "mean tensions", "window_maxima": "largest tensions", "positions": "positions"}
 
@@ -144,10 +142,10 @@ def check_stretches(solution: Samples, run: Program, outcome: RunOutcome) -> dic
 
 
 def _angle_saves(solution: Samples) -> int:
-    """Saves over which the angle error is found."""
+    """Saves over which the angle error is found: a fifth of the shortest link's period, about a window of a fit."""
     shortest = min(float(np.min(line.length)) for line in solution.scene.lines)
     interval = solution.settings["dt"] * solution.settings["save_every"]
-    return max(1, round(ANGLE_WINDOW * 2.0 * np.pi * np.sqrt(shortest / 9.81) / interval))
+    return max(1, round(0.4 * np.pi * np.sqrt(shortest / 9.81) / interval))
 
 
 def _angle_error(solution: Samples, starts: list[tuple[np.ndarray, np.ndarray]]) -> float | None:

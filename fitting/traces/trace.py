@@ -1,9 +1,8 @@
 """Angle traces: the format that tracking writes and fitting reads.
 
 A file is a CSV with columns `t, theta_1..n[, omega_1..n][, se_1..n]` and comment lines such as
-`# zero=down, sign=1, unit=rad`; a missing sample is empty. `model_error=...` among these is an angle by which the trace
-deviates from any model. Comments `# warning: ...` become warnings. Internally, angles are from the horizontal, positive
-downwards.
+`# zero=down, sign=1, unit=rad, model_error=1e-4`; a missing sample is empty. Comments `# warning: ...` become warnings.
+Internally, angles are from the horizontal, positive downwards.
 """
 
 from __future__ import annotations
@@ -55,8 +54,7 @@ class Trace:
         se: standard errors (k, n) [rad] or None.
         convention: how the angles are counted in the file.
         warnings: remarks of the trace's author, which a fit repeats.
-        model_error: angle by which the trace deviates from any model, such as by the time step of a simulated run; in
-            the unit of `theta`.
+        model_error: angle by which the trace deviates from any model, in the unit of `theta`.
     """
 
     name: str
@@ -119,7 +117,7 @@ def read_trace(path: str | Path, links: int | None = None) -> Trace:
     table = read_csv(path, "t, theta_1..n")
     names = table.names
     count = _check_columns(path.name, names, links)
-    values, stated = table.numbers(), _stated(table.comments)
+    values, stated = table.numbers(), _header_values(path.name, table.comments)
     part = lambda stem: np.stack([values[names.index(f"{stem}_{j + 1}")] for j in range(count)], axis=1)  # noqa: E731
     trace = Trace(
         name=path.stem,
@@ -129,7 +127,7 @@ def read_trace(path: str | Path, links: int | None = None) -> Trace:
         se=part("se") if "se_1" in names else None,
         convention=convention(stated.get("zero"), stated.get("sign"), stated.get("unit"), path.name),
         warnings=tuple(c.removeprefix(WARNING) for c in table.comments if c.startswith(WARNING)),
-        model_error=_model_error(path.name, stated.get("model_error", "0")),
+        model_error=float(stated.get("model_error", 0.0)),
     )
     check_trace(trace)
     return trace
@@ -155,20 +153,13 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
     return count
 
 
-def _stated(comments: Sequence[str]) -> dict[str, str]:
+def _header_values(file: str, comments: Sequence[str]) -> dict[str, str]:
     """The values `key=value` in comments that are not warnings."""
     text = " ".join(comment for comment in comments if not comment.startswith(WARNING))
-    return dict(re.findall(r"\b(\w+)\s*=\s*([^\s,;]+)", text))  # \b: once per word, of any length
-
-
-def _model_error(file: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value < np.inf:
-        raise SceneError(f"{file}: model_error = {text!r}: not an angle; allowed: a number of at least 0")
-    return value
+    found = dict(re.findall(r"\b(\w+)\s*=\s*([^\s,;]+)", text))  # \b: once per word, of any length
+    if not re.fullmatch(r"(\d+\.?\d*|\.\d+)([eE]-\d+)?", error := found.get("model_error", "0")):
+        raise SceneError(f"{file}: model_error = {error!r}: not an angle; allowed: a number of at least 0")
+    return found
 
 
 def convention(zero: str | None, sign: str | int | None, unit: str | None, where: str = "traces") -> Convention:

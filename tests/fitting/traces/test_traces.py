@@ -61,6 +61,7 @@ def test_a_trace_survives_writing_and_reading(tmp_path):
         ("t,theta_1\n", "no samples"),
         (rows(value=lambda i: "x"), "not a number"),
         ("# unit=rad, model_error=-1\n" + rows(), "model_error = '-1': not an angle"),
+        ("# unit=rad, model_error=1.2.3\n" + rows(), "model_error = '1.2.3': not an angle"),
         (rows(value=lambda i: ""), "every sample is missing"),
         (rows(value=lambda i: "0.5"), "constant"),
         (rows(count=5), "at least"),

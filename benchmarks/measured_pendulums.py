@@ -4,7 +4,10 @@ The traces are the public data set of Kaheman et al. (arXiv 2205.06231; MIT lice
 dynamicslab/MultiArm-Pendulum), thinned to 250 Hz; their folder is named by DROPPER_MEASURED_DATA. The fit sees only
 what comes before the held-out windows.
 
-    DROPPER_MEASURED_DATA=FOLDER python benchmarks/measured_pendulums.py [single] [double]
+    DROPPER_MEASURED_DATA=FOLDER python benchmarks/measured_pendulums.py [single] [double] [thirds]
+
+`thirds` fits each third of the double pendulum's trace alone, as the command does: do their errors explain how much the
+estimates differ?
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from study import command, say, store, stored
 
 from dropper_jax import load_scene
 from fitting.calibration.comparison import compare
-from fitting.calibration.fit import estimate, prepare, summarise
+from fitting.calibration.fit import estimate, fit, prepare, summarise
 from fitting.calibration.result import score_held_out
 from fitting.traces.trace import convention, read_trace
 
@@ -118,12 +121,24 @@ def run(name: str, case: Case, folder: Path) -> dict:
     return found
 
 
-@command(("rigs", list(CASES)))
+def thirds(case: Case, folder: Path) -> dict:
+    """Estimates and standard errors of each third of a trace."""
+    trace = read_trace(folder / case.file)
+    edges = np.linspace(trace.t[0], trace.t[-1] + trace.interval, 4)
+    parts = [trace.between(low, high) for low, high in zip(edges, edges[1:], strict=False)]
+    fits = [fit(part, case.scene, zero=DOWN.zero, sign=DOWN.sign, unit=DOWN.unit) for part in parts]
+    return {"edges_s": list(edges), "parameters": [found.estimates() for found in fits]}
+
+
+@command(("rigs", [*CASES, "thirds"]))
 def main(args) -> None:
     named = os.environ.get("DROPPER_MEASURED_DATA")
     if not named or not Path(named).is_dir():
         sys.exit("error: DROPPER_MEASURED_DATA names no folder; allowed: the folder with the measured CSV files")
     for name in args.rigs:
+        if name == "thirds":
+            store("measured_double_thirds", thirds(CASES["double"], Path(named)))
+            continue
         found = run(name, CASES[name], Path(named))
         store(f"measured_{name}_pendulum", found)
         say(found)

@@ -196,14 +196,18 @@ class _EqualSteps:
 
     def advance_at_half_step(self, carry: Progress, saves: int) -> tuple[Progress, Trajectory | None]:
         """The next `saves` again with half the step, by the program of the run; None if a step fails."""
+        return self.advance_again(carry, saves, 2)
+
+    def advance_again(self, carry: Progress, saves: int, parts: int) -> tuple[Progress, Trajectory | None]:
+        """The next `saves` with every step in `parts`, by the program of the run; None if a step fails."""
         done, rows = 0, []
-        while done < 2 * saves:
-            carry, piece = self._take(carry, min(2 * saves - done, self.settings["capacity"]), 2)
+        while done < parts * saves:
+            carry, piece = self._take(carry, min(parts * saves - done, self.settings["capacity"]), parts)
             done += len(piece.r)
             rows.append(piece)
             if int(carry.first_bad) >= 0:
                 return carry, None
-        return carry, jax.tree.map(lambda *parts: np.concatenate(parts), *rows)
+        return carry, jax.tree.map(lambda *pieces: np.concatenate(pieces), *rows)
 
 
 def _chunk_size(s: State) -> int:

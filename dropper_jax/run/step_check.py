@@ -7,6 +7,9 @@ For a result q(h) at the step h of a scheme of order p, the error is about
 The results are mean and window maxima of each line's tension, and the positions of the nodes. A run that takes less
 time than its start is repeated completely; a longer one in short stretches that start from its states. The compiled
 program of the run has step and count as arguments, so no program is compiled again.
+
+For a single line the angle error that the step leaves over a window of a fit is also found: there every window has a
+start of its own, so that errors do not accumulate.
 """
 
 from __future__ import annotations
@@ -78,13 +81,15 @@ def with_step_check(solution: Kind, run: Program, outcome: RunOutcome, start_s: 
 
 def check_full_run(solution: Samples, run: Program, outcome: RunOutcome) -> dict[str, Any] | None:
     """Estimated errors of a run, from the complete run at half the step."""
-    saves, carry, parts = len(outcome.trajectory.r), run.carry, []
+    saves, carry, parts, starts = len(outcome.trajectory.r), run.carry, [], []
     bounds = np.linspace(0, saves, min(WINDOWS, saves) + 1).astype(int)
     for first, last in zip(bounds, bounds[1:], strict=False):
+        _, rows = run.go_on.advance_again(carry, min(last - first, _angle_saves(solution)), 1)
         carry, fine = run.go_on.advance_at_half_step(carry, last - first)
-        if fine is None:
+        if fine is None or rows is None:
             return None
         parts.append(_compare(solution, _rows(outcome.trajectory, first, last), fine))
+        starts.append((rows.r, fine.r[1::2]))
     travel = _travel(solution, outcome.trajectory.r)
     separation = None if travel is None else np.concatenate([part.distance for part in parts]) / travel
     chaos = None if separation is None else _chaos(separation, outcome.trajectory.r)
@@ -93,6 +98,7 @@ def check_full_run(solution: Samples, run: Program, outcome: RunOutcome) -> dict
         **_tensions(solution, parts, chaos is not None),
         "positions": None if separation is None else _error(solution, float(np.sqrt(np.mean(separation[:chaos] ** 2)))),
         "chaotic_from_s": None if chaos is None else float(solution.t[1 + chaos]),
+        "angles_rad": _angle_error(solution, starts),
     }
     return {**found, "dt_for_1_percent_s": _advise_step(solution, found)}
 
@@ -103,13 +109,14 @@ def check_stretches(solution: Samples, run: Program, outcome: RunOutcome) -> dic
     count = max(1, min(REPEATED_STRETCHES, len(outcome.passed) - 1, int(REPEATED_SHARE * saves / 2)))
     length = max(1, int(REPEATED_SHARE * saves / (2 * count)))
     taken = np.linspace(1 if len(outcome.passed) > 1 else 0, len(outcome.passed) - 1, count).astype(int)
-    parts, separation, moved = [], [], []
+    parts, separation, moved, starts = [], [], [], []
     for done, carry in (outcome.passed[i] for i in taken):
         rows = _rows(trajectory, done, min(done + length, saves))
         fine = run.go_on.advance_at_half_step(carry, len(rows.r))[1]
         if fine is None:
             return None
         parts.append(_compare(solution, rows, fine))
+        starts.append((rows.r, fine.r[1::2]))
         separation.append(fine.r[-1] - rows.r[-1])
         moved.append(rows.r[-1] - np.asarray(carry.state.r))
     travel = _travel(solution, np.stack([np.asarray(carry.state.r) for _, carry in outcome.passed]))
@@ -126,11 +133,40 @@ def check_stretches(solution: Samples, run: Program, outcome: RunOutcome) -> dic
         **_tensions(solution, parts, False),
         "positions": off,
         "chaotic_from_s": None,
+        "angles_rad": _angle_error(solution, starts),
     }
     if found["window_maxima"] is not None and _peaks_unresolved(solution, trajectory):
         # fraction by which an unresolved peak may be low
         found["window_maxima"] = max(found["window_maxima"], 0.13)
     return {**found, "dt_for_1_percent_s": _advise_step(solution, found)}
+
+
+def _angle_saves(solution: Samples) -> int:
+    """Saves over which the angle error is found: a fifth of the shortest link's period, about a window of a fit."""
+    shortest = min(float(np.min(line.length)) for line in solution.scene.lines)
+    interval = solution.settings["dt"] * solution.settings["save_every"]
+    return max(1, round(0.4 * np.pi * np.sqrt(shortest / 9.81) / interval))
+
+
+def _angle_error(solution: Samples, starts: list[tuple[np.ndarray, np.ndarray]]) -> float | None:
+    """Mean over stretches of the RMS angle error [rad] of a single line's links; None for several lines.
+
+    The change of a link's vector over its length bounds the change of its angle. The error of shorter stretches is
+    extrapolated linearly.
+
+    Args:
+        starts: free nodes (k, nodes, 3) [m] of the run and of the run at half the step, from a common state.
+    """
+    if solution.scene.branched:
+        return None
+    length, saves, found = solution.scene.lines[0].length, _angle_saves(solution), []
+    for rows, fine in starts:
+        count = min(len(rows), saves)
+        # the nodes between two fixed end points, or from a fixed one to the free end
+        apart = np.pad(rows[:count] - fine[:count], ((0, 0), (1, len(length) - rows.shape[1]), (0, 0)))
+        turned = np.sum(np.diff(apart, axis=1) ** 2, axis=2) / np.square(length)
+        found.append(float(np.sqrt(np.mean(turned))) * saves / count)
+    return _error(solution, float(np.mean(found)))
 
 
 def _peaks_unresolved(solution: Samples, trajectory: Trajectory) -> bool:

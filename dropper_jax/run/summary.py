@@ -88,7 +88,8 @@ def summary(run: Samples) -> dict[str, Any]:
 def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", rates: bool = True) -> Path:
     """Polar angles and their rates: columns `t [s], theta_1..n [rad], omega_1..n [rad/s]`.
 
-    For several lines the columns are `theta_LINE/1`, ..., line after line.
+    For several lines the columns are `theta_LINE/1`, ..., line after line. The first comment also states the angle
+    error of the run's time step, `model_error=... [rad]`, if the run has checked it (`run.step_check`).
 
     Args:
         solution: the run.
@@ -102,7 +103,10 @@ def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", 
     if rates:
         moving = [(solution.positions[:, nodes], solution.velocities[:, nodes]) for nodes in lines]
         columns["omega"] = np.concatenate([angle_rates(*both, zero)[0] for both in moving], axis=1)
-    return _write(solution, path, f"zero={zero}, sign=1, unit=rad", solution.t, columns)
+    error = (solution.settings.get("step_check") or {}).get("angles_rad") or 0.0
+    # no angle from 1 rad on: such a step follows no motion
+    stated = f", model_error={error:.2g}" if 0.0 < error < 1.0 else ""
+    return _write(solution, path, f"zero={zero}, sign=1, unit=rad{stated}", solution.t, columns)
 
 
 def write_tensions(solution: Samples, path: str | Path) -> Path:

@@ -96,9 +96,12 @@ def prepare(
     held_out = check_spans(runs, held_out)
     rest = check_spans(runs, rest, "rest")
     spans = fitted_spans(runs, until, sorted([*held_out, *rest]))
-    model_error = 0.0 if scene.fit is None else scene.fit.model_error
-    sigma = [np.hypot(noise(trace), model_error) for trace in fitted_parts(runs, spans)]
-    runs = [trace if trace.se is None else replace(trace, se=np.hypot(trace.se, model_error)) for trace in runs]
+    if scene.fit is not None and scene.fit.model_error:
+        runs = [replace(trace, model_error=scene.fit.model_error) for trace in runs]
+    elif errors := [f"{trace.model_error:.2g} rad ({trace.name})" for trace in runs if trace.model_error]:
+        notes.append(f"model error as stated by the traces: {', '.join(errors)}; `model_error` in [fit] replaces it")
+    sigma = [np.hypot(noise(trace), trace.model_error) for trace in fitted_parts(runs, spans)]
+    runs = [trace if trace.se is None else replace(trace, se=np.hypot(trace.se, trace.model_error)) for trace in runs]
     slowest = 2 * np.pi * np.sqrt(float(np.sum(np.asarray(model.line.length))) / 9.81)
     if release is None:
         spans, more = without_held_starts(

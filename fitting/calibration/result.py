@@ -213,8 +213,9 @@ class FitResult(SceneFit):
             if self.solution.rms < 5e-6 * times:  # noise [rad] far below an encoder's: a simulated trace
                 advice = (
                     f"The trace has hardly any noise ({self.solution.rms / times:.1g} rad), as a simulated one: the "
-                    f"residuals, {self.solution.rms:.1g} rad RMS, are then errors of two time steps or schemes. Add a "
-                    "camera's noise (fitting.traces.synthetic.observe) or accept it by --accept-misfit"
+                    f"residuals, {self.solution.rms:.1g} rad RMS, are then errors of two time steps or schemes. "
+                    "State them as model_error, as the tables of `dropper run` do, add a camera's noise "
+                    "(fitting.traces.synthetic.observe) or accept it by --accept-misfit"
                 )
             found.append(
                 f"the residuals are {times:.3g} times the noise and neighbours correlate by "

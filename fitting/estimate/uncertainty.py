@@ -1,7 +1,9 @@
 """Uncertainty of a fit: covariance with correlated residuals, intervals at bounds, bootstrap, identifiability.
 
 The Gauss-Newton covariance `s^2 S^-1` holds for white residuals of standard deviation s. If residuals are correlated,
-or larger than the noise that the traces show, the scatter of blocks of scores is used instead (`sandwich`).
+or larger than the noise that the traces show, the larger of two estimates is used instead: the scatter of blocks of
+scores (`sandwich`), and the covariance of noise with the memory of the residuals, `s^2 (D/M + P)^-1` with M samples per
+independent one, the information D of the measurements and P of the priors. A few blocks may scatter less by chance.
 """
 
 from __future__ import annotations
@@ -92,10 +94,14 @@ def uncertainty(solution: Solution) -> Uncertainty:
     if real or not problem.explains_residuals:
         found = scatter(solution, free)
         if found is not None:
-            blocks, size, least = found.blocks, np.diag(found.covariance), np.diag(white)
-            grow = np.sqrt(np.maximum(size / np.maximum(least, 1e-300), 1.0))
-            back = np.sqrt(np.maximum(least / np.maximum(size, 1e-300), 1.0))
-            covariance, inflation = found.covariance * np.outer(back, back), float(grow.max(initial=1.0))
+            prior = problem.prior(solution.values).curvature[np.ix_(free, free)]
+            data = solution.information[np.ix_(free, free)] - prior
+            least = noise2 * np.diag(_inverse(data / problem.memory + prior))
+            blocks, size = found.blocks, np.diag(found.covariance)
+            grow = np.sqrt(np.maximum(least / np.maximum(size, 1e-300), 1.0))
+            covariance = found.covariance * np.outer(grow, grow)
+            more = np.diag(covariance) / np.maximum(np.diag(white), 1e-300)
+            inflation = float(np.sqrt(more.max(initial=1.0)))
     full = np.zeros((k, k))
     full[np.ix_(free, free)] = covariance
     full = full + problem.known.carried_covariance(np.where(problem.held_mask, 0.0, solution.values))

@@ -1,8 +1,8 @@
 """Angle traces: the format that tracking writes and fitting reads.
 
 A file is a CSV with columns `t, theta_1..n[, omega_1..n][, se_1..n]` and comment lines such as
-`# zero=down, sign=1, unit=rad`; a missing sample is empty. Comments `# warning: ...` become warnings. Internally,
-angles are from the horizontal, positive downwards.
+`# zero=down, sign=1, unit=rad, model_error=1e-4`; a missing sample is empty. Comments `# warning: ...` become warnings.
+Internally, angles are from the horizontal, positive downwards.
 """
 
 from __future__ import annotations
@@ -54,6 +54,7 @@ class Trace:
         se: standard errors (k, n) [rad] or None.
         convention: how the angles are counted in the file.
         warnings: remarks of the trace's author, which a fit repeats.
+        model_error: angle by which the trace deviates from any model, in the unit of `theta`.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Trace:
     se: np.ndarray | None = None
     convention: Convention = Convention()
     warnings: tuple[str, ...] = ()
+    model_error: float = 0.0
 
     @property
     def links(self) -> int:
@@ -92,7 +94,8 @@ class Trace:
         if convention.zero == "down":
             theta, rates = np.pi / 2 - theta, None if rates is None else -rates
         se = None if self.se is None else np.abs(factor) * self.se
-        return replace(self, theta=unwrap(theta), omega=rates, se=se, convention=convention)
+        error = abs(factor) * self.model_error
+        return replace(self, theta=unwrap(theta), omega=rates, se=se, convention=convention, model_error=error)
 
 
 def unwrap(theta: np.ndarray) -> np.ndarray:
@@ -114,7 +117,7 @@ def read_trace(path: str | Path, links: int | None = None) -> Trace:
     table = read_csv(path, "t, theta_1..n")
     names = table.names
     count = _check_columns(path.name, names, links)
-    values = table.numbers()
+    values, stated = table.numbers(), _header_values(path.name, table.comments)
     part = lambda stem: np.stack([values[names.index(f"{stem}_{j + 1}")] for j in range(count)], axis=1)  # noqa: E731
     trace = Trace(
         name=path.stem,
@@ -122,8 +125,9 @@ def read_trace(path: str | Path, links: int | None = None) -> Trace:
         theta=part("theta"),
         omega=part("omega") if "omega_1" in names else None,
         se=part("se") if "se_1" in names else None,
-        convention=_convention(path.name, " ".join(c for c in table.comments if not c.startswith(WARNING))),
+        convention=convention(stated.get("zero"), stated.get("sign"), stated.get("unit"), path.name),
         warnings=tuple(c.removeprefix(WARNING) for c in table.comments if c.startswith(WARNING)),
+        model_error=float(stated.get("model_error", 0.0)),
     )
     check_trace(trace)
     return trace
@@ -149,9 +153,13 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
     return count
 
 
-def _convention(file: str, comment: str) -> Convention:
-    found = dict(re.findall(r"\b(\w+)\s*=\s*([^\s,;]+)", comment))  # \b: once per word, of any length
-    return convention(found.get("zero"), found.get("sign"), found.get("unit"), file)
+def _header_values(file: str, comments: Sequence[str]) -> dict[str, str]:
+    """The values `key=value` in comments that are not warnings."""
+    text = " ".join(comment for comment in comments if not comment.startswith(WARNING))
+    found = dict(re.findall(r"\b(\w+)\s*=\s*([^\s,;]+)", text))  # \b: once per word, of any length
+    if not re.fullmatch(r"(\d+\.?\d*|\.\d+)([eE]-\d+)?", error := found.get("model_error", "0")):
+        raise SceneError(f"{file}: model_error = {error!r}: not an angle; allowed: a number of at least 0")
+    return found
 
 
 def convention(zero: str | None, sign: str | int | None, unit: str | None, where: str = "traces") -> Convention:
@@ -330,7 +338,8 @@ def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Pa
             columns.append(values)
     text = io.StringIO()
     c = trace.convention
-    text.write(f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}\n")
+    error = f", model_error={trace.model_error:.9g}" if trace.model_error else ""
+    text.write(f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}{error}\n")
     text.writelines(f"# {note}\n" for note in (*notes, *(WARNING + warning for warning in trace.warnings)))
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,6 +77,15 @@ def test_angle_table_is_read_back_exactly_and_means_the_same(run, tmp_path, zero
     np.testing.assert_allclose(np.sin(inside.theta), np.sin(run.polar), atol=1e-12)
     slope = np.gradient(inside.theta, run.t, axis=0)
     assert np.abs(slope - inside.omega)[2:-2].max() < 0.02 * np.abs(inside.omega).max()
+
+
+def test_the_angle_table_states_the_error_of_the_runs_step(run, tmp_path):
+    assert read_trace(write_angles(run, tmp_path / "angles.csv")).model_error == 0.0
+    checked = replace(run, settings={**run.settings, "step_check": {"angles_rad": 2.345e-4}})
+    path = write_angles(checked, tmp_path / "angles.csv")
+    assert read_trace(path).model_error == 2.3e-4
+    table = np.loadtxt(path, delimiter=",", skiprows=3)
+    np.testing.assert_array_equal(table[:, 0], run.t)
 
 
 def test_tension_table_holds_the_tensions_at_their_times(run, tmp_path):

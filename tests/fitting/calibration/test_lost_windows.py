@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dropper_jax import load_scene
+from dropper_jax import load_scene, simulate
+from dropper_jax.run.summary import write_angles
 from fitting.calibration.estimating import estimate, lost_windows, recover_windows, with_sound_windows
 from fitting.calibration.fit import fit
 from fitting.calibration.preparation import prepare
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts
 from fitting.traces.synthetic import Camera, observe, simulate_truth
+from fitting.traces.trace import read_trace
 
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 TRUTH, NOISE, RATE = np.array([0.0015, 0.001]), 0.004, 100.0
@@ -154,3 +156,17 @@ def test_a_model_that_misses_its_trace_is_no_ok_until_its_error_is_stated(trace)
     stated = fit([trace], rig(**heavy, model_error=float(missed.rms)), start=start)
     assert stated.status == "ok"
     assert stated.chi2_per_dof < 2
+
+
+def test_angles_of_a_run_are_explained_up_to_the_error_of_its_step(tmp_path):
+    path = write_angles(simulate(rig(), save_every=5, step_check=True), tmp_path / "angles.csv")
+    start = dict(zip(NAMES, 2 * TRUTH, strict=True))
+    result = fit([path], rig(), start=start)
+    assert result.status == "ok"
+    assert result.chi2_per_dof > 0.1
+    assert np.all(np.abs(result.values - TRUTH) < 3 * result.uncertainty.std_error)
+    assert abs(result.values[0] - TRUTH[0]) < 0.05 * TRUTH[0]
+    assert any("model error as stated by the traces" in line for line in result.warnings)
+    unstated = fit([replace(read_trace(path), model_error=0.0)], rig(), start=start)
+    assert unstated.status == "misfit"
+    assert "model_error, as the tables of `dropper run` do" in unstated.message

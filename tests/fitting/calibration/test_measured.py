@@ -6,6 +6,7 @@ The traces are no part of the project: DROPPER_MEASURED_DATA names their folder,
 import json
 import os
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import jax
@@ -94,6 +95,20 @@ def test_a_rig_of_which_nothing_is_stated_is_freed_in_groups(file, name, until, 
     assert all(held.windows.count == 1 for held in result.held_out)
     assert not any("outliers" in candidate.name for candidate in result.freed)
     assert np.mean([held.rms for held in result.held_out]) <= part * np.mean(published)
+
+
+@pytest.mark.check
+def test_thirds_of_the_double_pendulum_differ_as_their_errors_say():
+    trace = read_trace(DOUBLE)
+    edges = np.linspace(trace.t[0], trace.t[-1] + trace.interval, 4)
+    parts = [trace.between(low, high) for low, high in zip(edges, edges[1:], strict=False)]
+    fits = [fit(part, "measured-double-pendulum", zero="down", sign=1, unit="rad") for part in parts]
+    off = [
+        np.abs(a.values - b.values) / np.maximum(np.hypot(a.uncertainty.std_error, b.uncertainty.std_error), 1e-300)
+        for a, b in combinations(fits, 2)
+    ]
+    assert np.mean(np.concatenate(off) < 2) >= 0.85
+    assert np.mean(np.concatenate(off) < 3) >= 0.95
 
 
 @pytest.mark.check

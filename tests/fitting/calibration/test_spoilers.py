@@ -78,6 +78,10 @@ def test_a_misfit_that_is_no_noise_is_not_taken_for_noise_and_widens_the_errors(
     assert result.noise_table()["kind"] == "white"
     assert result.uncertainty.blocks > 0
     assert result.uncertainty.std_error[0] > 2 * white
+    # at least that of as many independent samples as the memory of the residuals leaves
+    residual = solution.evaluation.residual[solution.windows.weight > 0]
+    assert solution.problem.memory > 2
+    assert result.uncertainty.std_error[0] > 0.99 * white * np.sqrt(solution.problem.memory * np.mean(residual**2))
     assert any("residuals are not noise" in w for w in result.warnings)
 
 

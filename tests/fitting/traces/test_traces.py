@@ -41,11 +41,15 @@ def test_a_trace_survives_writing_and_reading(tmp_path):
     t = np.arange(30) / 60
     theta = np.sin(t)[:, None] * np.array([1.0, 2.0])
     theta[3, 1] = np.nan
-    before = Trace("x", t, theta, se=np.full_like(theta, 0.01), convention=Convention("down", -1, "rad"))
+    before = Trace(
+        "x", t, theta, se=np.full_like(theta, 0.01), convention=Convention("down", -1, "deg"), model_error=0.1
+    )
     after = read_trace(write_trace(tmp_path / "x.csv", before))
     np.testing.assert_allclose(after.theta, theta, atol=1e-8)
     np.testing.assert_allclose(after.se, 0.01)
-    assert after.convention == Convention("down", -1, "rad")
+    assert after.convention == Convention("down", -1, "deg")
+    assert after.model_error == 0.1
+    assert after.in_model_convention(after.convention).model_error == pytest.approx(np.deg2rad(0.1))
 
 
 @pytest.mark.parametrize(
@@ -56,6 +60,8 @@ def test_a_trace_survives_writing_and_reading(tmp_path):
         (rows(names="t,theta_2"), "unknown column .theta_2."),
         ("t,theta_1\n", "no samples"),
         (rows(value=lambda i: "x"), "not a number"),
+        ("# unit=rad, model_error=-1\n" + rows(), "model_error = '-1': not an angle"),
+        ("# unit=rad, model_error=1.2.3\n" + rows(), "model_error = '1.2.3': not an angle"),
         (rows(value=lambda i: ""), "every sample is missing"),
         (rows(value=lambda i: "0.5"), "constant"),
         (rows(count=5), "at least"),

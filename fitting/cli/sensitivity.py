@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
             global_picture(found, args.of, picture(target, "tornado"))
         else:
             local_picture(found, picture(target, "tornado"))
-    return _report(found, args, problem.fallbacks.warnings(), out)
+    return _report(found, args, [*problem.fallbacks.warnings(), *found.warnings], out)
 
 
 def _over_ranges(problem: Study, args: argparse.Namespace) -> Global:

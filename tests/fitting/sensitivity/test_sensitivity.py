@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.quantities import STATISTICS, quantity
+from dropper_jax.study.stability.rope_cases import slack_rope
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import local, ranges, study, windows
@@ -67,6 +69,27 @@ def test_without_a_check_there_is_no_reverse_pass_and_the_same_derivative(loop, 
     np.testing.assert_allclose(plain.forward, found.forward, rtol=1e-12)
     assert (plain.reverse, plain.mismatch, plain.exponent) == (None, None, None)
     assert plain.trusted
+
+
+def test_smooth_motion_has_the_full_linear_range(found):
+    assert (found.linear_range, found.warnings) == (0.01, [])
+
+
+def test_snapping_rope_warns_that_its_exact_derivative_is_linear_over_a_small_range_only():
+    """Differences over 1e-8 of gravity give the derivative, over 0.1 % they do not."""
+    problem = study(slack_rope().with_values({"run.duration": 0.2}), "tension.mean", ["effects.point_bodies.gravity"])
+    (gravity,) = problem.parameters
+    found = local(problem)
+
+    def difference(share):
+        changed = replace(gravity, value=gravity.value * (1 + share))
+        return (local(replace(problem, parameters=(changed,))).value - found.value) / (share * gravity.value)
+
+    np.testing.assert_allclose(difference(1e-8), found.forward[0], rtol=1e-3)
+    assert abs(difference(1e-3) / found.forward[0] - 1.0) > 0.1
+    assert found.linear_range < 1e-3
+    (warning,) = found.warnings
+    assert f"predict {0.01 * abs(found.forward[0]) * gravity.value:.3g} N" in warning
 
 
 def test_growth_of_the_derivatives_finds_a_chaotic_motion():

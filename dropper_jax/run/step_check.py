@@ -225,6 +225,12 @@ def is_warned(found: dict[str, Any], name: str) -> bool:
     return (found[name] or 0.0) > (0.5 * limit if rough else limit)
 
 
+def shorter_step(solution: Samples) -> float | None:
+    """The step [s] for an error of 1 % if the check of a run warns; None if it does not warn or was not made."""
+    found = solution.settings.get("step_check")
+    return found["dt_for_1_percent_s"] if found and any(is_warned(found, name) for name in WARNED) else None
+
+
 def step_words(found: dict[str, Any]) -> str:
     """The estimated errors in words."""
     off = _off(found, [name for name in WORDS if found[name] is not None])

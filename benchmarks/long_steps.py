@@ -25,7 +25,7 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.packaged import scene_names
 from dropper_jax.load.scene import Scene
-from dropper_jax.run import step_check
+from dropper_jax.run import chunks, step_check
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import whole_lines
 
@@ -129,8 +129,10 @@ def judge(name: str) -> dict[str, Any]:
 
 def _truth(scene: Scene, span: float, parts: int) -> Solution:
     """A run at a part of the packaged step, at whole packaged steps."""
-    saved = parts if sum(line.links for line in scene.lines) > MANY_LINKS else 1
-    run = dj.simulate(scene, dt=scene.run.dt / parts, duration=span, save_every=saved, step_check=False)
+    many = sum(line.links for line in scene.lines) > MANY_LINKS
+    saved, kernel = (parts, chunks.WORTH_ONE_KERNEL) if many else (1, LONGEST * parts)
+    with patch.object(chunks, "WORTH_ONE_KERNEL", kernel):
+        run = dj.simulate(scene, dt=scene.run.dt / parts, duration=span, save_every=saved, step_check=False)
     rows = slice(None, None, parts // saved)
     return replace(run, t=run.t[rows], positions=run.positions[rows], tension=run.tension[rows])
 

@@ -239,9 +239,19 @@ def _advise_step(solution: Samples, found: dict[str, Any]) -> float:
 
 def is_warned(found: dict[str, Any], name: str) -> bool:
     """Whether an estimated error requires a warning."""
+    if found[name] is None:
+        return False
     limit = (WARNED if found["repeated"] == FULL_RUN else WARNED_STRETCHES)[name]
     rough = name != "mean_tension" and any((found[other] or 0.0) > ROUGH for other in WARNED if other != name)
-    return (found[name] or 0.0) > (0.5 * limit if rough else limit)
+    return found[name] > (0.5 * limit if rough else limit) or _is_lower_bound(found, name)
+
+
+def _is_lower_bound(found: dict[str, Any], name: str) -> bool:
+    """Whether the error may be much larger than its estimate: maxima of unresolved snaps, and means if the path is
+    wrong, which stretches do not show because they start from states of the run."""
+    if name == "mean_tension":
+        return found["repeated"] != FULL_RUN and (found["positions"] or 0.0) > ROUGH
+    return name == "window_maxima" and found.get("snaps_unresolved", False)
 
 
 def shorter_step(solution: Samples) -> float | None:
@@ -260,10 +270,9 @@ def step_words(found: dict[str, Any]) -> str:
 
 def _off(found: dict[str, Any], names: list[str]) -> str:
     sizes = {name: f"{100.0 * found[name]:.2g} %{' of the travel' if name == 'positions' else ''}" for name in names}
+    sizes |= {name: f"at least {sizes[name]}" for name in names if _is_lower_bound(found, name)}
     if found["chaotic_from_s"] is not None:
         sizes |= {name: "no more than chance" for name in names if found[name] == 0.0}
-    if found.get("snaps_unresolved") and "window_maxima" in sizes:
-        sizes["window_maxima"] = f"at least {sizes['window_maxima']} (snaps)"
     by = [f"{WORDS[name]} {'by' if i else 'are off by about'} {size}" for i, (name, size) in enumerate(sizes.items())]
     return ", ".join(by).replace("about no more", "no more").replace("about at least", "at least")
 

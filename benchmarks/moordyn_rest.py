@@ -188,16 +188,23 @@ def main() -> None:
     decks: dict[str, str] = {}
     for name in names:
         first = decks.setdefault(deck_of(name), name)
-        if first != name:
+        if first == name:
+            rows += measure(name)
+        else:
             rows += [{**row, "scene": name, "same_deck_as": first} for row in rows if row["scene"] == first]
-            continue
-        for links in (1, FINE):
-            rows.append(compare(name, links))
-            say(rows[-1])
-            if rows[-1]["status"] != "ok" or rows[-1]["deck_difference"] < CLOSE:
-                break  # a difference that goes with finer links is that of the codes' drag on a bent line
         rows.sort(key=lambda row: (row["scene"], row.get("links", 1)))
         store("moordyn_rest", {"schema": 1, "versions": versions("moordyn", "dropper-jax"), "rows": rows})
+
+
+def measure(name: str) -> list[dict[str, Any]]:
+    """The row of a scene, and one with finer links if its deck differs from MoorDyn's rest."""
+    rows = []
+    for links in (1, FINE):
+        rows.append(compare(name, links))
+        say(rows[-1])
+        if rows[-1]["status"] != "ok" or rows[-1]["deck_difference"] < CLOSE:
+            break  # a difference that goes with finer links is that of the codes' drag on a bent line
+    return rows
 
 
 if __name__ == "__main__":

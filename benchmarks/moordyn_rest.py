@@ -43,6 +43,7 @@ LEAST = 1e-2
 def calm(name: str, times: int = 1) -> Scene:
     """A packaged scene without waves and what follows them; in still water with more drag, `times` as many links."""
     values = load_scene(name).to_dict()
+    values["start"] = {"kind": "static"}
     sea = values.get("sea", {})
     for key in ("waves", "ramp"):
         sea.pop(key, None)
@@ -102,8 +103,10 @@ def moved_to(scene: Scene, pose: Equilibrium) -> Scene:
     return Scene.from_dict(values)
 
 
-def largest_step(scene: Scene) -> float:
-    """A step [s] at which MoorDyn's explicit scheme is stable on these lines."""
+def largest_step(scene: Scene) -> float | None:
+    """A step [s] at which MoorDyn's explicit scheme is stable on these lines; None of rigid ones."""
+    if any(line.EA is None for line in scene.lines):
+        return None
     times = [np.min(line.length * np.sqrt(line.mass / (line.length * line.EA))) for line in scene.lines]
     return float(f"{min(PART * min(times), LARGEST_STEP):.2g}")
 
@@ -137,7 +140,7 @@ def compare(name: str, links: int = 1) -> dict[str, Any]:
         scene = calm(name, links)
         with tempfile.TemporaryDirectory() as where:
             folder, moved = Path(where), moved_points(scene)
-            dt = largest_step(scene) if scene.branched and scene.lines[0].EA is not None else None
+            dt = largest_step(scene)
             write_moordyn(scene, folder / "deck.txt", dt=dt)  # refuses a scene before its pose is sought
             own = rest_of(scene)
             write_moordyn(moved_to(scene, own), folder / "deck.txt", dt=dt)
@@ -168,15 +171,38 @@ def compare(name: str, links: int = 1) -> dict[str, Any]:
     return found
 
 
+def deck_of(name: str) -> str:
+    """The deck of the calm scene without name and description, which scenes share; the name of a rejected scene."""
+    try:
+        scene = calm(name).with_values({"name": "deck", "description": ""})
+        with tempfile.TemporaryDirectory() as folder:
+            write_moordyn(scene, Path(folder) / "deck.txt", dt=largest_step(scene))
+            return "".join(file.read_text() for file in sorted(Path(folder).iterdir()))
+    except SceneError:
+        return name
+
+
+def measure(name: str) -> list[dict[str, Any]]:
+    """The row of a scene, and one with finer links if its deck differs from MoorDyn's rest."""
+    rows = []
+    for links in (1, FINE):
+        rows.append(compare(name, links))
+        say(rows[-1])
+        if rows[-1]["status"] != "ok" or rows[-1]["deck_difference"] < CLOSE:
+            break  # a difference that goes with finer links is that of the codes' drag on a bent line
+    return rows
+
+
 @command()
 def main() -> None:
     names = sys.argv[1:] or scene_names()
     rows = [row for row in stored("moordyn_rest")["rows"] if row["scene"] not in names] if sys.argv[1:] else []
+    decks: dict[str, str] = {}
     for name in names:
-        for links in (1, FINE):
-            rows.append(compare(name, links))
-            say(rows[-1])
-            if rows[-1]["status"] != "ok" or rows[-1]["deck_difference"] < CLOSE:
-                break  # a difference that goes with finer links is that of the codes' drag on a bent line
+        first = decks.setdefault(deck_of(name), name)
+        if first == name:
+            rows += measure(name)
+        else:
+            rows += [{**row, "scene": name, "same_deck_as": first} for row in rows if row["scene"] == first]
         rows.sort(key=lambda row: (row["scene"], row.get("links", 1)))
         store("moordyn_rest", {"schema": 1, "versions": versions("moordyn", "dropper-jax"), "rows": rows})

@@ -196,12 +196,15 @@ def _errors(errors: dict[str, float]) -> str:
 def moordyn_rest(found: Found) -> Rows:
     """End tensions of packaged scenes at rest against MoorDyn's on their decks, or why they are not compared."""
     other: dict[str, list[str]] = {}
+    shared: dict[str, list[str]] = {}
     for row in found["rows"]:
         if row["status"] != "ok":
             other.setdefault(row["status"], []).append(row["scene"])
+        elif "same_deck_as" in row:
+            shared.setdefault(row["same_deck_as"], []).append(row["scene"])
     rows = columns(
-        (row for row in found["rows"] if row["status"] == "ok"),
-        ("scenes", "{scene}"),
+        (row for row in found["rows"] if row["status"] == "ok" and "same_deck_as" not in row),
+        ("scenes", lambda r: ", ".join([r["scene"], *shared.get(r["scene"], [])])),
         ("lines", lambda r: f"{r['lines']}" + ("" if r["links"] == 1 else f", {r['links']} times the links")),
         ("largest tension [N]", "{largest_n:.0f}"),
         ("scene against MoorDyn", lambda r: f"{100 * r['scene_difference']:.2g} %"),

@@ -106,7 +106,7 @@ def text(scene: Scene, source: str, found: dict[str, Any]) -> str:
         ("natural periods", f"dropper modes {source}"),
         (
             "time step",
-            f"{found['dt_s']:g} s in the scene, {step:g} s suggested by periods (--dt auto); a run measures its error",
+            f"{found['dt_s']:g} s in the scene, {step:g} s suggested by periods; run --dt auto shortens it if needed",
         ),
         ("a run compiles", f"{parts['integrator']}, solver {parts['solver']}, {parts['dtype']}; {shape}"),
         ("effects", ", ".join(parts["effects"]) or "none"),

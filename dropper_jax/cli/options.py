@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from dropper_jax.run.simulate import Solution
 
-#: Value of `--dt` for the suggested step.
+#: Value of `--dt` for the suggested step, which `run` shortens as its check advises.
 AUTO = "auto"
 SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01 (may be given several times)"
 
@@ -215,7 +215,7 @@ RUN_VALUES: dict[str, dict[str, Any]] = {
     "dt": {
         "type": step_length,
         "metavar": "S",
-        "help": "time step [s], or auto: a first guess from periods (`dropper check`); a run measures its error",
+        "help": "time step [s], or auto: that of `dropper check`, which `run` shortens if its error is large",
     },
     "duration": {"type": number, "help": "simulated time [s]"},
     "dtype": {"metavar": "NAME", "help": "float64 or float32"},

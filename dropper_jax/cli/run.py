@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.files import unfinished_folder
 from dropper_jax.cli.options import (
+    AUTO,
     add_examples,
     add_quiet,
     add_run_values,
@@ -56,6 +57,9 @@ OVERRIDES = (
 )
 #: Maximum number of lines of a system whose tensions are printed.
 MOST_LINES = 12
+#: Maximum number of runs of `--dt auto`. The advised step aims at half the error that is warned of, so the second run
+#: passes unless the first was too long to show the error; errors of chaotic runs never fall steadily.
+AUTO_RUNS = 3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -113,6 +117,7 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax.cli.outputs import recover_leftovers, save_or_report
     from dropper_jax.run.simulate import simulate
+    from dropper_jax.run.step_check import shorter_step
     from dropper_jax.run.storage import check_packages
 
     if out:
@@ -124,21 +129,28 @@ def run(args: argparse.Namespace) -> int:
     if tables:
         tables.mkdir(parents=True, exist_ok=True)
     recover_leftovers(out)
-    with unfinished_folder(out) if out else nullcontext() as scratch:
-        solution = simulate(
-            scene,
-            progress=progress(args.quiet),
-            errors=args.errors,
-            skip=args.skip,
-            start=before,
-            scratch=scratch,
-            step_check=args.step_check,
-        )
-        print_warnings(solution.warnings)
-        refused = save_or_report(solution, out)
-        if refused is not None:
-            return _report_unsaved(args, solution, refused)
-        return _write_outputs(args, solution, plot, film, tables, report_folder)
+    runs_left = AUTO_RUNS if args.dt == AUTO and args.step_check else 1
+    while True:
+        with unfinished_folder(out) if out else nullcontext() as scratch:
+            solution = simulate(
+                scene,
+                progress=progress(args.quiet),
+                errors=args.errors,
+                skip=args.skip,
+                start=before,
+                scratch=scratch,
+                step_check=args.step_check,
+            )
+            runs_left -= 1
+            better = shorter_step(solution) if runs_left else None
+            if better is None:
+                print_warnings(solution.warnings)
+                refused = save_or_report(solution, out)
+                if refused is not None:
+                    return _report_unsaved(args, solution, refused)
+                return _write_outputs(args, solution, plot, film, tables, report_folder)
+        print_line(f"time step: {scene.run.dt:g} s is too long; the run is repeated with {better:g} s (--dt auto)")
+        scene = scene.with_values({"run.dt": better})
 
 
 def _report_unsaved(args: argparse.Namespace, solution: Solution, refused: str) -> int:

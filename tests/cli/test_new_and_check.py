@@ -77,6 +77,19 @@ def test_run_takes_the_suggested_step_and_prints_it(capsys):
     assert json.loads(out)["dt"] == 0.0064
 
 
+def test_run_shortens_the_suggested_step_until_its_check_passes(capsys):
+    """The first step is off by 3 % of the travel; the exact motion is a circle at the start's inclination."""
+    assert main(["run", "conical-pendulum", "--dt", "auto", "--json", "--quiet"]) == 0
+    out, err = capsys.readouterr()
+    first, second = (line for line in err.splitlines() if line.startswith("time step"))
+    assert first == "time step: 0.02 s (--dt auto)"
+    assert "too long; the run is repeated with" in second
+    found = json.loads(out)
+    assert found["dt"] < 0.02
+    assert found["step_check"]["positions"] < 0.02
+    assert not any(text.startswith("time step") for text in found["warnings"])
+
+
 @pytest.mark.parametrize("scene", ["paper-case-3", "longline-rows"])
 def test_check_takes_less_than_three_seconds_of_processor_time(scene):
     code = (

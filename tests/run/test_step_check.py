@@ -3,6 +3,8 @@
 The lab dropper at 30 times its step is in `test_pieces.py`, whose program it takes.
 """
 
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
@@ -132,6 +134,27 @@ def test_chaos_is_not_taken_for_a_long_step():
     assert chaotic is not None
     assert t[chaotic] == pytest.approx(np.log(1e4) / 0.7, abs=0.02)
     assert step_check._chaos(1e-6 * np.exp(0.1 * t), nodes) is None
+
+
+@pytest.mark.parametrize(("dt", "unresolved"), [(0.02, True), (0.002, False)])
+def test_maxima_of_a_snap_within_a_step_longer_than_the_axial_period_are_unresolved(dt, unresolved):
+    """A link of 4 m, 20 kg and 20 MN: its axial period is `pi sqrt(L m/EA)` = 6.3 ms."""
+    line = SimpleNamespace(length=np.array([4.0]), mass=np.array([20.0]), EA=np.array([2e7]))
+    solution = SimpleNamespace(scene=SimpleNamespace(line=line), settings={"dt": dt, "save_every": 1})
+    same = {"mean_tension": 0.0, "window_maxima": 0.0}  # the run at half the step misses the peak as well
+    snap, rising = (SimpleNamespace(tension=np.array(rows)[:, None]) for rows in ([0, 900, 0], [0, 9, 300, 900]))
+    found = {**step_check._with_snaps(solution, snap, same), "positions": 0.0, "repeated": step_check.FULL_RUN}
+    assert step_check.is_warned(found, "window_maxima") == unresolved
+    assert step_check._with_snaps(solution, rising, same)["window_maxima"] == 0.0
+
+
+def test_a_wrong_path_in_stretches_leaves_the_mean_unknown():
+    """A stretch starts from a state of the run, so it does not show what the path before it did to the mean."""
+    found = {"repeated": "32 stretches of 3 steps", "mean_tension": 0.008, "window_maxima": 0.0, "chaotic_from_s": None}
+    assert step_check.is_warned({**found, "positions": 0.15}, "mean_tension")
+    assert "mean tensions are off by at least 0.8 %" in step_check.step_words({**found, "positions": 0.15})
+    assert not step_check.is_warned({**found, "positions": 0.05}, "mean_tension")
+    assert not step_check.is_warned({**found, "positions": 0.15, "repeated": step_check.FULL_RUN}, "mean_tension")
 
 
 def test_a_run_at_rest_is_not_warned_of(falling):

@@ -255,7 +255,12 @@ def state_between(model: Model, knots: tuple[Knot, ...], known: jax.Array, t: ja
     r, v, a = y[:, :size], rate[:, :size], rate[:, size : 2 * size]
     scaled = jnp.concatenate([r, unit * v, unit**2 * a])
     w, p = y[:, 2 * size :], rate[:, 2 * size :]
-    found = [position @ scaled, speed @ scaled / unit, work @ jnp.concatenate([w, unit * p])]
+    # sums, not matrix products: a library call would prevent one kernel
+    found = [
+        _combine_slopes(position, scaled),
+        _combine_slopes(speed, scaled) / unit,
+        _combine_slopes(work, jnp.concatenate([w, unit * p])),
+    ]
     return jnp.concatenate(found)
 
 

@@ -214,7 +214,9 @@ def march_held(
     carry, (found, _) = advance_controlled(stepper, model, carry, grid, tolerance, saves)
     both = jnp.stack([found.tension, jnp.roll(found.tension, 1, axis=0)], axis=1)
     speed = jnp.sum(jnp.square(found.v), axis=(1, 2))
-    path = grid * (jnp.cumsum(speed) - 0.5 * speed)
+    # a loop, not `cumsum`, which would prevent one kernel
+    passed = jax.lax.scan(lambda total, x: (total + x, total + x), jnp.zeros((), model.dtype), speed)[1]
+    path = grid * (passed - 0.5 * speed)
     run = Marched(found.r, found.v, both, found.work, found.residual, found.first_bad, found.retried, path)
     return MarchResult(run, carry.taken, carry.refused)
 

@@ -134,8 +134,8 @@ class ProjectedRungeKutta(Explicit):
     stable: ClassVar[float]
     #: Error of a step in positions [m] and velocities [m/s], unless a run specifies another.
     tolerance: ClassVar[float] = 1e-6
-    #: Drift of lengths [m] and of their rates [m/s] that is projected away, as a share of the tolerance: 10 to 15 % less
-    #: time at equal errors. Larger shares save no more.
+    #: Drift of lengths [m] and of their rates [m/s] that is projected away, as a share of the tolerance. Runs take 10
+    #: to 15 % less time at equal errors; larger shares save no more.
     drift: ClassVar[float] = 0.03
 
     def refuse(self, model: Model) -> str | None:

@@ -221,13 +221,15 @@ def march_held(
     return MarchResult(run, carry.taken, carry.refused)
 
 
-#: Rows of the program of a run: the number of saves if that is small, else at least this number and a power of two.
+#: Rows of the program of a run: the number of saves if that is small, else this number, or a larger power of two.
 FEW_SAVES, MARCH_ROWS = 32, 640
 
 
 def grid_program(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
     """`march` with the step `grid / every` [s], with spare rows."""
-    capacity = saves if saves <= FEW_SAVES else max(MARCH_ROWS, 1 << (saves - 1).bit_length())
+    capacity = MARCH_ROWS if FEW_SAVES < saves <= MARCH_ROWS else saves
+    if capacity > MARCH_ROWS:
+        capacity = 1 << (saves - 1).bit_length()
     return march(stepper, model, s, grid / every, every, saves, capacity)
 
 

@@ -50,7 +50,8 @@ ELEMENTWISE = frozenset(
     """
     add sub mul div rem max min neg sign abs square sqrt rsqrt cbrt exp exp2 log log1p expm1 logistic
     sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh integer_pow pow floor ceil round is_finite
-    and or xor not eq ne lt le gt ge select_n convert_element_type stop_gradient copy add_any erf clamp nextafter
+    and or xor not eq ne lt le gt ge lt_to le_to select_n convert_element_type stop_gradient copy add_any erf clamp
+    nextafter
     """.split()  # noqa: SIM905
 )
 #: Operations that XLA compiles inline. `first_derivatives_only` and `zero_of_all` are this project's own.

@@ -23,7 +23,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
@@ -207,6 +206,8 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     still = rest(model)
     stiffness, motions = stiffness_of_motions(still, pose)
     stiffness, mass = _symmetric(stiffness), _symmetric(motions.T @ np.asarray(_mass(still, pose)) @ motions)
+    from scipy.linalg import eigh  # noqa: PLC0415  (a twentieth of the start of each run, which needs no modes)
+
     value, vector = eigh(stiffness, mass)
     stiff = value > ROUNDING * value[-1]
     value, vector = value[stiff][:count], vector[:, stiff][:, :count]

@@ -208,15 +208,17 @@ def march_held(
     carry, (found, _) = advance_controlled(stepper, model, carry, grid, tolerance, saves)
     both = jnp.stack([found.tension, jnp.roll(found.tension, 1, axis=0)], axis=1)
     speed = jnp.sum(jnp.square(found.v), axis=(1, 2))
-    path = grid * (jnp.cumsum(speed) - 0.5 * speed)
+    # a loop, not `cumsum`, which would prevent one kernel
+    passed = jax.lax.scan(lambda total, x: (total + x, total + x), jnp.zeros((), model.dtype), speed)[1]
+    path = grid * (passed - 0.5 * speed)
     run = Marched(found.r, found.v, both, found.work, found.residual, found.first_bad, found.retried, path)
     return MarchResult(run, carry.taken, carry.refused)
 
 
 def grid_program(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
     """`march` with the step `grid / every` [s], with spare rows."""
-    # rows of the program of a run: the number of saves if that is small, else at least this number and a power of two
-    capacity = saves if saves <= 32 else max(640, 1 << (saves - 1).bit_length())
+    # rows of the program of a run: the number of saves if that is small, else 640, or a larger power of two
+    capacity = saves if saves <= 32 else 640 if saves <= 640 else 1 << (saves - 1).bit_length()
     return march(stepper, model, s, grid / every, every, saves, capacity)
 
 

@@ -68,6 +68,7 @@ case = dj.one_kernel(f), f, args
 f = lambda x: jnp.signbit(-0.0 * x) + loop(x) * 0; g = lambda x: (-0.0 * x + loop(x) * -0.0, )
 case = dj.one_kernel(g), g, (jnp.zeros(5),)
 """,
+    "searching": "f = lambda x, y: y[jnp.searchsorted(y, 3 * loop(x))]; case = dj.one_kernel(f), f, (x, y)",
     "of grad": "case = dj.one_kernel(jax.grad(total)), jax.grad(total), (x,)",
     "of value and grad": "f = jax.value_and_grad(total); case = dj.one_kernel(f), f, (x,)",
     "of grad of": "case = dj.one_kernel(jax.grad(dj.one_kernel(total))), jax.grad(total), (x,)",

@@ -5,13 +5,16 @@ import os
 import subprocess
 import sys
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import dropper_jax as dj
 from dropper_jax.backend import tridiagonal
-from dropper_jax.backend.one_kernel import FLAG, LIMIT, OPTION, in_force, one_kernel, with_option
+from dropper_jax.backend.one_kernel import FLAG, LIMIT, OPTION, in_force, inside, is_inline, one_kernel, with_option
 from dropper_jax.base.scatter import scatter_add
+from dropper_jax.study.march import march_held
 
 PROGRAM = """
 import json, sys
@@ -59,6 +62,18 @@ def test_runs_of_packaged_scenes_are_one_small_call():
     for case in GRADIENT:
         assert found[case]["loops"] == 0, case
         assert not found[case]["called"], case
+
+
+@pytest.mark.parametrize("scheme", ["tsit5", "dop853"])
+def test_error_controlled_runs_consist_of_operations_that_compile_to_one_kernel(scheme):
+    model, start = dj.build("dropper-release-a")
+    stepper = dj.make_stepper(model, scheme)
+
+    def run(model, s, grid, tolerance):
+        return march_held.__wrapped__(stepper, model, s, grid, tolerance, 5)
+
+    with inside(True):
+        assert is_inline(jax.make_jaxpr(run)(model, start, 0.1, 1e-5).jaxpr)
 
 
 @pytest.mark.check

@@ -42,8 +42,6 @@ OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
 DEFAULT_QUANTITIES = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
 #: Tables of a scene whose values cannot be parameters of a fit.
 NOT_FITTED = ("start", "point", "sea")
-#: Maximum number of cases in the table of scores.
-MOST_ROWS = 15
 HOST_COUNT = "xla_force_host_platform_device_count"
 SPACINGS = {"linear": "linspace", "log": "geomspace"}
 
@@ -248,19 +246,21 @@ def text(found: dict[str, Any]) -> str:
 
 def _score_table(trace: dict[str, Any]) -> str:
     """The cases with the best head, and the fit: RMS angle error and distance of spectra of each part."""
+    # maximum number of cases in the table of scores
+    most_rows = 15
     spans = trace["parts_s"]
     cases = [case for case in trace["cases"] if case["head"]["angle_rms_rad"] is not None]
     cases.sort(key=lambda case: case["head"]["angle_rms_rad"])
     fit = trace.get("fit")
     names = [path.rsplit(".", 1)[-1] for path in cases[0]["values"]]
     rows = [(*names, *(f"{part}{of}" for part in spans for of in ("", " spectrum")))]
-    for case in [*cases[:MOST_ROWS], *([fit] if fit else [])]:
+    for case in [*cases[:most_rows], *([fit] if fit else [])]:
         scores = [1e3 * (x if x is not None else float("nan")) for part in spans for x in case[part].values()]
         rows.append((*(f"{x:.4g}" for x in case["values"].values()), *(f"{x:.3g}" for x in scores)))
     named = ", ".join(f"{part} {low:.4g} to {high:.4g} s" for part, (low, high) in spans.items())
     notes = [f"RMS angle error and distance of amplitude spectra [mrad], {named}"]
-    if len(cases) > MOST_ROWS:
-        notes.append(f"{len(cases) - MOST_ROWS} more cases; use --json to see all")
+    if len(cases) > most_rows:
+        notes.append(f"{len(cases) - most_rows} more cases; use --json to see all")
     if fit:
         notes.append(f"last row: the fit ({fit['status']})")
     return table(rows) + "\n\n" + "; ".join(notes)

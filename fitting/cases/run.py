@@ -9,12 +9,12 @@ import os
 import threading
 import time
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -85,11 +85,7 @@ class Store:
 
     def write(self, case: Case, found: Found) -> None:
         """Keep a run."""
-        atomic_write(self.path(case), _writer(found))
-
-
-def _writer(found: Found) -> Callable[[BinaryIO], None]:
-    return lambda file: np.savez_compressed(file, **found)
+        atomic_write(self.path(case), lambda file: np.savez_compressed(file, **found))
 
 
 class CasesStopped(RuntimeError):

@@ -35,15 +35,12 @@ def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path
     height = round((box[3] - box[1]) * scale)
     tiles = [opencv().resize(p, (picture_width, height), interpolation=opencv().INTER_CUBIC) for p in pictures]
     tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % per_row)
-    rows = [np.concatenate(_frame_tiles(tiles[i : i + per_row]), axis=1) for i in range(0, len(tiles), per_row)]
+    framed = [np.pad(tile, ((4, 4), (4, 4), (0, 0)), constant_values=255) for tile in tiles]
+    rows = [np.concatenate(framed[i : i + per_row], axis=1) for i in range(0, len(framed), per_row)]
     good, data = opencv().imencode(".png", np.concatenate(rows))
     if not good:
         raise OSError(f"{path.name}: the picture cannot be encoded")
     return atomic_write(path, data.tobytes())
-
-
-def _frame_tiles(tiles: list[np.ndarray]) -> list[np.ndarray]:
-    return [np.pad(tile, ((4, 4), (4, 4), (0, 0)), constant_values=255) for tile in tiles]
 
 
 def _box(tracked: Tracked, size: tuple[int, int]) -> tuple[int, int, int, int]:

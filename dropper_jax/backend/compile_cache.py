@@ -2,7 +2,7 @@
 
 JAX can cache compiled programs in a folder, but it writes them in place and never replaces a file that it cannot read.
 `Entries` replaces its file store. Each file is written under a temporary name and renamed, and it carries a digest. A
-file with a wrong digest is removed. When the folder grows beyond `LARGEST`, the least recently used files are deleted.
+file with a wrong digest is removed. When the folder grows beyond 1 GB, the least recently used files are deleted.
 
 A folder belongs to one JAX version and one kind of processor, because programs contain its instructions.
 """
@@ -34,8 +34,6 @@ except ImportError:
 #: Environment variable that names the folder: `on` for the user's default folder, `off` or empty for no cache.
 VARIABLE = "DROPPER_COMPILE_CACHE"
 OFF, ON = "off", "on"
-#: Size of a folder [bytes] above which programs are deleted.
-LARGEST = 1_000_000_000
 #: Age [s] after which a temporary file counts as left over from a stopped process.
 ABANDONED = 3600.0
 #: Names in JAX's module that this code relies on.
@@ -92,7 +90,7 @@ def compile_cache(folder: str | Path) -> Path | None:
 class Entries:
     """Files of a folder in the interface of JAX's cache: bytes by key."""
 
-    def __init__(self, folder: Path, largest: int = LARGEST) -> None:
+    def __init__(self, folder: Path, largest: int = 1_000_000_000) -> None:
         self._path, self.largest = folder, largest
         self._unseen = largest  # bytes stored since the files were last looked at
 

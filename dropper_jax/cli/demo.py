@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 help = "release the lab dropper and calibrate its damping from synthetic traces; pictures, animation, report"
 
 GROUP = "dropper.demo"
-SCENE, DT, DURATION = "dropper-release-a", 0.005, 50.0
+SCENE, DURATION = "dropper-release-a", 50.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.load.source import load_scene
     from dropper_jax.run.simulate import simulate
 
-    solution = simulate(load_scene(SCENE), dt=DT, duration=DURATION, progress=progress())
+    solution = simulate(load_scene(SCENE), dt=0.005, duration=DURATION, progress=progress())
     print_line("drawing the pictures")
     draw(solution, folder)
     print_line("drawing the animation")

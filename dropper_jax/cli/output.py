@@ -19,11 +19,6 @@ FAILED = 3
 INTERRUPTED = 130
 
 
-BAR = 30
-#: Maximum length of a word in a message (paths are as long), and the length to which longer words are cut.
-LONGEST, LEFT = 500, 60
-
-
 def print_json(found: dict[str, Any]) -> None:
     """The one object on standard output; NaN and infinity as null."""
     print(json.dumps(jsonable(found), allow_nan=False), flush=True)
@@ -39,8 +34,8 @@ def print_result(as_json: bool, found: dict[str, Any], text: str) -> None:
 
 def shorten(text: str) -> str:
     """A message with very long words cut: names of 100 000 letters, binary files taken for text."""
-    cut = lambda found: f"{found[0][:LEFT]}... ({len(found[0])} characters)"  # noqa: E731
-    return re.sub(rf"\S{{{LONGEST + 1},}}", cut, text)
+    # paths have up to 500 characters; longer words are cut to 60
+    return re.sub(r"\S{501,}", lambda found: f"{found[0][:60]}... ({len(found[0])} characters)", text)
 
 
 def print_line(text: str) -> None:
@@ -97,11 +92,10 @@ def _bar() -> Callable[[float, str], None]:
         if fraction < 1.0 and now - last < 0.1:  # ten times a second looks smooth and has no noticeable cost
             return
         last = now
-        full = int(BAR * min(max(fraction, 0.0), 1.0))
-        bar = "#" * full + "." * (BAR - full)
+        bar = "#" * int(30 * min(max(fraction, 0.0), 1.0))
         end = "\n" if fraction >= 1.0 else ""
         with suppress(OSError):
-            print(f"\r[{bar}] {100 * fraction:3.0f} % {text:<40}", end=end, file=sys.stderr, flush=True)
+            print(f"\r[{bar:.<30}] {100 * fraction:3.0f} % {text:<40}", end=end, file=sys.stderr, flush=True)
 
     return show
 

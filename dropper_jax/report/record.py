@@ -78,9 +78,9 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         SceneError: fewer than three samples are left.
     """
     notes = [f"warning of the run: {warning}" for warning in solution.warnings]
-    good = np.logical_and.reduce(
-        [np.isfinite(a).all(axis=tuple(range(1, a.ndim))) for a in _arrays(solution)] + [solution.step_status == 0]
-    )
+    arrays = (solution.positions, solution.velocities, solution.tension)
+    finite = [np.isfinite(a).all(axis=tuple(range(1, a.ndim))) for a in arrays]
+    good = np.logical_and.reduce([*finite, solution.step_status == 0])
     last = len(good) if good.all() else int(np.argmin(good))
     if last < len(good):
         notes.append(f"the run is invalid from t = {solution.t[last]:.6g} s: only the time before is reported")
@@ -124,10 +124,6 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         square=square,
         notes=tuple(notes),
     )
-
-
-def _arrays(solution: Samples) -> list[np.ndarray]:
-    return [solution.positions, solution.velocities, solution.tension]
 
 
 def arc(lengths: np.ndarray) -> np.ndarray:

@@ -54,8 +54,9 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
     def picture(name: str) -> str:
         return f"![{name.replace('_', ' ')}]({files[name]})" if name in files else ""
 
+    notes = (*run["notes"], f"Mass of links: {link_mass_words(run['link_mass_nodes'])}.")
     return [
-        "\n".join(f"- {literal(note)}" for note in _notes(run)),
+        "\n".join(f"- {literal(note)}" for note in notes),
         *parts_text(run.get("parts")),
         "## Tension",
         sections.tension(run["tension"]),
@@ -86,10 +87,6 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
         *bodies_text(run.get("bodies")),
         *crop_text(run.get("crop")),
     ]
-
-
-def _notes(run: dict[str, Any]) -> list[str]:
-    return [*run["notes"], f"Mass of links: {link_mass_words(run['link_mass_nodes'])}."]
 
 
 def _weights(rows: list[dict[str, Any]]) -> list[str]:

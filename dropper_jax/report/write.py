@@ -86,11 +86,11 @@ def _of(what: str, shown: int, total: int) -> str:
     return what if shown == total else f"{what}, {shown} of {total} (the largest)"
 
 
-def _panels(count: int, height: float, width: float = 7.5) -> tuple[Figure, list[Axes]]:
+def _panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
     """One panel per item, in two columns for four or more."""
     columns = 1 if count < 4 else 2
     rows = -(-count // columns)
-    figure = style.new_figure(width if columns == 1 else 1.5 * width, 0.9 + height * rows)
+    figure = style.new_figure(7.5 if columns == 1 else 11.25, 0.9 + height * rows)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for spare in axes[count:]:
         spare.set_visible(False)

@@ -12,8 +12,6 @@ from dropper_jax.residual.problem import StepProblem, Unknowns, add, norm
 from dropper_jax.residual.scheme import Solver
 
 Linear = Callable[[Unknowns], Unknowns]
-#: Fractions of a correction tried by the damped iteration; the residual must fall.
-FRACTIONS = (1.0, 0.5, 0.2, 0.05)
 #: Fractions for a cycling iteration.
 SEARCHED = (0.85, 0.7, 0.55, 0.4, 0.25, 0.12, 0.06, 0.03)
 #: Sequence of smoothings of set-valued laws, as a fraction of the rate that friction stops within the step.
@@ -141,7 +139,8 @@ def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations:
     if problem.model.laws:
         return follow(problem, solver, u)
     scale = problem.row_scale()
-    fractions, never = jnp.asarray(FRACTIONS, u.x.dtype), jnp.full((), jnp.inf, u.x.dtype)
+    # fractions of a correction that are tried; the residual must fall
+    fractions, never = jnp.asarray((1.0, 0.5, 0.2, 0.05), u.x.dtype), jnp.full((), jnp.inf, u.x.dtype)
 
     def correct(now: tuple[Unknowns, Unknowns], _: None) -> tuple[tuple[Unknowns, Unknowns], None]:
         u, rows = now
@@ -155,7 +154,7 @@ def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations:
             return jax.tree.map(lambda a, b: jnp.where(better, a, b), (moved, rows, size), best)
 
         # a loop, not a batch: one more copy of the rows in the program instead of three
-        u, rows, _ = jax.lax.fori_loop(0, len(FRACTIONS), try_fraction, (u, rows, never))
+        u, rows, _ = jax.lax.fori_loop(0, len(fractions), try_fraction, (u, rows, never))
         return (u, rows), None
 
     (u, rows), _ = jax.lax.scan(correct, (u, problem.residual(u)), None, length=iterations)

@@ -153,10 +153,6 @@ def body_motion(model: Model, r: jax.Array, v: jax.Array) -> dict[str, np.ndarra
     return {"body_position": position, "body_attitude": turned, "body_velocity": velocity, "body_rates": angular}
 
 
-#: Fraction of the wave energy that the RAO table must cover, and how far waves may be outside its headings [rad].
-COVERED, ASIDE = 0.95, 0.05
-
-
 def make_vessels(scene: SceneData, sea: Sea | None) -> list[Effect]:
     """One moving point for each attachment of a vessel."""
     return [
@@ -171,19 +167,21 @@ def _vessel_effect(
 ) -> Effect:
     if vessel.rao is None:
         return VesselByTable(vessel.time, vessel.motion, position, np.array(vessel.heading), point=name)
+    # fraction of the wave energy that the RAO table must cover, and how far waves may be outside its headings [rad]
+    covered, margin = 0.95, 0.05
     waves = sea.waves
     omega, amplitude = np.asarray(waves.omega, float), np.asarray(waves.amplitude, float)
     course = np.broadcast_to(np.asarray(waves.direction, float), omega.shape) - vessel.heading
     table, energy = vessel.rao.full_circle(), amplitude**2
     heading = table.nearest_turn(course)
     inside = (omega >= table.frequency[0] * (1 - 1e-9)) & (omega <= table.frequency[-1] * (1 + 1e-9))
-    if np.sum(energy[inside]) < COVERED * np.sum(energy):
+    if np.sum(energy[inside]) < covered * np.sum(energy):
         raise SceneError(
             f"{path}.rao.frequency: {table.frequency[0]:.4g} to {table.frequency[-1]:.4g} rad/s leave out "
             f"{1 - np.sum(energy[inside]) / np.sum(energy):.0%} of the waves' energy; allowed: at most 5%"
         )
-    aside = (heading < table.headings[0] - ASIDE) | (heading > table.headings[-1] + ASIDE)
-    if np.sum(energy[aside]) > (1.0 - COVERED) * np.sum(energy):
+    aside = (heading < table.headings[0] - margin) | (heading > table.headings[-1] + margin)
+    if np.sum(energy[aside]) > (1.0 - covered) * np.sum(energy):
         worst = heading[aside][np.argmax(energy[aside])]
         raise SceneError(
             f"{path}.rao.headings: waves come at {worst:.4g} rad to the vessel; allowed: {table.headings[0]:.4g} to "

@@ -218,17 +218,14 @@ def point_forces(model: Model, free: Model, s: State, points: tuple[int, ...]) -
     links = seen.links(s.r, ends)
     held_forces = seen.geometry.held_force((s.tension / safe_norm(links))[:, None] * links)
     rows = [list(seen.geometry.held_points).index(p) for p in points]
-    own = _effect_forces(seen.geometry, free.with_internal_state(s.own), s, ends.positions, _velocities(ends, s))
+    velocities = seen.geometry.values_or_zero(ends.velocities, ends.positions)
+    own = _effect_forces(seen.geometry, free.with_internal_state(s.own), s, ends.positions, velocities)
     return held_forces[np.array(rows)] + _at(free.geometry, points, own)
 
 
 def half_link_mass(free: Model, points: tuple[int, ...]) -> jax.Array:
     """Mass (c,) [kg] of the halves of links at the points."""
     return _at(free.geometry, points, free.line.node_mass[:, None])[:, 0]
-
-
-def _velocities(ends: Any, s: State) -> jax.Array:
-    return jnp.zeros_like(ends.places) if ends.velocities is None else ends.velocities
 
 
 def _effect_forces(geometry: Any, free: Model, s: State, positions: jax.Array, velocities: jax.Array) -> jax.Array:

@@ -89,14 +89,10 @@ def initial_state(model: Model, start: StartSpec, near: State | None = None) -> 
     """
     if start.is_static:
         loads = nodal_loads(model, start.release_nodes, start.release_force)
-        s = _equilibrium_state(model, loads) if near is None else settle(model, _still(model, near), loads)
-        return _with_body_velocities(model, s)
+        if near is None:
+            return _with_body_velocities(model, _equilibrium_state(model, loads))
+        return _with_body_velocities(model, settle(model, state(model, near.r, tension=near.tension), loads))
     return _under_tension(model, _with_body_velocities(model, _state_of_spec(model, start, near)))
-
-
-def _still(model: Model, near: State) -> State:
-    """The positions and tensions of a state, at t = 0."""
-    return state(model, near.r, tension=near.tension)
 
 
 def _with_body_velocities(model: Model, s: State) -> State:

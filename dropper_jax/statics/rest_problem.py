@@ -78,8 +78,6 @@ def with_static_seabed_friction(model: Model, s: State, mu: jax.Array) -> tuple[
     return replace(model, effects=(*model.effects, held)), rounding / force_scale(model)
 
 
-#: Maximum scaled row (forces by m g, elongations by L) of a converged equilibrium.
-TOLERANCE = 1e-10
 #: Minimum kappa over the weight per length: prevents drift of unconstrained parts (a float in calm water).
 SMALLEST = 1e-9
 
@@ -151,10 +149,12 @@ def soft_scale(model: Model) -> jax.Array:
 
 
 def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
-    """Maximum scaled row of a converged equilibrium, a scalar: `TOLERANCE`, or the rounding error of stiff lines.
+    """Maximum scaled row of a converged equilibrium, a scalar: 1e-10, or the rounding error of stiff lines.
 
-    NumPy on the host. With large buoyancies of bodies the rounding error is 10 times `TOLERANCE`.
+    NumPy on the host. With large buoyancies of bodies the rounding error is 1e-9.
     """
+    # maximum scaled row (forces by m g, elongations by L) of a converged equilibrium
+    tolerance = 1e-10
     line = model.line
     length = xp.asarray(line.length)
     stiffness = xp.max(xp.asarray(line.axial.EA) / length) if line.axial.elastic else 0.0
@@ -165,7 +165,7 @@ def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
     extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
     # rounding error in units of the last place
     units = xp.maximum(1e4, 10.0 * stiffness * extent / force_scale(model, xp))
-    return xp.maximum(10.0 * TOLERANCE if model.constraints else TOLERANCE, jnp.finfo(model.dtype).eps * units)
+    return xp.maximum(10.0 * tolerance if model.constraints else tolerance, jnp.finfo(model.dtype).eps * units)
 
 
 def system_tolerance(model: Model) -> float:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -110,8 +111,9 @@ def backward_pass(
         at = _At(chosen, before, [])
 
         def backward_step(ct: State, by_r: jax.Array, by_t: jax.Array) -> _At:
-            ct = _add_cotangents(ct, by_r, by_t)
-            return _backward_step(stepper, stepper.solver, _partial(tree, tuple(moving), inputs_of(u)), at, ct, u)
+            ct = replace(ct, r=ct.r + by_r, tension=ct.tension + by_t)
+            model_of = partial(_inputs, tree, tuple(moving), inputs_of(u))
+            return _backward_step(stepper, stepper.solver, model_of, at, ct, u)
 
         found = jax.vmap(backward_step)(ct, by_r, by_t)
         return (found.s, [a + b for a, b in zip(total, found.model, strict=True)]), None
@@ -122,11 +124,3 @@ def backward_pass(
     rows = run.before, run.unknowns, by_position, by_tension
     (ct, total), _ = jax.lax.scan(one, (ct, total), rows, reverse=True)
     return total, ct
-
-
-def _add_cotangents(ct: State, by_r: jax.Array, by_t: jax.Array) -> State:
-    return replace(ct, r=ct.r + by_r, tension=ct.tension + by_t)
-
-
-def _partial(tree: jax.tree_util.PyTreeDef, moving: tuple[int, ...], frozen: tuple) -> object:
-    return lambda at: _inputs(tree, moving, frozen, at)

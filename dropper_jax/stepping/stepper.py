@@ -94,11 +94,6 @@ def _exact(model: Model, scheme: Implicit) -> str:
     return "banded"
 
 
-#: Tolerance: maximum scaled residual row of a converged step. Rounding gives about 1e-14 (7 links) to
-#: 1e-12 (1000 links, nodes far from the origin) in float64; in float32 about 1e-5.
-TOLERANCE = {"float64": 1e-11, "float32": 1e-4}
-
-
 #: Residual assigned to a step in which nodes moved farther than an effect can follow (`model.LimitsTimeStep`).
 TOO_FAR = 1e30
 FULL_STEP = -1  # level of a step that needed no retry
@@ -112,7 +107,7 @@ class Stepper:
         integrator: the scheme.
         solver, fallback: names of the first and the last-resort linear solver.
         iterations: Newton iterations of every step.
-        tolerance: maximum scaled residual of a converged step; None means `TOLERANCE` of the model's precision.
+        tolerance: maximum scaled residual of a converged step; None means that of the model's precision.
         extra: further iterations of the first solver before the fallback.
         halvings: maximum number of halvings of a step; 0 disables retries.
         track_work: count the work of each effect in `State.work`.
@@ -155,7 +150,13 @@ class Stepper:
         return inside(False if self.batched else self.one_kernel)
 
     def limit(self, model: Model) -> float:
-        return TOLERANCE[str(jnp.dtype(model.dtype))] if self.tolerance is None else self.tolerance
+        """Maximum scaled residual row of a converged step.
+
+        Rounding gives about 1e-14 (7 links) to 1e-12 (1000 links, nodes far from the origin) in float64; in float32
+        about 1e-5.
+        """
+        default = {"float64": 1e-11, "float32": 1e-4}
+        return default[str(jnp.dtype(model.dtype))] if self.tolerance is None else self.tolerance
 
 
 class Report(NamedTuple):

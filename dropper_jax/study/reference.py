@@ -21,9 +21,6 @@ from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import Stepper, make_stepper
 from dropper_jax.study.march import grid_run, link_vectors, rms_angle
 
-#: Size of the perturbation [-]: far above rounding, and still small after growth by a factor of 100.
-NEARBY = 1e-8
-
 
 @dataclass(frozen=True)
 class Reference:
@@ -69,17 +66,19 @@ def trusted_span(
 ) -> tuple[float, float]:
     """Time [s] before chaos amplifies rounding, and the mean growth rate of perturbations [1/s].
 
-    From two runs that start `NEARBY` apart, compared on the grid. They use the program that measures errors afterwards;
+    From two runs that start 1e-8 apart, compared on the grid. They use the program that measures errors afterwards;
     the exact tangent map (`lyapunov`) would be another program to compile. `stepper`: default: the default scheme.
     """
+    # size of the perturbation [-]: far above rounding, and still small after growth by a factor of 100
+    nearby = 1e-8
     stepper, every = stepper or make_stepper(model), max(1, round(grid / dt))
     saves = max(2, int(duration / grid))
     dv = first_perturbation(model, s, seed=0)
-    dv = NEARBY * dv / perturbation_size(model, jnp.zeros_like(dv), dv)
+    dv = nearby * dv / perturbation_size(model, jnp.zeros_like(dv), dv)
     here = grid_run(stepper, model, s, grid, every, saves)
     there = grid_run(stepper, model, replace(s, v=s.v + dv), grid, every, saves)
     size = np.asarray(jax.vmap(partial(perturbation_size, model))(there.r - here.r, there.v - here.v))
-    growth = np.log(size / NEARBY)
+    growth = np.log(size / nearby)
     # growth of a perturbation up to which errors characterise the scheme: rounding (1e-16 per step) then stays below
     # 1e-12 rad, and an error of 0.01 rad is still far from saturation
     apart = np.flatnonzero(~np.isfinite(growth) | (growth > np.log(100.0)) | (here.bad >= 0))

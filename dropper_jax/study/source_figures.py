@@ -32,8 +32,6 @@ from dropper_jax.study import pictures
 from dropper_jax.study.figure_table import SAMPLE_INTERVAL, Run, SourceFigure, scene_of
 from dropper_jax.study.march import convergence
 
-#: Interval of compared states [s].
-GRID = 0.08
 AXES = ("x", "y", "z")
 
 #: Times (k,) [s] and angles (k, n) [rad] from the horizontal, positive downwards.
@@ -283,7 +281,9 @@ def _steps(figure: SourceFigure, path: Path) -> Path:
 @cache
 def _compared_steps(scene: str, duration: float) -> list[dict[str, Any]]:
     """The differences of one study, used in two figures."""
-    return convergence(*build(scene_of(scene)), GRID, round(duration / GRID), [0.08, 0.04, 0.02, 0.01, 0.005, 0.0025])
+    # interval of compared states [s]
+    grid = 0.08
+    return convergence(*build(scene_of(scene)), grid, round(duration / grid), [0.08, 0.04, 0.02, 0.01, 0.005, 0.0025])
 
 
 def _elevation(figure: SourceFigure, path: Path) -> Path:

@@ -94,8 +94,6 @@ def even(count: int, most: int) -> np.ndarray:
 
 #: Maximum number of frames of a page; a longer run is thinned, which keeps the file at a few MB and scrubbing smooth.
 FRAMES = 3000
-#: Points of the seabed per side.
-BED_POINTS = 13
 COLOURS = 33
 
 
@@ -206,18 +204,20 @@ def _held_nodes(solution: Solution, run: Run) -> list[int]:
 
 def _bed_grid(run: Run) -> dict[str, Any] | None:
     """Positions of a grid and the height [m] of the seabed there; None for a single line or without a seabed."""
+    # points of the seabed per side
+    bed_points = 13
     if run.scene is None:
         return None
     low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
     # half width of the seabed in the unit of the configuration's size
-    step = _round_step(2 * 0.75 * max(float((high - low).max()), 1.0) / (BED_POINTS - 1))
-    around = np.arange(BED_POINTS) - BED_POINTS // 2
+    step = _round_step(2 * 0.75 * max(float((high - low).max()), 1.0) / (bed_points - 1))
+    around = np.arange(bed_points) - bed_points // 2
     x, y = (step * (np.rint(m / step) + around) for m in 0.5 * (low + high)[:2])
     grid = np.meshgrid(x, y, indexing="ij")
     z = bed_height(run.scene, np.stack([*grid, np.zeros_like(grid[0])], axis=-1))
     if z is None:
         return None
-    return {"points": BED_POINTS, "x": x.tolist(), "y": y.tolist(), "z": z.ravel().tolist()}
+    return {"points": bed_points, "x": x.tolist(), "y": y.tolist(), "z": z.ravel().tolist()}
 
 
 def _round_step(least: float) -> float:

@@ -15,8 +15,6 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
 from dropper_jax.report.sections import table
 
-#: Number of load cases in the page's table; the CSV has all.
-MOST_CASES = 12
 LABELS = ("case", "sea_state", "direction_deg", "current", "level_m", "month", "state")
 COLUMNS = (
     *("kind", "part", *LABELS, "line", "load_n", "load_error_n", "load_low_n", "load_high_n"),
@@ -190,13 +188,15 @@ def _fatigue_cells(part: dict[str, Any]) -> list[str]:
 
 def _worst_cases(found: dict[str, Any], storms: dict[int, Any]) -> str:
     """The cases with the highest utilisation."""
+    # number of load cases in the page's table; the CSV has all
+    most_cases = 12
     by_case: dict[int, tuple[float, str]] = {}
     for part in found["parts"]:
         for row in part["cases"]:
             by_case[row["case"]] = max(by_case.get(row["case"], (0.0, "-")), (row["utilisation"], part["part"]))
     ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
-    rows = [[str(n), _label(storms[n]), part, f"{used:.2f}"] for n, (used, part) in ordered[:MOST_CASES]]
-    more = f"\n\n{len(ordered) - MOST_CASES} more in cases.csv." if len(ordered) > MOST_CASES else ""
+    rows = [[str(n), _label(storms[n]), part, f"{used:.2f}"] for n, (used, part) in ordered[:most_cases]]
+    more = f"\n\n{len(ordered) - most_cases} more in cases.csv." if len(ordered) > most_cases else ""
     return table(["case", "", "part used most", "utilisation"], rows) + more
 
 

@@ -147,16 +147,14 @@ def leaf_numbers(model: Model, still_: Still) -> dict[int, np.ndarray]:
 def in_assumed(found: Still) -> Still:
     """The slopes with the current's relative change as a further variable, and space for the waves (`leaf_numbers`)."""
     path = jax.tree_util.tree_flatten_with_path(found.model)[0]
-    slopes = {i: _longer(slope, len(ASSUMPTIONS)) for i, slope in found.slopes.items()}
+    slopes = {
+        i: np.concatenate([slope, np.zeros((len(ASSUMPTIONS), *slope.shape[1:]))]) for i, slope in found.slopes.items()
+    }
     count = next(iter(slopes.values())).shape[0]
     for i, (key, leaf) in enumerate(path):
         if jax.tree_util.keystr(key) in (".sea.current.speed", ".sea.current.velocities"):
             slopes.setdefault(i, np.zeros((count, *np.shape(leaf))))[count - 1] = np.asarray(leaf)
     return Still(found.model, slopes, assumed=True)
-
-
-def _longer(slope: np.ndarray, more: int) -> np.ndarray:
-    return np.concatenate([slope, np.zeros((more, *slope.shape[1:]))])
 
 
 # Windows of storms in which a line breaks: the first third intact while the waves rise, then without its link.

@@ -26,8 +26,6 @@ from fitting.optimise.values import Values, Window, near_rest, prices
 from fitting.optimise.variables import Variable, read_variables
 from fitting.site import Site
 
-#: Permitted maximum difference of derivatives in their check, relative to the largest derivative, at the better step.
-CHECK = 1e-2
 #: Value above which a constraint is called active.
 ACTIVE = 0.97
 #: Meaning of `run.characteristic`, in words.
@@ -107,8 +105,10 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
     """Maximum difference of a window's derivatives from central differences, along random directions.
 
     Raises:
-        SceneError: it exceeds `CHECK`.
+        SceneError: it exceeds 1 %.
     """
+    # permitted maximum difference of derivatives in their check, relative to the largest derivative, at the better step
+    check = 1e-2
     rng, x = np.random.default_rng(0), design.start
     span, worst = np.array([v.span for v in design.variables]), 0.0
 
@@ -126,10 +126,10 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
                 ends = [window(x + sign * step * way, own, False).soft for sign in (1.0, -1.0)]
                 off.append(np.abs((ends[0] - ends[1]) / (2 * step) - slope @ way) / size)
             worst = max(worst, float(np.max(np.min(off, axis=0))))
-    if not worst <= CHECK:
+    if not worst <= check:
         raise SceneError(
             f"optimise: derivatives of a window differ from differences by {worst:.2g} of the largest one; allowed: up "
-            f"to {CHECK:g}. Use a smaller run.dt or a shorter optimise.window"
+            f"to {check:g}. Use a smaller run.dt or a shorter optimise.window"
         )
     return worst
 

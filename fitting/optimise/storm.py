@@ -215,9 +215,7 @@ class Storms:
     message: str = ""
 
 
-def full_storm(
-    site: Site, scene: Scene, case: Case, quantities: Sequence[Quantity], near: State | None, dt: float | None = None
-) -> Storms:
+def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quantity], near: State | None) -> Storms:
     """The whole run of a case of a design; steps that do not converge are halved.
 
     The time before `skip`, or before a line breaks, is not counted.
@@ -229,7 +227,7 @@ def full_storm(
         near = state(model, near.r, tension=near.tension)
     start = near_rest(model, near)
     model = in_waves(model, sea_of(site, scene, case, site.run.ramp or max(site.run.skip, 1.0)))
-    run = dataclasses.replace(own.run, save_every=1, **({} if dt is None else {"dt": dt}))
+    run = dataclasses.replace(own.run, save_every=1)
     stepper = stepper_of(model, run, track_work=False)
     pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run)
     outcome = run_chunks(pieces, run.saves, _silent)

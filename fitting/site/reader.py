@@ -57,7 +57,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
         SceneError: one line with the section, the value and the allowed range.
     """
     file = None if isinstance(source, Mapping) else Path(source)
-    table = new_keys(read_table(source if file is None else _parse(file), "site"))
+    table = new_keys(read_table(source if file is None else parse_toml(site_text(file), str(file)), "site"))
     check_keys(table, (*SITE_KEYS, *PASSED), "")
     scene = _scene(table, Path(folder) if folder is not None else (file or Path()).parent)
     if scene.sea is None:
@@ -147,10 +147,6 @@ def site_text(source: str | Path) -> bytes:
     except OSError as error:
         hint = "" if file.suffix else f"; {nearest(str(source), packaged)}"
         raise SceneError(f"site: cannot read {str(file)!r}: {error.strerror or error}{hint}") from None
-
-
-def _parse(file: Path) -> dict[str, Any]:
-    return parse_toml(site_text(file), str(file))
 
 
 def _scene(table: Mapping[str, Any], folder: Path) -> Scene:

@@ -16,8 +16,6 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from fitting.tracking.video import opencv, read_image
 
-#: Minimum number of pictures with the board: fewer do not determine both focal length and distortion.
-FEWEST_PICTURES = 4
 NOT_CONVERGED = "calibration: did not converge. Use pictures at several slants and positions"
 
 
@@ -92,19 +90,21 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     Raises:
         SceneError: too few pictures with a board, sizes that differ, an error above one pixel, no convergence.
     """
+    # minimum number of pictures with the board: fewer do not determine both focal length and distortion
+    fewest_pictures = 4
     # largest reprojection error [pixel] of a calibration that may be used; the thesis reached 0.15
     largest_error = 1.0
     images = [(Path(path).name, read_image(path)) for path in pictures]
     if not images:
-        raise SceneError(f"calibration: no picture given; allowed: at least {FEWEST_PICTURES}")
+        raise SceneError(f"calibration: no picture given; allowed: at least {fewest_pictures}")
     sizes = {image.shape for _, image in images}
     if len(sizes) > 1:
         raise SceneError(f"calibration: pictures of different sizes, {sorted(sizes)}; allowed: one size, the video's")
     found = [c for c in (corners(image, board) for _, image in images) if c is not None]
-    if len(found) < FEWEST_PICTURES:
+    if len(found) < fewest_pictures:
         raise SceneError(
             f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "
-            f"pictures, fewer than {FEWEST_PICTURES}. Use more pictures, or --board with the number of corners"
+            f"pictures, fewer than {fewest_pictures}. Use more pictures, or --board with the number of corners"
         )
     size = images[0][1].shape[::-1]
     lens = _lens(found, board, size)

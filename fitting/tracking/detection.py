@@ -19,8 +19,6 @@ from fitting.tracking.video import Video, opencv
 RAYS = 48
 #: Distance of samples along a ray [pixel].
 RAY_STEP = 0.5
-#: Radius of the disc to which the difference of two Gaussians responds best [radius].
-BEST = 1.15
 #: Radii [pixel] that are tried by default.
 RADII = tuple(float(r) for r in np.geomspace(2.5, 40.0, 14))
 
@@ -59,12 +57,14 @@ def learn_appearance(
     image: np.ndarray, nodes: int, radius: float | None = None, bright: bool | None = None
 ) -> MarkerAppearance:
     """The radius and shade at which the `nodes` strongest spots of a picture stand out most."""
+    # radius of the disc to which the difference of two Gaussians responds best [radius]
+    responding = 1.15
     best = MarkerAppearance(radius or RADII[0], bool(bright), 0.0)
     for shade in (True, False) if bright is None else (bright,):
-        for size in RADII if radius is None else (radius / BEST,):
+        for size in RADII if radius is None else (radius / responding,):
             answers = _spots(image, size, shade)[1]
             if len(answers) >= nodes and answers[nodes - 1] > best.answer:
-                best = MarkerAppearance(BEST * size, shade, float(answers[nodes - 1]))
+                best = MarkerAppearance(responding * size, shade, float(answers[nodes - 1]))
     if best.answer < 2.0:  # grey levels above the noise
         return replace(best, answer=0.0)
     for _ in range(3):  # the search radius for the rim depends on the radius

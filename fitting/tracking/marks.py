@@ -21,8 +21,6 @@ from fitting.tracking.flattening import link_lengths
 from fitting.tracking.identity import Follower
 from fitting.tracking.ordering import Chain, rates
 
-#: Number of samples before and after, which give the usual deviation of a position from its neighbours in time.
-NEIGHBOURS = 8
 SWAPPED, JUMPED, OFF_LENGTH = "swapped", "jumped", "length"
 
 
@@ -119,15 +117,17 @@ def _bare(centre: np.ndarray) -> Circles:
 
 def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
     """Samples (k, n) off the cubics through the two detected before and the two after them."""
+    # number of samples before and after, which give the usual deviation of a position from its neighbours in time
+    neighbours = 8
     result = np.zeros(detected.shape, bool)
     for k in range(detected.shape[1]):
         # the largest jumps are removed and the others checked again
         for _ in range(6):
             frames = np.flatnonzero(detected[:, k] & ~result[:, k])
-            if len(frames) < 2 * NEIGHBOURS:
+            if len(frames) < 2 * neighbours:
                 break
             off, apart = _off_cubic(frames, positions[frames, k])
-            usual = median_filter(off, 2 * NEIGHBOURS + 1, mode="nearest")
+            usual = median_filter(off, 2 * neighbours + 1, mode="nearest")
             # a multiple of the usual deviation, and at least this fraction of a link
             limit = np.maximum(8.0 * usual, 0.15 * length * (apart / 2) ** 2)
             # if neighbouring samples all look wrong, the worst one is: the others are checked without it

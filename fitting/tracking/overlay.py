@@ -17,33 +17,30 @@ from fitting.tracking.video import Video, opencv, write_video
 
 #: Blue, green, red: links, bridged nodes, text.
 LINK, BRIDGED, TEXT = (178, 114, 0), (0, 94, 213), (40, 40, 40)
-#: Columns of a sheet, and the width of one picture [pixel].
-PER_ROW, PICTURE_WIDTH = 4, 420
 SUFFIXES = (".png", ".avi", ".mp4")
 
 
 def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path:
     """A contact sheet to a `.png`, the whole motion to an `.mp4` or `.avi`."""
+    # columns of a sheet, and the width of one picture [pixel]
+    per_row, picture_width = 4, 420
     path = Path(path)
     film = Video(video)
     if path.suffix.lower() != ".png":
         return write_video(path, _draw_frames(tracked, film, 1.0, None), tracked.fps)
     box = _box(tracked, film.size)
     chosen = np.unique(np.linspace(0, len(tracked.detected) - 1, 12).astype(int))
-    scale = PICTURE_WIDTH / (box[2] - box[0])
+    scale = picture_width / (box[2] - box[0])
     pictures = [picture[box[1] : box[3], box[0] : box[2]] for picture in _draw_frames(tracked, film, scale, chosen)]
     height = round((box[3] - box[1]) * scale)
-    tiles = [opencv().resize(p, (PICTURE_WIDTH, height), interpolation=opencv().INTER_CUBIC) for p in pictures]
-    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % PER_ROW)
-    rows = [np.concatenate(_frame_tiles(tiles[i : i + PER_ROW]), axis=1) for i in range(0, len(tiles), PER_ROW)]
+    tiles = [opencv().resize(p, (picture_width, height), interpolation=opencv().INTER_CUBIC) for p in pictures]
+    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % per_row)
+    framed = [np.pad(tile, ((4, 4), (4, 4), (0, 0)), constant_values=255) for tile in tiles]
+    rows = [np.concatenate(framed[i : i + per_row], axis=1) for i in range(0, len(framed), per_row)]
     good, data = opencv().imencode(".png", np.concatenate(rows))
     if not good:
         raise OSError(f"{path.name}: the picture cannot be encoded")
     return atomic_write(path, data.tobytes())
-
-
-def _frame_tiles(tiles: list[np.ndarray]) -> list[np.ndarray]:
-    return [np.pad(tile, ((4, 4), (4, 4), (0, 0)), constant_values=255) for tile in tiles]
 
 
 def _box(tracked: Tracked, size: tuple[int, int]) -> tuple[int, int, int, int]:

@@ -18,12 +18,6 @@ from dropper_jax.sea.readers import elevation_components
 FREQUENCIES, ELEVATION, CURRENT = "wave_frequencies.txt", "wave_elevation.txt", "current_profile.txt"
 
 
-#: Fraction of the variance of an elevation series that its omitted smallest components may have together. A series of
-#: whole periods has one component, a series half a sample longer has hundreds. Each costs time at every node in every
-#: step.
-OMITTED_VARIANCE = 1e-4
-
-
 def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> dict[str, Any]:
     """`[sea.waves]` of WaveKin 2, 3 or 7.
 
@@ -65,13 +59,17 @@ def read_current(folder: Path) -> dict[str, Any]:
 
 
 def _largest(found: dict[str, np.ndarray], notes: list[str]) -> dict[str, np.ndarray]:
-    """The components without the smallest ones, which together have at most `OMITTED_VARIANCE` of the variance."""
+    """The components without the smallest ones, which together have at most 0.01 % of the variance."""
+    # fraction of the variance of an elevation series that its omitted smallest components may have together. A series
+    # of whole periods has one component, a series half a sample longer has hundreds. Each costs time at every node in
+    # every step
+    omitted_variance = 1e-4
     order = np.argsort(found["amplitude"])
-    below = np.cumsum(found["amplitude"][order] ** 2) <= OMITTED_VARIANCE * np.sum(found["amplitude"] ** 2)
+    below = np.cumsum(found["amplitude"][order] ** 2) <= omitted_variance * np.sum(found["amplitude"] ** 2)
     if below.any():
         left, several = int(below.sum()), len(order)
         notes.append(
-            f"{ELEVATION}: {left} of {several} components are omitted, {OMITTED_VARIANCE:.2%} of the variance or less"
+            f"{ELEVATION}: {left} of {several} components are omitted, {omitted_variance:.2%} of the variance or less"
         )
     return {key: values[np.sort(order[~below])] for key, values in found.items()}
 

@@ -79,7 +79,7 @@ class ScenePath(str):
 
     Attributes:
         section: its first word.
-        stem: the path without entries, the numbers behind its last word that is none.
+        stem: the path without entries, which are the numbers at its end.
         key: name of the value, the last word of the stem.
     """
 
@@ -96,10 +96,10 @@ class ScenePath(str):
     def key(self) -> str:
         return self.stem.rpartition(".")[2]
 
-    def entry_of(self, known: Container[str]) -> tuple[str, tuple[int, ...]] | None:
-        """The known path of which it is an entry, and the numbers of the entry; None if there is no such path."""
+    def entry_of(self, paths: Container[str]) -> tuple[str, tuple[int, ...]] | None:
+        """Which of these paths it is an entry of, and the numbers of the entry; None without such a path."""
         stem, entries = str(self), ()
-        while stem not in known:
+        while stem not in paths:
             stem, _, last = stem.rpartition(".")
             if not last.isdecimal():
                 return None

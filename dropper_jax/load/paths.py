@@ -159,44 +159,44 @@ def set_value(
     table: dict[str, Any],
     path: str,
     value: Plain,
-    known: Mapping[str, Steps] | None = None,
+    steps: Mapping[str, Steps] | None = None,
     candidates: Iterable[str] = (),
 ) -> None:
     """Set a value at a path of plain values; numbers at the end of the path are entries of a list.
 
     Args:
-        known: steps by path; default `locate`.
+        steps: steps by path; default `locate`.
         candidates: further paths that the error line may suggest.
 
     Raises:
         SceneError: the path (with the nearest) or the entry does not exist.
     """
-    parent, key = _find_parent(table, path, locate(table) if known is None else known, candidates)
+    parent, key = _find_parent(table, path, locate(table) if steps is None else steps, candidates)
     parent[key] = value
 
 
-def get(table: dict[str, Any], path: str, known: Mapping[str, Steps] | None = None) -> Plain:
+def get(table: dict[str, Any], path: str, steps: Mapping[str, Steps] | None = None) -> Plain:
     """The plain value at a path.
 
     Raises:
         SceneError: the path or entry does not exist, or no value is given there.
     """
-    parent, key = _find_parent(copy.deepcopy(table), path, locate(table) if known is None else known, ())
+    parent, key = _find_parent(copy.deepcopy(table), path, locate(table) if steps is None else steps, ())
     if isinstance(parent, dict) and key not in parent:
         raise SceneError(f"{path}: is not given in the scene")
     return parent[key]
 
 
 def _find_parent(
-    table: Branch, path: str, known: Mapping[str, Steps], candidates: Iterable[str]
+    table: Branch, path: str, steps: Mapping[str, Steps], candidates: Iterable[str]
 ) -> tuple[Any, str | int]:
     """The container of the value at a path, and its key in it; missing tables are created."""
-    found = ScenePath(path).entry_of(known)
+    found = ScenePath(path).entry_of(steps)
     if found is None:
-        raise SceneError(f"{path}: unknown path; {_hint(path, {*known, *candidates})}")
+        raise SceneError(f"{path}: unknown path; {_hint(path, {*steps, *candidates})}")
     stem, entries = found
-    *steps, key = known[stem]
-    for step in steps:
+    *parents, key = steps[stem]
+    for step in parents:
         table = table[step] if isinstance(table, list) else table.setdefault(step, {})
     for number in entries:
         items = table.get(key) if isinstance(table, dict) else table[key]

@@ -188,7 +188,7 @@ class Template:
         table = copy.deepcopy(self.table)
         known = table.get("parameters", {})
         for path, value in parameters.items():
-            known[_known_name(path, known)] = value
+            known[_parameter_name(path, known)] = value
         return Template(table, {**self.changes, **changes})
 
     def value(self, path: str) -> Number:
@@ -198,7 +198,7 @@ class Template:
             SceneError: the parameter does not exist (with the nearest), or it has no value.
         """
         names = Names(self._parameters())
-        return names[_known_name(path, names)]
+        return names[_parameter_name(path, names)]
 
     def _parameters(self) -> Mapping[str, Any]:
         parameters = read_table(self.table.get("parameters", {}), "parameters")
@@ -267,11 +267,11 @@ class Template:
                 found.setdefault("buoy", []).append(buoy | names_of)
 
 
-def _known_name(path: str, known: Mapping[str, Any]) -> str:
+def _parameter_name(path: str, parameters: Mapping[str, Any]) -> str:
     """NAME of `parameters.NAME`."""
     name = path.partition(".")[2]
-    if name not in known:
-        raise SceneError(f"{path}: unknown parameter; {nearest(name, known)}")
+    if name not in parameters:
+        raise SceneError(f"{path}: unknown parameter; {nearest(name, parameters)}")
     return name
 
 

@@ -25,15 +25,10 @@ from dropper_jax.model import Model, Parted, State, state
 from dropper_jax.run.storage import extra
 from dropper_jax.study.reference import horizon, lyapunov
 from fitting.parameters.parameter import apply
-from fitting.sensitivity.problem import Plan, Study
+from fitting.sensitivity.problem import Plan, Study, linear_range
 
 #: Growth of a small error up to which derivatives are valid: a change of 1 % has then become one of 100 %.
 CHAOTIC_GROWTH = 100.0
-#: Relative changes of all parameters for which the derivatives are tested, until they predict the quantity.
-CHANGES = (1e-2, 1e-3, 1e-4)
-#: Error of a predicted change, relative to it, above which a derivative is not linear enough; errors of `p/Q dQ/dp`
-#: below the second number do not matter.
-NONLINEAR, NEGLIGIBLE = 0.1, 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,9 +44,8 @@ class Local:
         exponent: growth rate of small errors [1/s]; None if it was not needed.
         window: length [s] of the windows of the means; None if derivatives are valid for the whole run.
         window_mean, window_error: mean derivative of the windows' values and its standard error (p,).
-        linear_range: relative change of all parameters that the derivatives predict within 10 %: 0.01 as a rule, 0 if
-            it is less than 0.0001.
-        warnings: about a shorter linear range.
+        linear_range, warnings: relative change of all parameters that the derivatives predict, at most 0.01, and a
+            warning if it is less (see `problem.linear_range`).
     """
 
     names: list[str]
@@ -68,7 +62,7 @@ class Local:
     window: float | None = None
     window_mean: np.ndarray | None = None
     window_error: np.ndarray | None = None
-    linear_range: float = CHANGES[0]
+    linear_range: float = 0.01
     warnings: list[str] = dataclasses.field(default_factory=list)
 
     @property
@@ -124,8 +118,8 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     for the whole run. Otherwise the growth of small errors is computed by a separate program.
 
     The same program runs once more with all parameters changed by 1 %, each in the direction that increases the
-    quantity. If the derivatives do not predict this change within 10 %, such as after the snap of a slack rope, smaller
-    changes find their linear range.
+    quantity. If the derivatives do not predict this change within a third, such as after the snap of a slack rope,
+    smaller changes find their linear range.
 
     Args:
         check: also compute the derivatives by reverse mode, and the growth rate in any case.
@@ -152,7 +146,8 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     )
     if found.finite:
         say(0.3, "linear range")
-        linear, notes = _linear_range(problem, found)
+        changed = lambda p: _forward(problem.plan, problem.model, problem.start, p)[1]  # noqa: E731
+        linear, notes = linear_range(problem, found.value, forward, changed)
         found = dataclasses.replace(found, linear_range=linear, warnings=notes)
     if check:
         say(0.4, "reverse derivatives")
@@ -175,32 +170,6 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     mean, error, length = windows(problem, at, limit)
     say(1.0, "ok")
     return dataclasses.replace(found, window=length, window_mean=mean, window_error=error)
-
-
-def _linear_range(problem: Study, found: Local) -> tuple[float, list[str]]:
-    """The maximum of `CHANGES` that the derivatives predict, 0 if none, and a warning unless it is the first."""
-    step = np.where(found.forward < 0.0, -1.0, 1.0) * [p.scale for p in problem.parameters]
-    ahead = problem.values + CHANGES[0] * step
-    outside = [not p.low <= x <= p.high for p, x in zip(problem.parameters, ahead, strict=True)]
-    step = np.where(outside, -step, step)
-    changes = []
-    for size in CHANGES:
-        at = jnp.asarray(problem.values + size * step, problem.model.dtype)
-        value = float(_forward(problem.plan, problem.model, problem.start, at)[1])
-        changes.append((value - found.value, size * float(found.forward @ step)))
-        real, predicted = changes[-1]
-        if abs(real - predicted) <= max(NONLINEAR * abs(predicted), NEGLIGIBLE * size * abs(found.value)):
-            break
-    else:
-        size = 0.0
-    if size == CHANGES[0]:
-        return size, []
-    real, predicted = changes[0]
-    effect = f"changes by {real:.3g} {found.unit}" if np.isfinite(real) else "has a failed step"
-    return size, [
-        f"{found.of}: {effect} if all parameters change by {CHANGES[0]:.0%}; the derivatives predict {predicted:.3g} "
-        f"{found.unit}. They are valid for changes below {size or CHANGES[-1]:.2%} only. Use a sweep for larger ones"
-    ]
 
 
 def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, np.ndarray, float]:

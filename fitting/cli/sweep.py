@@ -264,7 +264,6 @@ def text(found: dict[str, Any], results: str = "") -> str:
 
 def _score_table(trace: dict[str, Any]) -> str:
     """The cases with the best head, and the fit: RMS angle error and distance of spectra of each part."""
-    # maximum number of cases in the table of scores
     spans = trace["parts_s"]
     cases = [case for case in trace["cases"] if case["head"]["angle_rms_rad"] is not None]
     cases.sort(key=lambda case: case["head"]["angle_rms_rad"])

@@ -73,7 +73,7 @@ Image(plots.tension_history(storm, "tension.png").read_bytes(), width=860)
 # The load of every line, from the first crest on, and the motion of the buoys:
 
 # %%
-print(f"{'':12s}{'mean [N]':>10s}{'largest [N]':>13s}{'slack':>8s}")
+print(f"{'':12s}{'mean [N]':>10s}{'maximum [N]':>13s}{'slack':>8s}")
 for line in whole_lines(longline):
     tension = storm.tension[storm.t_tension > 15.0][:, line.links]
     slack = np.mean(np.min(tension, axis=1) < 1.0)
@@ -117,7 +117,7 @@ for dt, run in runs.items():
     anchor = run.tension[run.t_tension >= SECONDS / 3, 0]
     print(
         f"dt {dt:g} s: {run.status}, {run.retried_steps} steps retried, mean {anchor.mean():.0f} N, "
-        f"largest {anchor.max():.0f} N, {run.realtime_factor:.0f} times real time"
+        f"maximum {anchor.max():.0f} N, {run.realtime_factor:.0f} times real time"
     )
 
 # %%

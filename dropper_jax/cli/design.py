@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
         "design paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 3730",
-        "design my-longline.toml --vary line.west-leg.length=37:39 --target anchor.west-anchor.horizontal --value 2000",
+        "design my-longline.toml --vary line.west-leg.length=37:39 --target anchor.west-anchor.horizontal --value 2200",
     )
     add_scene(parser)
     parser.add_argument(

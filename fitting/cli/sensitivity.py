@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
         "sensitivity dropper-release-a --duration 1 --of tension.max --to b_l,b_q",
-        "sensitivity paper-case-4 --of anchor.anchor.horizontal.max --to line.chain.EA --duration 20",
+        "sensitivity paper-case-4 --of anchor.anchor.horizontal.start --to line.chain.length,sea.current.speed",
     )
     add_scene(parser)
     parser.add_argument("--of", required=True, metavar="QUANTITY", help=QUANTITY_HELP)

@@ -235,7 +235,9 @@ def _result_table(path: Path) -> str:
     from fitting.sweep import open_sweep
 
     with open_sweep(path) as found:
-        names = [name for name in found.data_vars if name not in ("status", "failed_at")]
+        # one number for each case: not angles of every link
+        names = [name for name, of in found.data_vars.items() if of.dims == found.status.dims]
+        names = [name for name in names if name not in ("status", "failed_at")]
         units = [f"{name} [{found[name].attrs['units']}]" for name in names]
         frame = found[names].to_dataframe().reset_index()
     inputs = [name for name in frame.columns if name not in names]

@@ -141,7 +141,8 @@ def _with_peaks(
     """
     if solution.settings["save_every"] > 1 or found["window_maxima"] is None:
         return {**found, "snaps_unresolved": False}
-    line, tension, snaps, missed = solution.scene.line, trajectory.tension, False, False
+    line, tension = solution.scene.line, trajectory.tension
+    snaps = missed = False
     least = SMALL_TENSION * np.max(tension)
     if line.EA is not None:
         brief = np.pi * np.sqrt(line.length * line.mass / line.EA) < solution.settings["dt"]
@@ -150,7 +151,7 @@ def _with_peaks(
         lines = [tension[:, line.links] for line in whole_lines(solution.scene)]
         missed = any(np.max(one) >= least and unresolved_peak(one) is not None for one in lines)
     # fraction by which the maximum of an unresolved peak is low: up to this if it lasts a step or two, else more
-    low = 0.13 if snaps or missed else 0.0
+    low = 0.13 * (snaps or missed)
     return {**found, "window_maxima": max(found["window_maxima"], low), "snaps_unresolved": snaps}
 
 

@@ -211,4 +211,6 @@ def moordyn_rest(found: Found) -> Rows:
         ("its deck, as read here", lambda r: f"{100 * r['deck_difference']:.2g} %"),
         ("MoorDyn's nodes, at most [mm/s]", lambda r: f"{1e3 * r['speed']:.1g}"),
     )
-    return rows + [(", ".join(scenes), reason, "", "", "", "") for reason, scenes in other.items()]
+    few = 4  # names in a cell
+    names = {reason: ", ".join(s) if len(s) <= few else f"{len(s)} scenes" for reason, s in other.items()}
+    return rows + [(scenes, reason, "", "", "", "") for reason, scenes in names.items()]

@@ -39,8 +39,6 @@ WARNED_STRETCHES = {**WARNED, "window_maxima": 0.07}
 #: Estimated error above which a result is unusable, and that of the advised step. The error then converges with this
 #: fraction of the scheme's order, which is between 0.5 (whipping droppers) and 1 (pendulums).
 ROUGH, ERROR_TARGET, LESS = 0.1, 0.01, 0.75
-#: Fraction by which the maximum of an unresolved peak is low: up to this if it lasts a step or two, else more.
-UNRESOLVED = 0.13
 #: Chaos: the distance of the two runs is below 1 % of the travel for three times the first swing, and it then reaches
 #: 30 % in less than four times this time. A linear drift of the phase takes 30 times as long.
 CHAOS_RESOLVED, SEPARATED, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
@@ -97,7 +95,7 @@ def check_full_run(solution: Samples, run: Program, outcome: RunOutcome) -> dict
     chaos = None if separation is None else _chaos(separation, outcome.trajectory.r)
     found = {
         "repeated": FULL_RUN,
-        **_with_snaps(solution, outcome.trajectory, _tensions(solution, parts, chaos is not None)),
+        **_with_peaks(solution, outcome.trajectory, _tensions(solution, parts, chaos is not None)),
         "positions": None if separation is None else _error(solution, float(np.sqrt(np.mean(separation[:chaos] ** 2)))),
         "chaotic_from_s": None if chaos is None else float(solution.t[1 + chaos]),
         "angles_rad": _angle_error(solution, starts),
@@ -130,12 +128,9 @@ def check_stretches(solution: Samples, run: Program, outcome: RunOutcome) -> dic
         drift = abs(float(np.sum(separation * moved))) / float(np.sum(moved**2))
         # errors of stretches accumulate along a path of this many travels: five swings, each in both directions
         off = _error(solution, distance + drift * min(path * saves / length, 10.0))
-    tensions = _with_snaps(solution, trajectory, _tensions(solution, parts, False))
-    if tensions["window_maxima"] is not None and _peaks_unresolved(solution, trajectory):
-        tensions["window_maxima"] = max(tensions["window_maxima"], UNRESOLVED)
     found = {
         "repeated": f"{count} stretches of {length * solution.settings['save_every']} steps",
-        **tensions,
+        **_with_peaks(solution, trajectory, _tensions(solution, parts, False), stretches=True),
         "positions": off,
         "chaotic_from_s": None,
         "angles_rad": _angle_error(solution, starts),
@@ -171,30 +166,29 @@ def _angle_error(solution: Samples, starts: list[tuple[np.ndarray, np.ndarray]])
     return _error(solution, float(np.mean(found)))
 
 
-def _peaks_unresolved(solution: Samples, trajectory: Trajectory) -> bool:
-    """Whether the maximum tension of a line lasts one or two steps: stretches of few steps then miss the peaks."""
-    if solution.settings["save_every"] > 1:
-        return False
-    lines = [trajectory.tension[:, line.links] for line in whole_lines(solution.scene)]
-    least = SMALL_TENSION * np.max(trajectory.tension)
-    return any(np.max(tension) >= least and unresolved_peak(tension) is not None for tension in lines)
-
-
-def _with_snaps(
-    solution: Samples, trajectory: Trajectory, found: dict[str, float | None]
+def _with_peaks(
+    solution: Samples, trajectory: Trajectory, found: dict[str, float | None], stretches: bool = False
 ) -> dict[str, float | bool | None]:
     """Errors of tensions, in which maxima are unresolved if a link snaps within a step that is too long for it.
 
     A snap lasts about an axial period of its link, `2 pi/omega`, `omega^2 = 4 EA/(L m)`. Steps longer than this miss
-    its peak, half of such a step as well, so the two agree on maxima that are both too low.
+    its peak, half of such a step as well, so the two agree on maxima that are both too low. Stretches of few steps also
+    miss the maximum tension of a line if it lasts one or two steps.
     """
-    line, tension, snaps = solution.scene.line, trajectory.tension, False
-    if line.EA is not None and solution.settings["save_every"] == 1 and found["window_maxima"] is not None:
+    if solution.settings["save_every"] > 1 or found["window_maxima"] is None:
+        return {**found, "snaps_unresolved": False}
+    line, tension = solution.scene.line, trajectory.tension
+    snaps = missed = False
+    least = SMALL_TENSION * np.max(tension)
+    if line.EA is not None:
         brief = np.pi * np.sqrt(line.length * line.mass / line.EA) < solution.settings["dt"]
-        taut = tension[1:] >= SMALL_TENSION * np.max(tension)
-        snaps = bool(np.any(brief & np.any((tension[:-1] <= 0.0) & taut, axis=0)))
-    maxima = max(found["window_maxima"], UNRESOLVED) if snaps else found["window_maxima"]
-    return {**found, "window_maxima": maxima, "snaps_unresolved": snaps}
+        snaps = bool(np.any(brief & np.any((tension[:-1] <= 0.0) & (tension[1:] >= least), axis=0)))
+    if stretches:
+        lines = [tension[:, line.links] for line in whole_lines(solution.scene)]
+        missed = any(np.max(one) >= least and unresolved_peak(one) is not None for one in lines)
+    # fraction by which the maximum of an unresolved peak is low: up to this if it lasts a step or two, else more
+    low = 0.13 * (snaps or missed)
+    return {**found, "window_maxima": max(found["window_maxima"], low), "snaps_unresolved": snaps}
 
 
 def _rows(trajectory: Trajectory, first: int, last: int) -> Trajectory:

@@ -143,9 +143,9 @@ def test_maxima_of_a_snap_within_a_step_longer_than_the_axial_period_are_unresol
     solution = SimpleNamespace(scene=SimpleNamespace(line=line), settings={"dt": dt, "save_every": 1})
     same = {"mean_tension": 0.0, "window_maxima": 0.0}  # the run at half the step misses the peak as well
     snap, rising = (SimpleNamespace(tension=np.array(rows)[:, None]) for rows in ([0, 900, 0], [0, 9, 300, 900]))
-    found = {**step_check._with_snaps(solution, snap, same), "positions": 0.0, "repeated": step_check.FULL_RUN}
+    found = {**step_check._with_peaks(solution, snap, same), "positions": 0.0, "repeated": step_check.FULL_RUN}
     assert step_check.is_warned(found, "window_maxima") == unresolved
-    assert step_check._with_snaps(solution, rising, same)["window_maxima"] == 0.0
+    assert step_check._with_peaks(solution, rising, same)["window_maxima"] == 0.0
 
 
 def test_a_wrong_path_in_stretches_leaves_the_mean_unknown():

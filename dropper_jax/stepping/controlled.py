@@ -15,6 +15,7 @@ differentiates the run itself; for reverse mode `controlled_steps` finds the ste
 from __future__ import annotations
 
 from functools import partial
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import jax
@@ -320,10 +321,9 @@ def integrate_along(
 
     def at(t: jax.Array) -> jax.Array:
         i = jnp.minimum(jnp.searchsorted(jax.lax.stop_gradient(time_just_after(ended.t)), t), steps.number - 1)
-        pick = lambda knots, i: jax.tree.map(lambda a: a[i], knots)  # noqa: E731
-        knots = (pick(starts, i), pick(ended, i))
+        knots = jax.tree.map(itemgetter(i), (starts, ended))
         if scheme.knots == 3:
-            earlier = pick(starts, jnp.maximum(i - 1, 0))
+            earlier = jax.tree.map(itemgetter(jnp.maximum(i - 1, 0)), starts)
             earlier = earlier._replace(t=jnp.where(i > 0, earlier.t, knots[0].t - 1.0))
             knots = (earlier, *knots)
         return state_between(model, knots, known[i], t)

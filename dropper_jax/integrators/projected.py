@@ -15,7 +15,7 @@ With u = d/L the tensions follow from one symmetric tridiagonal system with a ro
     (G M^-1 G') T = u . (difference of F/m over the link, of prescribed points their acceleration) + |d'|^2/L
 
 Lengths and their rates are then invariants of the motion, from which a scheme drifts by its error. `on_links` restores
-both, each by the smallest change in the mass metric.
+both, each by the smallest change in the mass metric, once they have drifted by a share of the tolerance.
 """
 
 from __future__ import annotations

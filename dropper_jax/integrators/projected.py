@@ -131,8 +131,8 @@ class ProjectedRungeKutta(Explicit):
     stable: ClassVar[float]
     #: Error of a step in positions [m] and velocities [m/s], unless a run specifies another.
     tolerance: ClassVar[float] = 1e-6
-    #: Drift of lengths [m] and of their rates [m/s] that is projected away, as a share of the tolerance. Runs take 10
-    #: to 15 % less time at equal errors; larger shares save no more.
+    #: Drift of lengths [m] and of their rates [m/s] that is projected away, as a share of the tolerance. At equal
+    #: errors, 17 links with tsit5 take 10 to 13 % less time at tolerances of 1e-5 and 1e-7, and no less at 1e-3.
     drift: ClassVar[float] = 0.03
 
     def refuse(self, model: Model) -> str | None:

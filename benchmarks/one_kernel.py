@@ -1,4 +1,4 @@
-"""What runs gain by being one kernel: each case with the option and without it, alternately, one thread.
+"""What runs gain by being one kernel: each case with the tag and without it, alternately, one thread.
 
 python benchmarks/one_kernel.py [--pairs 5] [--cases NAME ...] [--out benchmarks/results/one_kernel.json]
 """
@@ -11,7 +11,7 @@ from study import RESULTS, collect, command, describe
 
 
 def row(name: str, count: int) -> dict[str, object]:
-    """Microseconds per step and seconds of compilation, without and with the option."""
+    """Microseconds per step and seconds of compilation, without and with the tag."""
     plain, whole = Side(HERE, name, True), Side(HERE, name, False)
     compiled = pairs(plain, whole, "compile", 1)
     pairs(plain, whole, "run", 1)  # warm

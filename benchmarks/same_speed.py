@@ -21,6 +21,8 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parents[1]
+#: Environment variable of the processes whose functions are one kernel by the tag.
+TAGGED = "SAME_SPEED_TAGGED"
 #: Cases: links of a dropper or a packaged scene, scheme, step [s], steps; `gradient` takes value and gradient.
 CASES: dict[str, dict[str, Any]] = {
     "7 links": {"links": 7, "dt": 0.03, "steps": 4000},
@@ -77,7 +79,9 @@ def serve(case: dict[str, Any]) -> None:
         begun = time.process_time()
         if word.strip() == "compile":
             jax.clear_caches()
-            compiled = jax.jit(jax.value_and_grad(run) if case.get("gradient") else run).lower(model, start).compile()
+            function = jax.value_and_grad(run) if case.get("gradient") else run
+            compile_ = dj.one_kernel if os.environ.get(TAGGED) else jax.jit
+            compiled = compile_(function).lower(model, start).compile()
         else:
             jax.block_until_ready(compiled(model, start))
         print(time.process_time() - begun, flush=True)
@@ -88,14 +92,12 @@ class Side:
 
     def __init__(self, tree: Path, case: str, plain: bool) -> None:
         flags = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-        if (
-            any((tree / "dropper_jax" / folder / "one_kernel.py").exists() for folder in ("backend", "base"))
-            and not plain
-        ):
-            from dropper_jax.backend.one_kernel import with_option  # the other checkout may have none
+        tagged = not plain and (tree / "dropper_jax/backend/one_kernel.py").exists()
+        if not plain and (tree / "dropper_jax/base/one_kernel.py").exists():
+            from dropper_jax.backend.one_kernel import with_option  # an older checkout has the option only
 
             flags = with_option(flags)
-        environment = {**os.environ, "PYTHONPATH": str(tree), "XLA_FLAGS": flags}
+        environment = {**os.environ, "PYTHONPATH": str(tree), "XLA_FLAGS": flags, TAGGED: "1" if tagged else ""}
         call = [sys.executable, __file__, "--serve", case]
         self.process = subprocess.Popen(
             call, cwd=tree, env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE

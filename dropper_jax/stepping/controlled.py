@@ -15,6 +15,7 @@ differentiates the run itself; for reverse mode `controlled_steps` finds the ste
 from __future__ import annotations
 
 from functools import partial
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import jax
@@ -86,12 +87,11 @@ class Controlled(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Steps of a run: lengths (most,) [s], whether they end at a corner (most,), their number, and the tolerance."""
+    """Steps of a run: lengths (most,) [s], whether they end at a corner (most,), and their number."""
 
     length: jax.Array
     corner: jax.Array
     number: jax.Array
-    tolerance: jax.Array
 
 
 def start_controlled(stepper: Stepper, model: Model, s: State, tolerance: jax.Array) -> Controlled:
@@ -187,7 +187,7 @@ def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.A
     carry = _turn_corner(stepper, model, carry, tolerance)
     now, q = carry.now, scheme.order
     h, landing = _to_corner(model, now.t, carry.h)
-    after, errors = scheme.attempt(model, now, h, stepper.track_work, tolerance)
+    after, errors = scheme.attempt(model, now, h, stepper.track_work)
     if landing is not None:
         after = after._replace(t=jnp.where(landing, _next_corner(model, now.t), after.t))
     v = jax.lax.stop_gradient(now.y[: 2 * 3 * model.free_nodes]).reshape(2, -1, 3)[1]
@@ -274,9 +274,9 @@ def controlled_steps(
         put = partial(jax.lax.dynamic_update_index_in_dim, index=steps.number, axis=0)
         good = after.taken > carry.taken
         lengths = put(steps.length, jnp.where(good, after.now.t - carry.now.t, 0.0))
-        return after, Steps(lengths, put(steps.corner, after.landed), after.taken, tolerance)
+        return after, Steps(lengths, put(steps.corner, after.landed), after.taken)
 
-    steps = Steps(jnp.zeros(most, model.dtype), jnp.zeros(most, bool), carry.taken, tolerance)
+    steps = Steps(jnp.zeros(most, model.dtype), jnp.zeros(most, bool), carry.taken)
     return jax.lax.stop_gradient(jax.lax.while_loop(go, one, (carry, steps))[1])
 
 
@@ -298,7 +298,7 @@ def integrate_along(
         if model.corners is not None:
             # the step ends at the corner also if the time of the corner depends on a parameter
             h = jnp.where(corner, _next_corner(model, now.t) - now.t, h)
-        after, _ = scheme.attempt(model, now, h, track, steps.tolerance)
+        after, _ = scheme.attempt(model, now, h, track)
         if model.corners is None:
             return after, after
         after = after._replace(t=jnp.where(corner, _next_corner(model, now.t), after.t))
@@ -320,10 +320,9 @@ def integrate_along(
 
     def at(t: jax.Array) -> jax.Array:
         i = jnp.minimum(jnp.searchsorted(jax.lax.stop_gradient(time_just_after(ended.t)), t), steps.number - 1)
-        pick = lambda knots, i: jax.tree.map(lambda a: a[i], knots)  # noqa: E731
-        knots = (pick(starts, i), pick(ended, i))
+        knots = jax.tree.map(itemgetter(i), (starts, ended))
         if scheme.knots == 3:
-            earlier = pick(starts, jnp.maximum(i - 1, 0))
+            earlier = jax.tree.map(itemgetter(jnp.maximum(i - 1, 0)), starts)
             earlier = earlier._replace(t=jnp.where(i > 0, earlier.t, knots[0].t - 1.0))
             knots = (earlier, *knots)
         return state_between(model, knots, known[i], t)

@@ -61,11 +61,13 @@ def killed_run(folder: Path) -> Solution:
             raise SceneError("it continued another run. Use --continue from that run again")
         if stepper.integrator.controls_error:
             raise SceneError(f"integrator: {stepper.integrator.name} controls its own error. Run it again")
-        (first, since), carry = initial_carry(stepper, model, scene, None), None
+        first, since = initial_carry(stepper, model, scene, None)
+        carry = first.carry
     beside = {Progress: None, Adaptive: Within(*(0.0,) * len(Within._fields))}.get(type(first.carry), 0.0)
     rows.with_structure((Trajectory(*(0.0,) * 8, first.row.parted, first.row.own), beside))
     outcome = RunOutcome(*rows.read(scene.run.saves), carry, 0.0, 0.0, interrupted=True)
-    return build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
+    solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
+    return solution if rows.last else replace(solution, last={})
 
 
 def _free_name(path: Path) -> Path:

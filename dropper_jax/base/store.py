@@ -77,7 +77,8 @@ class Store(ABC, Generic[Key, Found]):
         Raises:
             StoreStopped: the disk cannot be written.
         """
-        added, started = 0, time.perf_counter()
+        started = time.perf_counter()
+        added = 0
         for key, found in results:
             try:
                 self.append(key, found)

@@ -66,7 +66,7 @@ def build_solution(
 ) -> Kind:
     """The result of a run: its observed states, steps, final state and warnings."""
     run, carry = outcome.trajectory, outcome.carry
-    solution = _observed(kind, scene, stepper, model, first, since, run, extra, rows)
+    solution = _observe_run(kind, scene, stepper, model, first, since, run, extra, rows)
     if isinstance(outcome.beside, Within):
         solution = _with_adaptive_steps(solution, outcome.beside, int(carry.refused - first.carry.refused))
     if isinstance(carry, Controlled):
@@ -79,7 +79,7 @@ def build_solution(
     return with_quality_checks(solution)
 
 
-def _observed(
+def _observe_run(
     kind: type[Kind],
     scene: Scene,
     stepper: Stepper,

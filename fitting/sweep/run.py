@@ -137,10 +137,10 @@ def _local(plan: Plan, todo: list[int], fallbacks: Fallbacks) -> Iterator[tuple[
     groups = [todo[i : i + program.devices] for i in range(0, len(todo), program.devices)]
     program.compile(groups[0])
     fallbacks.join(program.fallbacks)
-    return _collected(program, groups)
+    return _results_ahead(program, groups)
 
 
-def _collected(program: Program, groups: list[list[int]]) -> Iterator[tuple[int, Found]]:
+def _results_ahead(program: Program, groups: list[list[int]]) -> Iterator[tuple[int, Found]]:
     """Results chunk by chunk; the next chunks run while these are written."""
     pending = program(groups[0])
     for group in groups[1:]:

@@ -15,7 +15,7 @@ import secrets
 import socket
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -141,7 +141,7 @@ def _is_left(item: Path, machine: str, process: int) -> bool:
 
 
 @contextmanager
-def unfinished_folder(path: Path) -> Iterator[Path]:
+def unfinished_folder(path: Path) -> Generator[Path, None, None]:
     """A temporary empty folder next to `path`, in which its content is prepared; it is removed at the end.
 
     Raises:

@@ -77,7 +77,8 @@ class Store(ABC, Generic[Key, Found]):
         Raises:
             StoreStopped: the disk cannot be written.
         """
-        added, started = 0, time.perf_counter()
+        started = time.perf_counter()
+        added = 0
         for key, found in results:
             try:
                 self.append(key, found)
@@ -96,19 +97,19 @@ def write_archive(path: str | Path, arrays: Mapping[str, np.ndarray], meta: Plai
     Raises:
         OSError: the file cannot be written; the error contains its name.
     """
-    found = arrays if meta is None else {"meta": np.array(json.dumps(meta)), **arrays}
+    found: dict[str, Any] = {**arrays} if meta is None else {"meta": np.array(json.dumps(meta)), **arrays}
     return atomic_write(path, lambda file: np.savez_compressed(file, **found), sync)
 
 
-def read_archive(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
-    """Plain values (None without any) and arrays of an `.npz` file.
+def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Plain values (empty without any) and arrays of an `.npz` file.
 
     Raises:
         Exception: any error of the archive, its codecs or JSON about damaged bytes.
     """
     with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
         arrays = dict(archive)
-    return json.loads(str(arrays.pop("meta", "null"))), arrays
+    return json.loads(str(arrays.pop("meta", "{}"))), arrays
 
 
 def differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:

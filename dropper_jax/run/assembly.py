@@ -66,13 +66,12 @@ def build_solution(
 ) -> Kind:
     """The result of a run: its observed states, steps, final state and warnings."""
     run, carry = outcome.trajectory, outcome.carry
-    solution = _observed(kind, scene, stepper, model, first, since, run, extra, rows)
+    solution = _observe_run(kind, scene, stepper, model, first, since, run, extra, rows)
     if isinstance(outcome.beside, Within):
-        refused = 0 if carry is None else int(carry.refused - first.carry.refused)
-        solution = _with_adaptive_steps(solution, outcome.beside, refused)
+        solution = _with_adaptive_steps(solution, outcome.beside, int(carry.refused - first.carry.refused))
     if isinstance(carry, Controlled):
         solution = _with_controlled_steps(solution, stepper, model, run, outcome.beside, carry, first.carry)
-    if solution.first_bad is None and carry is not None:
+    if solution.first_bad is None:
         solution = replace(solution, last=name_leaves(Last(last_row(run), carry)))
     if outcome.interrupted:
         notes = (outcome.refused,) if outcome.refused else ()
@@ -80,7 +79,7 @@ def build_solution(
     return with_quality_checks(solution)
 
 
-def _observed(
+def _observe_run(
     kind: type[Kind],
     scene: Scene,
     stepper: Stepper,

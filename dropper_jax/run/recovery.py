@@ -13,7 +13,7 @@ from dropper_jax.run.assembly import TimeOrigin, build_solution
 from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.row_store import OnDisk, read_mark
-from dropper_jax.run.simulate import Solution, initial_carry, restored_end
+from dropper_jax.run.simulate import Solution, initial_carry, restore_end
 from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.integrate import Progress, Trajectory
 
@@ -49,23 +49,27 @@ def killed_run(folder: Path) -> Solution:
         SceneError: rows by an earlier version, of a run that continued another one or that controlled its error.
     """
     rows = OnDisk.resume(folder)
-    scene, settings = Scene.from_dict(rows.about["scene"]), rows.about["settings"]
+    scene = Scene.from_dict(rows.about["scene"])
+    settings = rows.about["settings"]
     model = build_model(scene)
     renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
     stepper = stepper_of(model, scene.run, **renamed)
     if rows.last:
-        first, end = (restored_end(stepper, model, scene.run, leaves) for leaves in (rows.first, rows.last))
-        since, carry = TimeOrigin(*rows.about["since"]), end.carry
+        first, end = (restore_end(stepper, model, scene.run, leaves) for leaves in (rows.first, rows.last))
+        since = TimeOrigin(*rows.about["since"])
+        carry = end.carry
     else:
         if rows.about.get("went_on"):
             raise SceneError("it continued another run. Use --continue from that run again")
         if stepper.integrator.controls_error:
             raise SceneError(f"integrator: {stepper.integrator.name} controls its own error. Run it again")
-        (first, since), carry = initial_carry(stepper, model, scene, None), None
+        first, since = initial_carry(stepper, model, scene, None)
+        carry = first.carry
     beside = {Progress: None, Adaptive: Within(*(0.0,) * len(Within._fields))}.get(type(first.carry), 0.0)
     rows.with_structure((Trajectory(*(0.0,) * 8, first.row.parted, first.row.own), beside))
     outcome = RunOutcome(*rows.read(scene.run.saves), carry, 0.0, 0.0, interrupted=True)
-    return build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
+    solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
+    return solution if rows.last else replace(solution, last={})
 
 
 def _free_name(path: Path) -> Path:

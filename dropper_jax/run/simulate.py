@@ -299,7 +299,7 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
         if scene.start.is_static:
             check_stretch(scene, np.asarray(node_positions(model, s)))
         return _end_at(stepper, model, s, run), TimeOrigin()
-    last, used = restored_end(stepper, model, run, before.last), before.settings
+    last, used = restore_end(stepper, model, run, before.last), before.settings
     since = TimeOrigin(*(before.continues or {"origin_s": 0.0, "saves": 0}).values())
     since = since._replace(saves=since.saves + len(before.t) - 1)
     if (run.dt, run.save_every) != (used["dt"], used["save_every"]):
@@ -315,7 +315,7 @@ def _end_at(stepper: Stepper, model: Model, s: State, run: RunSpec) -> Last:
     return Last(first_row(s, len(names)), first_carry(stepper, model, s, run))
 
 
-def restored_end(stepper: Stepper, model: Model, run: RunSpec, saved: dict[str, np.ndarray]) -> Last:
+def restore_end(stepper: Stepper, model: Model, run: RunSpec, saved: dict[str, np.ndarray]) -> Last:
     """The end of a run of this kind from its saved leaves."""
 
     def anywhere(model: Model) -> Last:

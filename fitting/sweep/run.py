@@ -122,10 +122,8 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
 
     if todo:
         source = _local(plan, todo, fallbacks) if scheduler is None else _remote(plan, todo, scheduler, fallbacks)
-        first = next(source)
         compile_s = time.perf_counter() - started
-        results = source if first[0] is None else chain([first], source)
-        ran = store.fill(results, before, plan.cases, say, words, lambda c: len(plan.cases_of(c)))
+        ran = store.fill(source, before, plan.cases, say, words, lambda c: len(plan.cases_of(c)))
         run_s = time.perf_counter() - started - compile_s
     rate = ran * plan.scene.run.steps / run_s if run_s > 0 else 0.0
     return SweepResult(
@@ -133,14 +131,17 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
     )
 
 
-def _local(plan: Plan, todo: list[int], fallbacks: Fallbacks) -> Iterator[tuple[int | None, Found]]:
-    """Results chunk by chunk, after a first item that marks the end of compilation; the next chunks run while these are
-    written."""
+def _local(plan: Plan, todo: list[int], fallbacks: Fallbacks) -> Iterator[tuple[int, Found]]:
+    """Results chunk by chunk, of a program that is compiled here."""
     program = _program(json.dumps(plan.identity()), None)
     groups = [todo[i : i + program.devices] for i in range(0, len(todo), program.devices)]
     program.compile(groups[0])
     fallbacks.join(program.fallbacks)
-    yield None, {}
+    return _results_ahead(program, groups)
+
+
+def _results_ahead(program: Program, groups: list[list[int]]) -> Iterator[tuple[int, Found]]:
+    """Results chunk by chunk; the next chunks run while these are written."""
     pending = program(groups[0])
     for group in groups[1:]:
         ahead = program(group)
@@ -167,11 +168,16 @@ def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:
 
 
 def _remote(plan: Plan, todo: list[int], scheduler: Scheduler, recorded: Fallbacks) -> Iterator[tuple[int, Found]]:
-    """Results in the order in which the workers of a cluster finish."""
-    identity = json.dumps(plan.identity())
-    for i, (found, fallbacks) in done_on(scheduler, run_chunk, [(identity, chunk) for chunk in todo]):
-        recorded.join(fallbacks)
-        yield todo[i], found
+    """Results in the order in which the workers of a cluster finish, from the first one, which had to be compiled."""
+
+    def finished() -> Iterator[tuple[int, Found]]:
+        identity = json.dumps(plan.identity())
+        for i, (found, fallbacks) in done_on(scheduler, run_chunk, [(identity, chunk) for chunk in todo]):
+            recorded.join(fallbacks)
+            yield todo[i], found
+
+    results = finished()
+    return chain([next(results)], results)
 
 
 def open_sweep(path: str | Path) -> xarray.Dataset:

@@ -62,7 +62,7 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
                 with unfinished_folder(self.path) as folder:
                     self._create(zarr.open_group(folder / "new", mode="w-"), versions)
                     (folder / "new").rename(self.path)
-            self.group = self._checked(versions, mix_versions)
+            self._open(versions, mix_versions)
         except BaseException as error:
             self.lock.release()
             if isinstance(error, OSError):  # messages of Zarr do not name the file
@@ -73,11 +73,11 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         """Release the lock."""
         self.lock.release()
 
-    def _checked(self, here: dict[str, str], mixed: bool) -> zarr.Group:
-        """The group, if it is whole, belongs to the same inputs and was made with the same versions; others are
+    def _open(self, here: dict[str, str], mixed: bool) -> None:
+        """Open the group, if it is whole, belongs to the same inputs and was made with the same versions; others are
         recorded if mixing is allowed."""
         try:
-            group = extra("zarr", "sweep").open_group(self.path, mode="r+")
+            self.group = group = extra("zarr", "sweep").open_group(self.path, mode="r+")
             there = dict(json.loads(group.attrs[IDENTITY]))
         except Exception:  # any error of Zarr on a folder that is not a group
             raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
@@ -106,7 +106,6 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             whole = False
         if not whole:
             raise SceneError(f"{self.path}: is damaged: its arrays are not those of the sweep. Use a new folder")
-        return group
 
     def _create(self, group: zarr.Group, versions: dict[str, str]) -> None:
         plan = self.plan

@@ -1,7 +1,7 @@
-"""Appends chunks to a store until it is ended: `ended_writer.py KIND FOLDER SEED COUNT`, a JSON line per ended writer.
+"""Appends chunks to a store until it is ended: `ended_writer.py KIND FOLDER COUNT`, a JSON line after each writer.
 
-Each writer is a fork that a `SIGKILL` ends at a random moment, or whose files are limited in size as by a full disk.
-What it left is read by another fork: Zarr has threads, which a fork does not inherit.
+Each writer is a fork that a `SIGKILL` ends at a random moment; the last one may write no file above 30 bytes, as on a
+full disk. What it left is read by another fork: Zarr has threads, which a fork does not inherit.
 """
 
 from __future__ import annotations
@@ -19,55 +19,15 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.files import PART
 from dropper_jax.base.store import Store
 from dropper_jax.run.row_store import OnDisk
 from fitting.cases.run import CaseStore
+from fitting.sweep.plan import make_plan
 from fitting.sweep.store import SweepStore
 
-CHUNKS, ROWS = 400, 5
-
-
-class Plan:
-    """What a sweep's store asks of a plan: cases of a chunk, shapes, identity."""
-
-    cases, chunk, chunks, axes, traces = CHUNKS * ROWS, ROWS, CHUNKS, (), False
-    named_quantities, quantities = (), ()
-
-    def cases_of(self, chunk: int) -> np.ndarray:
-        return np.arange(chunk * ROWS, (chunk + 1) * ROWS)
-
-    def inputs(self, cases: np.ndarray) -> np.ndarray:
-        return np.zeros((len(cases), 0))
-
-    def identity(self) -> dict[str, Any]:
-        return {"format": 1}
-
-
-class Rows(OnDisk):
-    """Rows of a run; a chunk is read as its rows and its end."""
-
-    def read(self, key: int) -> Any:
-        self.with_structure([0.0, 0.0])
-        start = key * ROWS
-        return [part[start : start + ROWS] for part in super().read(start + ROWS)], self.last
-
-    def has(self, key: int) -> bool:
-        return super().has(key * ROWS)
-
-    def write(self, key: int, found: Any) -> None:
-        super().write(key * ROWS, found)
-
-
-class Sweep(SweepStore):
-    """A sweep of two quantities."""
-
-    def _variables(self) -> dict[str, tuple[Any, ...]]:
-        return {name: ((200,), ("link",), "N", name) for name in ("tension", "slack")}
-
-    def _create(self, group: Any, versions: dict[str, str]) -> None:
-        self.plan.scene = type("Scene", (), {"run": type("Run", (), {"dtype": "float64"})})
-        super()._create(group, versions)
+#: More chunks than sixty writers append in 20 ms each; rows of a chunk.
+CHUNKS, ROWS = {"run": 4000, "cases": 1000, "sweep": 400}, 5
+VERSIONS = dict.fromkeys(("jax", "jaxlib", "dropper-jax"), "1")
 
 
 class Cases(CaseStore):
@@ -81,92 +41,92 @@ class Cases(CaseStore):
         return self.path / f"{case}.npz"
 
 
-def opened(kind: str, folder: Path) -> Store:
-    """The store: created, or resumed."""
-    if kind == "sweep":
-        return Sweep(folder, Plan(), dict.fromkeys(("jax", "jaxlib", "dropper-jax"), "1"))
+def store_of(kind: str) -> Callable[[Path], Store]:
+    """What creates or resumes the store in a folder."""
     if kind == "cases":
-        return Cases(folder)
-    folder.mkdir(exist_ok=True)
-    return Rows.resume(folder) if (folder / "run.npz").exists() else Rows(folder, {}, {"start": np.zeros(3)})
+        return Cases
+    if kind == "sweep":
+        plan = make_plan("conical-pendulum", {"line.0.mass": np.linspace(1, 2, CHUNKS[kind] * ROWS)}, chunk=ROWS)
+        assert len(plan.base) == 2  # computed here: a fork of JAX must not compute
+        return lambda folder: SweepStore(folder, plan, VERSIONS)
+
+    def rows(folder: Path) -> OnDisk:
+        folder.mkdir(exist_ok=True)
+        return OnDisk.resume(folder) if (folder / "run.npz").exists() else OnDisk(folder, {}, {"start": np.zeros(3)})
+
+    return rows
 
 
 def chunk(kind: str, key: int) -> Any:
     """The content of a chunk, which follows from its number."""
-    numbers = np.random.default_rng(key).normal(size=(2, ROWS, 200))
+    numbers = np.random.default_rng(key).normal(size=(ROWS, 200))
     if kind == "run":
-        return list(numbers), {"end": numbers[0, -1]}
-    arrays = dict(zip(("tension", "slack"), numbers, strict=True))
-    return arrays | {"status": np.zeros(ROWS, np.int8), "failed_at": np.zeros(ROWS)} if kind == "sweep" else arrays
+        return [numbers], {"end": numbers[-1]}
+    if kind == "cases":
+        return {"largest": numbers}
+    return {"excursion": numbers[:, 0], "angle_max": numbers[:, :1], "status": np.zeros(ROWS, np.int8)}
+
+
+def is_right(kind: str, store: Store, key: int) -> bool:
+    """Whether a chunk has its own numbers."""
+    right = chunk(kind, key)
+    if kind == "run":
+        (found,) = store.with_structure([0.0]).read(key + ROWS)
+        return np.array_equal(found[key:], right[0][0])
+    found = store.read(key)
+    return all(np.array_equal(found[name], right[name]) for name in right)
+
+
+def append_all(kind: str, store: Store, keys: list[int], log: Path, limit: int) -> None:
+    """Append the missing chunks, and note each one that is complete."""
+    with log.open("a") as noted:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+        for key in [key for key in keys if not store.has(key)]:
+            store.append(key, chunk(kind, key))
+            noted.write(f"{key}\n")
+            noted.flush()
+
+
+def check(kind: str, store: Store, keys: list[int], noted: list[int]) -> None:
+    """Print noted chunks that are lost, the number of complete ones, and those with wrong numbers."""
+    done = [key for key in keys if store.has(key)]
+    wrong = [key for key in done[-4:] if not is_right(kind, store, key)]
+    if kind == "run" and done and not np.array_equal(store.last["end"], chunk(kind, done[-1])[1]["end"]):
+        wrong.append(-1)
+    print(json.dumps({"lost": sorted(set(noted) - set(done)), "done": len(done), "wrong": wrong}), flush=True)
 
 
 def forked(work: Callable[[], None]) -> int:
-    """The process that does this work."""
+    """The process that does this work, and prints the error that ends it."""
     process = os.fork()
     if not process:
         try:
             work()
+        except OSError as error:
+            print(json.dumps({"refused": str(error)}), flush=True)
         finally:
             os._exit(0)
     return process
 
 
-def append_all(kind: str, folder: Path, log: Path, limit: int | None) -> None:
-    """Append the missing chunks, and note each one that is complete."""
-    store, (usual, most) = opened(kind, folder), resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (usual if limit is None else limit, most))
-    with log.open("a") as noted:
-        for key in [key for key in range(CHUNKS) if not store.has(key)]:
-            try:
-                store.append(key, chunk(kind, key))
-            except OSError as error:
-                resource.setrlimit(resource.RLIMIT_FSIZE, (usual, most))
-                (log.parent / "refused").write_text(str(error))
-                return
-            noted.write(f"{key}\n")
-            noted.flush()
-
-
-def check(kind: str, folder: Path, log: Path, answer: Path) -> None:
-    """Noted chunks that are lost, complete ones, wrong numbers, and leftovers of killed writers."""
-    store, noted = opened(kind, folder), [int(line) for line in log.read_text().split()] if log.exists() else []
-    done = [key for key in range(CHUNKS) if store.has(key)]
-    wrong = []
-    for key in done[-4:]:
-        found, right = store.read(key), chunk(kind, key)
-        pairs = zip(found[0], right[0], strict=True) if kind == "run" else ((found[n], right[n]) for n in right)
-        if not all(np.array_equal(a, b) for a, b in pairs):
-            wrong.append(key)
-    if kind == "run" and done and not np.array_equal(store.last["end"], chunk(kind, done[-1])[1]["end"]):
-        wrong.append(-1)
-    told = {"lost": sorted(set(noted) - set(done)), "done": len(done), "noted": len(noted), "wrong": wrong}
-    answer.write_text(json.dumps(told))
-
-
-def size(file: Path) -> int:
-    """Bytes of a file, 0 without one."""
-    return file.stat().st_size if file.exists() else 0
-
-
-def main(kind: str, folder: Path, seed: str, count: int) -> None:
-    rng = random.Random(f"{kind} {seed}")
-    store, log, answer = folder / "store", folder / "log", folder / "answer.json"
-    for number in range(count):
-        limit = None if number < count - 1 else 4_000  # the last one is refused by a full disk instead
-        process = forked(lambda limit=limit: append_all(kind, store, log, limit))
-        if limit is None:
-            before, late = size(log), time.monotonic() + 30
+def main(kind: str, folder: Path, count: int) -> None:
+    rng, store, log = random.Random(kind), store_of(kind), folder / "log"
+    keys = [key * ROWS if kind == "run" else key for key in range(CHUNKS[kind])]
+    log.touch()
+    for number in range(count + 1):
+        limit = resource.RLIM_INFINITY if number < count else 30
+        before, late = log.stat().st_size, time.monotonic() + 30
+        process = forked(lambda limit=limit: append_all(kind, store(folder / "store"), keys, log, limit))
+        if number < count:
             # a quarter of the moments lies in the creation
-            while number > count // 4 and time.monotonic() < late and size(log) == before:
+            while number > count // 4 and time.monotonic() < late and log.stat().st_size == before:
                 time.sleep(0.001)
-            time.sleep(rng.uniform(0.0, 0.05))
+            time.sleep(rng.uniform(0.0, 0.02))
             os.kill(process, signal.SIGKILL)
         os.waitpid(process, 0)
-        os.waitpid(forked(lambda: check(kind, store, log, answer)), 0)
-        print(answer.read_text(), flush=True)
-    left = [str(item) for item in folder.rglob(f"*{PART}")]
-    print(json.dumps({"left": left, "refused": (folder / "refused").read_text()}), flush=True)
+        noted = [int(line) for line in log.read_text().split()]
+        os.waitpid(forked(lambda noted=noted: check(kind, store(folder / "store"), keys, noted)), 0)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]), sys.argv[3], int(sys.argv[4]))
+    main(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]))

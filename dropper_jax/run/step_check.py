@@ -156,13 +156,13 @@ def _angle_error(solution: Samples, starts: list[tuple[np.ndarray, np.ndarray]])
     """
     if solution.scene.branched:
         return None
-    length, saves, found = solution.scene.lines[0].length, _angle_saves(solution), []
+    found, length = [], solution.scene.lines[0].length
     for rows, fine in starts:
-        count = min(len(rows), saves)
+        count = min(len(rows), _angle_saves(solution))
         # the nodes between two fixed end points, or from a fixed one to the free end
         apart = np.pad(rows[:count] - fine[:count], ((0, 0), (1, len(length) - rows.shape[1]), (0, 0)))
         turned = np.sum(np.diff(apart, axis=1) ** 2, axis=2) / np.square(length)
-        found.append(float(np.sqrt(np.mean(turned))) * saves / count)
+        found.append(float(np.sqrt(np.mean(turned))) * _angle_saves(solution) / count)
     return _error(solution, float(np.mean(found)))
 
 

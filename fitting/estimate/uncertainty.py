@@ -1,9 +1,10 @@
 """Uncertainty of a fit: covariance with correlated residuals, intervals at bounds, bootstrap, identifiability.
 
 The Gauss-Newton covariance `s^2 S^-1` holds for white residuals of standard deviation s. If residuals are correlated,
-or larger than the noise that the traces show, the larger of two estimates is used instead: the scatter of blocks of
-scores (`sandwich`), and the covariance of noise with the memory of the residuals, `s^2 (D/M + P)^-1` with M samples per
-independent one, the information D of the measurements and P of the priors. A few blocks may scatter less by chance.
+or larger than the noise that the traces show, the scatter of blocks of scores is used instead (`sandwich`).
+
+A few blocks may scatter less by chance. The covariance is at least `s^2 (D/M + P)^-1`, that of noise with the memory of
+the residuals: M samples count as one. D is the information of the measurements and P that of the priors.
 """
 
 from __future__ import annotations

@@ -12,7 +12,6 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import comb
 from pathlib import Path
 
 import numpy as np
@@ -279,36 +278,38 @@ def noise(trace: Trace) -> np.ndarray:
     """
     if len(trace.t) < FEWEST:
         return np.full(trace.links, 1e-3)
-    found = noise_by_differences(trace.theta)
+    found = noise_by_differences(trace.theta, trace.t)
     found = np.maximum(np.where(np.isfinite(found), found, 1e-3), 1e-6)
     return np.maximum(found, [_rounding(column) / np.sqrt(12) for column in trace.theta.T])
 
 
-def noise_by_differences(values: np.ndarray) -> np.ndarray:
-    """Standard deviation (n,) of white noise on equidistant samples (N, n) of a smooth motion; NaN with too few.
+def noise_by_differences(values: np.ndarray, t: np.ndarray | None = None) -> np.ndarray:
+    """Standard deviation (n,) of white noise on samples (N, n) of a smooth motion; NaN with too few.
 
-    White noise of standard deviation s gives differences of order q and standard deviation `s sqrt(C(2 q, q))`; those
-    of a smooth motion nearly vanish. The minimum over the orders is used, in the calmest blocks of time, and compared
-    with the result of the same procedure for white noise of known size.
+    White noise of standard deviation s gives divided differences of unit weights and standard deviation s; those of a
+    smooth motion nearly vanish. The minimum over the orders is used, in the calmest blocks of time, and compared with
+    the result of the same procedure for white noise of known size. Default for the times t (N,): equidistant.
     """
     if len(values) <= max(ORDERS):
         return np.full(values.shape[1], np.nan)
+    t = np.arange(len(values)) if t is None else t
     white = np.random.default_rng(0).standard_normal((len(values), 16))
-    return _calm_difference(values) / float(np.nanmean(_calm_difference(white)))
+    return _calm_difference(values, t) / float(np.nanmean(_calm_difference(white, t)))
 
 
-def _calm_difference(theta: np.ndarray) -> np.ndarray:
+def _calm_difference(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Size (n,) of the differences in the calmest blocks, the minimum over `ORDERS`; NaN with too few samples."""
     best = np.full(theta.shape[1], np.nan)
     for order in ORDERS:
-        size = np.abs(np.diff(theta, order, axis=0)) / np.sqrt(comb(2 * order, order))
+        x, y = (np.lib.stride_tricks.sliding_window_view(a, order + 1, axis=0) for a in (t - t[0], theta))
+        weight = 1 / np.prod(x[:, :, None] - x[:, None] + np.eye(order + 1), axis=2)
+        size = np.abs(np.einsum("kni,ki->kn", y, weight / np.linalg.norm(weight, axis=1, keepdims=True)))
         # frames of a block of differences
         median = np.array([_median(block) for block in np.array_split(size, max(1, round(len(size) / 24)))])
         calm = np.sort(median, axis=0)  # NaN is sorted to the end
         # the calmest blocks determine the noise: links that whip are fast for only part of the time
         count = np.maximum(1, np.round(0.35 * np.isfinite(median).sum(axis=0))).astype(int)
-        value = np.array([np.mean(column[:k]) for column, k in zip(calm.T, count, strict=True)])
-        best = np.fmin(best, value)
+        best = np.fmin(best, [np.mean(column[:k]) for column, k in zip(calm.T, count, strict=True)])
     return best
 
 

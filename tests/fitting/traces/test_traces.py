@@ -128,6 +128,14 @@ def test_the_noise_of_a_smooth_motion_is_found_within_a_tenth():
     np.testing.assert_allclose(noise(trace), 0.005, rtol=0.1)
 
 
+def test_the_noise_of_irregular_frames_holds_no_motion():
+    """Frames up to a quarter of an interval early or late, in which the angle changes by twenty times the noise."""
+    rng = np.random.default_rng(2)
+    t = (np.arange(1200) + rng.uniform(-0.25, 0.25, 1200)) / 100
+    theta = np.sin(8 * t)[:, None] * np.array([1.0, 0.7]) + 0.003 * rng.standard_normal((1200, 2))
+    np.testing.assert_allclose(noise(Trace("irregular", t, theta)), 0.003, rtol=0.15)
+
+
 def test_the_noise_of_links_that_whip_for_a_part_of_the_time_is_found_within_a_fifth():
     rng = np.random.default_rng(1)
     t = np.arange(600) / 60

@@ -59,9 +59,8 @@ import numpy as np  # noqa: E402
 from jax.flatten_util import ravel_pytree  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
-from dropper_jax.backend.compile_cache import compile_cache  # noqa: E402
+from dropper_jax import Solution, compile_cache  # noqa: E402
 from dropper_jax.backend.programs import STORE, give_back_memory, memory_maps  # noqa: E402
-from dropper_jax.run.simulate import Solution  # noqa: E402
 from dropper_jax.stepping.integrate import begin  # noqa: E402
 
 #: Programs compiled by an earlier run on this machine, or by the other worker, are read from here: two fifths of the

@@ -9,14 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, equilibrium, load_scene
+from dropper_jax import SceneError, equilibrium, integrate, load_scene, make_stepper, state
 from dropper_jax.axial import LinkStart, Rope, Tabulated
 from dropper_jax.axial.force_table import ForceTable, stack_tables
-from dropper_jax.model import state, work_names
+from dropper_jax.model import work_names
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.modes import natural_modes
-from dropper_jax.stepping.integrate import integrate, observe
-from dropper_jax.stepping.stepper import make_stepper
+from dropper_jax.stepping.integrate import observe
 
 STRAIN, TENSION = [0.02, 0.05, 0.10, 0.12, 0.20], [0.0, 300.0, 1300.0, 1300.0, 4500.0]
 EVEN = {"law": "tabulated", "strain": [0.0, 0.05, 0.10, 0.15], "tension": [0.0, 300.0, 1000.0, 2500.0]}

@@ -15,15 +15,12 @@ import jax
 import numpy as np
 import pytest
 
+from dropper_jax import Scene, Solution, load_scene, scene_names
 from dropper_jax.backend.programs import STORE
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.cli.output import progress
-from dropper_jax.load.packaged import scene_names
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
 from dropper_jax.run import simulate
-from dropper_jax.run.simulate import Solution
 
 SCENE = "dropper-release-a"
 GOOD = """

@@ -10,11 +10,10 @@ import sys
 import numpy as np
 import pytest
 
+from dropper_jax import load_scene, simulate
 from dropper_jax.cli import main
 from dropper_jax.cli.new import KINDS
-from dropper_jax.load.source import load_scene
 from dropper_jax.run.resolution import suggest_step
-from dropper_jax.run.simulate import simulate
 from dropper_jax.scene import whole_lines
 
 

@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import INTEGRATORS, SceneError
 from dropper_jax.cli import main, options
 from dropper_jax.cli.outputs import out_file, picture, plot_folder
-from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.run import quantities
 from dropper_jax.study import source_figures
 from dropper_jax.study.figure_table import Run, cases_of, figure_of, figures, scene_of
 from dropper_jax.study.source_figures import PANELS, draw_figure
 from fitting.cli import figure, sweep
-from fitting.sweep.plan import QUANTITIES
+from fitting.sweep import QUANTITIES
 
 SHORT = ["double-pendulum-chaotic", "--duration", "0.2", "--dt", "0.01", "--quiet"]
 

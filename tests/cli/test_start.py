@@ -16,8 +16,9 @@ from pathlib import Path
 import pytest
 
 import dropper_jax
+from dropper_jax import scene_names
 from dropper_jax.cli import commands, main
-from dropper_jax.load.packaged import is_packaged, scene_names, scene_titles, variants_of
+from dropper_jax.load.packaged import is_packaged, scene_titles, variants_of
 from dropper_jax.scene import run
 from dropper_jax.solvers import SOLVERS
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import dropper_jax as dj
+from fitting import read_trace
 from fitting.parameters.of_scene import full_names
-from fitting.traces.trace import read_trace
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("calibration.md", "statistics-of-fits.md", "tutorial-lab-dropper.md")

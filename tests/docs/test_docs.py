@@ -7,10 +7,11 @@ from pathlib import Path
 import jax
 import pytest
 
+from dropper_jax import Effect, register
 from dropper_jax.cli.commands import parse
-from dropper_jax.effects import EFFECTS, Effect, register
+from dropper_jax.effects import EFFECTS
+from fitting import write_trace
 from fitting.traces.synthetic import Camera, observe, simulate_truth
-from fitting.traces.trace import write_trace
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
@@ -85,7 +86,7 @@ def test_what_is_no_effect_cannot_be_registered(make, words, registry):
 
 
 def test_an_effect_cannot_take_the_name_of_another(registry):
-    from dropper_jax.base.fields import component
+    from dropper_jax import component
 
     other = component(type("Other", (Effect,), {"name": "weight"}))
     with pytest.raises(ValueError, match="the name .weight. is already used by dropper_jax.effects.weight.Weight"):

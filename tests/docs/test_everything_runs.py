@@ -101,9 +101,9 @@ def test_what_is_run_elsewhere_is_there():
 @pytest.fixture(scope="module")
 def workshop(tmp_path_factory):
     """A folder with the files that the pages name."""
+    from fitting import write_trace
     from fitting.site import site_text
     from fitting.traces.synthetic import Camera, Motion, observe, simulate_truth
-    from fitting.traces.trace import write_trace
     from fitting.tracking.render import View, chessboards, film
     from fitting.tracking.video import opencv, write_video
 

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import Scene, SceneError, scene_names
 from dropper_jax.cli import main
 from dropper_jax.cli.reference import as_markdown
-from dropper_jax.load.packaged import packaged_scene, scene_names
+from dropper_jax.load.packaged import packaged_scene
 from dropper_jax.load.paths import locate
 from dropper_jax.load.reference import find, schema, sections
-from dropper_jax.load.scene import Scene
 
 ROOT = Path(__file__).parents[2]
 PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md"]

@@ -14,11 +14,9 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
-from dropper_jax.load.source import load_scene
-from dropper_jax.model import state
+from dropper_jax import load_scene, make_stepper, state
 from dropper_jax.run.build import build_model
 from dropper_jax.stepping.integrate import begin
-from dropper_jax.stepping.stepper import make_stepper
 
 PAGE = Path(__file__).parents[2] / "docs" / "physics.md"
 BLOCKS = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), re.M | re.S)

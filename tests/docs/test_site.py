@@ -18,10 +18,10 @@ import pytest
 
 import dropper_jax as dj
 import fitting
+from dropper_jax import INTEGRATORS
 from dropper_jax.base.toml_text import prose
 from dropper_jax.cli.commands import find_commands
 from dropper_jax.effects import EFFECTS
-from dropper_jax.integrators import INTEGRATORS
 
 ROOT = Path(__file__).parents[2]
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")

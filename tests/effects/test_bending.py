@@ -9,14 +9,10 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy.integrate import solve_bvp
 
-from dropper_jax import INTEGRATORS, equilibrium, integrate, make_stepper
-from dropper_jax.base.errors import SceneError
+from dropper_jax import INTEGRATORS, Scene, SceneError, build, equilibrium, integrate, make_stepper, simulate
 from dropper_jax.effects import Bending
-from dropper_jax.load.scene import Scene
 from dropper_jax.report.build import report_run
 from dropper_jax.report.vtk import write_vtk
-from dropper_jax.run.build import build
-from dropper_jax.run.simulate import simulate
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.solvers.dense import residual_matrix
 

@@ -11,9 +11,8 @@ import jax.numpy as jnp
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
-from dropper_jax.base.fields import component
-from dropper_jax.effects import EFFECTS, Effect, register
+from dropper_jax import Effect, SceneError, component, register
+from dropper_jax.effects import EFFECTS
 
 EFFECT = """
 from typing import ClassVar

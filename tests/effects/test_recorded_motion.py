@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 
 TIMES = np.arange(0.0, 1.05, 0.1)
 

@@ -10,16 +10,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import load_scene
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.fields import component, parameter
-from dropper_jax.effects import Effect
-from dropper_jax.model import state
-from dropper_jax.run.build import build, build_model
-from dropper_jax.run.simulate import simulate
-from dropper_jax.stepping.integrate import integrate
-from dropper_jax.stepping.step import step
-from dropper_jax.stepping.stepper import make_stepper
+from dropper_jax import (
+    Effect,
+    SceneError,
+    build,
+    component,
+    integrate,
+    load_scene,
+    make_stepper,
+    parameter,
+    simulate,
+    state,
+    step,
+)
+from dropper_jax.run.build import build_model
 
 G = 9.81
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.analysis.angles import writhe
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.scene import Scene
+from dropper_jax import Scene, SceneError
+from dropper_jax.analysis import writhe
 
 LENGTH, GJ, POLAR, MOMENT, LINKS = 2.0, 1.0, 0.01, 0.3, 40
 SPEED = np.sqrt(GJ / POLAR)  # of a wave of twist [m/s]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from dropper_jax.run.build import build_model
 
 OMEGA, AMPLITUDE, HEADING = 2 * np.pi / 8.0, 1.5, 0.4

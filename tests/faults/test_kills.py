@@ -21,8 +21,8 @@ from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.run.recovery import recover
 from dropper_jax.run.simulate import load_run
+from fitting import write_trace
 from fitting.traces.synthetic import Camera, observe, simulate_truth
-from fitting.traces.trace import write_trace
 
 ROOT = Path(dj.__file__).parents[1]
 #: Moments of each kind and signal: fifty of both kinds together; KILLS asks for more.

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax import SceneError
 from dropper_jax.base import files
-from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import Lock
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.cli import main
@@ -273,7 +273,7 @@ def test_sigterm_keeps_what_is_done_as_an_interruption_does(tmp_path):
 
 
 def test_a_page_holds_a_description_with_its_own_markers(tmp_path):
-    from dropper_jax.view.make import view_page
+    from dropper_jax.view import view_page
 
     run = dj.simulate("conical-pendulum", dt=0.01, duration=0.1)
     text = "/*SCRIPT*/ /*DATA*/ </script>"

@@ -21,15 +21,14 @@ from typing import Any
 from mutations import ARCHIVE, BYTES, TEXT
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.load.packaged import packaged_scene
 from dropper_jax.run.summary import write_angles
 from dropper_jax.sea.readers import read_components, read_elevation
-from fitting.channels.reading import read_data
-from fitting.sweep.run import open_sweep
-from fitting.traces.trace import read_trace
+from fitting import read_data, read_trace
+from fitting.sweep import open_sweep
 
 #: Seconds after which a case hangs.
 HANGS = 60

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import fitting
-from fitting.calibration.fit import fit
+from fitting import fit
 
 
 def test_nothing_is_loaded_before_it_is_asked_for():

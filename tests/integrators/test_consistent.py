@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
-from dropper_jax.effects.end_motion import EndMotion
+from dropper_jax.effects import EndMotion
 from dropper_jax.integrators.consistent import consistent, instant
 
 MASS, LENGTH, GRAVITY = 0.1, 1.0, 9.81

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError, load_scene
+from dropper_jax import SceneError, integrate, load_scene, make_stepper
 from dropper_jax.run.build import build_model
-from dropper_jax.stepping.integrate import integrate
-from dropper_jax.stepping.stepper import make_stepper
 
 G = 9.81
 LENGTH, MASS = 0.5, 0.4

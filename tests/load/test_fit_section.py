@@ -6,9 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from dropper_jax import load_scene
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.scene import Scene
+from dropper_jax import Scene, SceneError, load_scene
 from dropper_jax.run.build import build_model
 
 PRIOR = {"of": "line.0.mass", "sigma": 0.3, "unit": "%", "common": True}

@@ -15,10 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dropper_jax import make_stepper
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.source import load_scene
-from dropper_jax.run.build import build
+from dropper_jax import SceneError, build, load_scene, make_stepper
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.work_precision import energy_loss
 

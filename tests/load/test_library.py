@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from dropper_jax.cli import library as command
 from dropper_jax.load.library import FAMILIES, part
 

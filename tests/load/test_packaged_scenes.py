@@ -8,9 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from dropper_jax.load.packaged import DAMPING, scene_names
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax import Scene, load_scene, scene_names
+from dropper_jax.load.packaged import DAMPING
 from dropper_jax.run.build import build_model
 
 EXPECTED = {

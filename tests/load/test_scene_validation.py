@@ -13,14 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import Scene, SceneError, equilibrium, load_scene
 from dropper_jax.base.files import read_lines
 from dropper_jax.cli import commands
 from dropper_jax.load.paths import set_value
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
 from dropper_jax.load.template import evaluate
-from dropper_jax.run.build import build_model, equilibrium
+from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import load_run
 
 LOOP = {

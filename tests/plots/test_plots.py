@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dropper_jax import plots
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError, plots
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import readable
 

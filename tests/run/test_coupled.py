@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError, SimulationError
+from dropper_jax import SceneError, SimulationError
 
 DOC = Path(__file__).parents[2] / "docs" / "coupling.md"
 ENDS = ("left", "right")

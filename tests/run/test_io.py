@@ -9,11 +9,9 @@ import os
 import numpy as np
 import pytest
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError, Solution, load_scene
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.toml_text import jsonable
-from dropper_jax.load.source import load_scene
-from dropper_jax.run.simulate import Solution
 
 
 def test_text_bytes_and_writer_give_the_same_file(tmp_path):

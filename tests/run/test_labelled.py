@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from dropper_jax.run.labelled import select_line
 from dropper_jax.run.simulate import load_run
 

@@ -9,12 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import equilibrium, load_scene
-from dropper_jax.run.build import build, build_model
-from dropper_jax.run.simulate import simulate
-from dropper_jax.statics.static_pose import settle
-from dropper_jax.stepping.integrate import integrate
-from dropper_jax.stepping.stepper import make_stepper
+from dropper_jax import build, equilibrium, integrate, load_scene, make_stepper, settle, simulate
+from dropper_jax.run.build import build_model
 
 G = 9.81
 

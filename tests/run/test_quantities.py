@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from dropper_jax.run.design import solve_design
 from dropper_jax.run.quantities import quantity, static_quantity
 from dropper_jax.scene import held_loads, line_slices

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax import Coupled
 from dropper_jax.base import files
-from dropper_jax.run.coupled import Coupled
 from dropper_jax.run.recovery import recover
 from dropper_jax.run.simulate import load_run
 

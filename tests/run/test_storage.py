@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from dropper_jax.cli import main
 from dropper_jax.run.samples import ARRAYS
 from dropper_jax.run.simulate import load_run
 from dropper_jax.run.summary import write_angles, write_tensions
-from fitting.traces.trace import read_trace
+from fitting import read_trace
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("h5netcdf")

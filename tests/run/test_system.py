@@ -7,16 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, equilibrium, load_scene
+from dropper_jax import Line, Model, Point, SceneError, equilibrium, load_scene, make_stepper, simulate, state
 from dropper_jax.axial import Rope
 from dropper_jax.effects import LinearDamping, Weight
-from dropper_jax.model import Graph, Line, Member, Model, Point, state
+from dropper_jax.model import Graph, Member
 from dropper_jax.residual import Unknowns
 from dropper_jax.run.build import build_model
-from dropper_jax.run.simulate import simulate
 from dropper_jax.scene import held_loads, line_offsets
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.stepping.stepper import make_stepper
 
 PLACES = [(0, 0, 0), (6, 0, 0), (3, 5, 0), (3, 1, -1.0), (3, 2, -1.0)]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dropper_jax.load.checks_water import repeat_time
-from dropper_jax.sea.current import Current
+from dropper_jax.sea import Current
 from dropper_jax.sea.make import waves_on
 from dropper_jax.sea.spectrum import action_factor, components, density, effective_current, on_current, wave_number
 

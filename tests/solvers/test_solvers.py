@@ -10,7 +10,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
-from dropper_jax.model import Model
+from dropper_jax import Model
 from dropper_jax.residual import Unknowns
 from dropper_jax.solvers import SOLVERS
 

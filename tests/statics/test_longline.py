@@ -8,9 +8,8 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq, fsolve
 from scipy.special import jn_zeros
 
-from dropper_jax import equilibrium, load_scene
-from dropper_jax.base.errors import SceneError
-from dropper_jax.run.build import build, build_model
+from dropper_jax import SceneError, build, equilibrium, load_scene
+from dropper_jax.run.build import build_model
 from dropper_jax.run.design import solve_design
 from dropper_jax.statics.modes import natural_modes
 

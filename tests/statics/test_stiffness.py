@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax import mooring_stiffness
 from dropper_jax.cli import stiffness as command
-from dropper_jax.statics.stiffness import mooring_stiffness
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 #: Nearly weightless wire, drawn tight along x.

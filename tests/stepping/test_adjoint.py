@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.source import load_scene
-from dropper_jax.run.build import build, build_model
+from dropper_jax import SceneError, build, integrate, load_scene, make_stepper
+from dropper_jax.run.build import build_model
 from dropper_jax.stepping.adjoint import backward_pass, check_recordable, record
-from dropper_jax.stepping.integrate import integrate
-from dropper_jax.stepping.stepper import make_stepper
 
 STEPS, H = 24, 0.05
 

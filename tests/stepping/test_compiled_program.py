@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.fields import component, parameter
-from dropper_jax.effects import EFFECTS, Effect
+from dropper_jax import Effect, component, parameter
+from dropper_jax.effects import EFFECTS
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "operations.json"
 SCENES = (

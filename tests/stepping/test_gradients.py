@@ -10,8 +10,9 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
+from dropper_jax import Line, Model, Point, state
 from dropper_jax.effects import LinearDamping, QuadraticDamping, Weight
-from dropper_jax.model import Line, Member, Model, Path, Point, state
+from dropper_jax.model import Member, Path
 
 DT = 0.005
 MODEL, START = dj.build("dropper-release-a")

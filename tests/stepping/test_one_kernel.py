@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax import one_kernel, scatter_add
 from dropper_jax.backend import tridiagonal
-from dropper_jax.backend.one_kernel import FLAG, LIMIT, OPTION, in_force, inside, is_inline, one_kernel, with_option
-from dropper_jax.base.scatter import scatter_add
+from dropper_jax.backend.one_kernel import FLAG, LIMIT, OPTION, in_force, inside, is_inline, with_option
 from dropper_jax.study.march import march_held
 
 PROGRAM = """

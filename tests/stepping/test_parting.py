@@ -10,15 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, load_scene
+from dropper_jax import SceneError, build, integrate, load_scene, make_stepper, simulate, state
 from dropper_jax.cli.run import text
-from dropper_jax.model import as_parted, state
+from dropper_jax.model import as_parted
 from dropper_jax.report.build import report_run
-from dropper_jax.run.build import build, build_model
-from dropper_jax.run.simulate import simulate
-from dropper_jax.stepping.integrate import integrate
+from dropper_jax.run.build import build_model
 from dropper_jax.stepping.step import step_and_part
-from dropper_jax.stepping.stepper import make_stepper
 from fitting.sensitivity import study, windows
 from fitting.sweep import open_sweep, sweep
 

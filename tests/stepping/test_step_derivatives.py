@@ -11,14 +11,11 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
-from dropper_jax.integrators import INTEGRATORS
+from dropper_jax import INTEGRATORS, load_scene, make_stepper, state
 from dropper_jax.integrators.projected import ProjectedRungeKutta
-from dropper_jax.load.source import load_scene
-from dropper_jax.model import state
 from dropper_jax.residual import Implicit
 from dropper_jax.run.build import build_model
 from dropper_jax.stepping.integrate import begin
-from dropper_jax.stepping.stepper import make_stepper
 
 GEOMETRY = (".length", ".position", ".r", ".angles")
 H = 0.01

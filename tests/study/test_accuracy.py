@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax import load_scene
 from dropper_jax.cli import main
-from dropper_jax.load.source import load_scene
 from dropper_jax.study.accuracy import accuracy, advice, euler_claims, numerical_damping
 from dropper_jax.study.march import Scheme, link_vectors, parse, rms_angle
 from dropper_jax.study.reference import instant_tension, reference

@@ -10,11 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dropper_jax import build, load_scene, make_stepper
 from dropper_jax.cli import main
 from dropper_jax.effects import EFFECTS
-from dropper_jax.load.source import load_scene
-from dropper_jax.run.build import build
-from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.cost import Unused, Variant, program, proof, without_effects
 from dropper_jax.study.stability.contact_cases import sledge
 

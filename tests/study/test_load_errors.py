@@ -7,8 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.source import load_scene
+from dropper_jax import SceneError, load_scene
 from dropper_jax.study.accuracy import load_convergence
 from dropper_jax.study.load_errors import twice_the_links
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fitting.calibration.fit import estimate, prepare, summarise
-from fitting.traces.trace import Convention, Trace
+from fitting import Convention, Trace, prepare
+from fitting.calibration.fit import estimate, summarise
 
 LENGTH, MASS = np.array([0.3, 0.25]), np.array([0.12, 0.09])
 CENTRE, INERTIA = np.array([0.2, 0.11]), np.array([7e-4, 4e-4])

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.stepping.integrate import integrate
+from dropper_jax import integrate
+from fitting import prepare
 from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.kicks import alone, best_jump, without_kicks
-from fitting.calibration.preparation import prepare
 from fitting.calibration.summary import summarise
 from fitting.traces.synthetic import Camera, Motion, observe
 

@@ -10,14 +10,13 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 import dropper_jax as dj
+from fitting import Convention, Trace, prepare
 from fitting.calibration import comparison
 from fitting.calibration.comparison import compare
 from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
 from fitting.calibration.decision import chance, decide, decide_joined, shares, unseen, verdict
 from fitting.calibration.law_fits import LADDER, PARTS, Law, contains
-from fitting.calibration.preparation import prepare
 from fitting.estimate.normal_equations import Prior
-from fitting.traces.trace import Convention, Trace
 
 
 def test_every_subset_of_the_parts_is_a_law_that_stands_after_those_it_contains():

@@ -7,13 +7,11 @@ import pytest
 
 from dropper_jax import load_scene, simulate
 from dropper_jax.run.summary import write_angles
+from fitting import fit, prepare, read_trace
 from fitting.calibration.estimating import estimate, lost_windows, recover_windows, with_sound_windows
-from fitting.calibration.fit import fit
-from fitting.calibration.preparation import prepare
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts
 from fitting.traces.synthetic import Camera, observe, simulate_truth
-from fitting.traces.trace import read_trace
 
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 TRUTH, NOISE, RATE = np.array([0.0015, 0.001]), 0.004, 100.0

@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import make_stepper
-from dropper_jax.stepping.integrate import integrate
+from dropper_jax import integrate, make_stepper
 from fitting import fit, read_trace
 from fitting.traces import planar
 

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from dropper_jax.cli import main
-from fitting.calibration.fit import fit
+from fitting import fit
 from fitting.calibration.plan import plan
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from fitting import Convention, Trace, fit, prepare
 from fitting.calibration.advice import Candidate, advise, wide
-from fitting.calibration.fit import estimate, fit, prepare, summarise
+from fitting.calibration.fit import estimate, summarise
 from fitting.calibration.freeing import promising
 from fitting.calibration.result import window_length
 from fitting.estimate.loss import StudentT
-from fitting.traces.trace import Convention, Trace
 
 
 @pytest.fixture(scope="module")

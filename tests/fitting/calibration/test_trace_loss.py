@@ -11,7 +11,7 @@ import optax
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from fitting import TraceLoss, fit, loss_of_trace, write_trace
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts

@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError, load_scene
 from dropper_jax.cli import main
-from dropper_jax.load.source import load_scene
+from fitting import Convention, fit, write_trace
 from fitting.calibration import wrong_files
-from fitting.calibration.fit import fit
 from fitting.calibration.wrong_files import name_wrong_file, refuse_rising_energy, refuse_wrong_file
 from fitting.traces.conventions import settle_convention
 from fitting.traces.synthetic import Camera, observe, simulate_truth
-from fitting.traces.trace import Convention, write_trace
 
 HELD = """
 [run]

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from dropper_jax.cli import commands, main
 from dropper_jax.cli.output import INVALID_INPUT, OK
 from dropper_jax.report.record import record

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
-from fitting.channels.reading import read_data
+from dropper_jax import SceneError
+from fitting import read_data
 
 SCENE = {
     "run": {"dt": 0.01, "duration": 1.0},

@@ -10,10 +10,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
-from fitting.channels.fit import fit_channels, growth, pose
+from fitting import fit_channels
+from fitting.channels.fit import growth, pose
 from fitting.channels.free import setup_with_directions
 from fitting.channels.motion import differentiate_channels, observe_channels, shift_setup
 from fitting.channels.sensors import projection

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from dropper_jax import load_scene
 from dropper_jax.cli import main
-from dropper_jax.load.source import load_scene
+from fitting import write_trace
 from fitting.cli.fit import held_out_spans
 from fitting.traces.synthetic import Camera, observe, simulate_truth
-from fitting.traces.trace import write_trace
 
 PENDULUM = {
     "run": {"dt": 0.01, "duration": 10.0},

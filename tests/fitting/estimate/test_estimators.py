@@ -13,8 +13,9 @@ import pytest
 from scipy.optimize import least_squares
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
-from fitting.calibration.fit import estimate, prepare, summarise
+from dropper_jax import SceneError
+from fitting import prepare
+from fitting.calibration.fit import estimate, summarise
 from fitting.estimate import shooting
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Huber

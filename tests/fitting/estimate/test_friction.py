@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fitting.calibration.fit import estimate, prepare, summarise
+from fitting import Convention, Trace, prepare
+from fitting.calibration.fit import estimate, summarise
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts
-from fitting.traces.trace import Convention, Trace
 
 LENGTH, MASS, G = 0.5, 0.4, 9.81
 B_L, DRY = 0.02, 5e-3

@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import genpareto, norm
 from scipy.stats import t as student
 
-from dropper_jax.base.errors import SceneError
-from fitting.calibration.fit import fit
+from dropper_jax import SceneError
+from fitting import fit
 from fitting.estimate.posterior import Posterior, importance, pareto, smooth_weights
 from fitting.traces.synthetic import Camera, synthetic_traces
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
+from fitting import Trace, prepare
 from fitting.calibration.comparison import compare
 from fitting.calibration.cross_validation import blocks, fair
-from fitting.calibration.fit import estimate, prepare, summarise
+from fitting.calibration.fit import estimate, summarise
 from fitting.traces.synthetic import Camera, observe, simulate_truth
-from fitting.traces.trace import Trace
 
 #: Two links, the lower one held aside by a force at the free end.
 SCENE = {

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from dropper_jax.load.source import load_scene
-from dropper_jax.run.build import build
+from dropper_jax import build, load_scene
 from dropper_jax.statics.rest_problem import unbalanced
 from fitting.optimise.models import link_of, with_link_mask
 from fitting.optimise.run import check_derivatives, read_problem

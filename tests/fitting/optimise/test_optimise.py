@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from dropper_jax.run.simulate import simulate
+from dropper_jax import simulate
 from dropper_jax.scene import whole_lines
 from fitting.cli import optimise as command
 from fitting.optimise.run import optimise

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from fitting.cases.flags import characteristic
 from fitting.optimise.quantities import check_seeds, weights
 from fitting.site.sections import RunValues

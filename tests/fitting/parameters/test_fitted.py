@@ -49,7 +49,7 @@ def test_a_link_counted_among_all_lines_is_the_right_lines():
 
 
 def test_values_of_sensors_are_not_of_the_scene():
-    from fitting.channels.reading import read_data
+    from fitting import read_data
 
     scene = dj.load_scene(SCENE)
     t = np.linspace(0, 1, 5)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.scene import Scene
+from dropper_jax import Scene, SceneError
 from fitting.estimate.normal_equations import prior_of
 from fitting.parameters.of_scene import default_free, find_parameters
 from fitting.parameters.parameter import resolve

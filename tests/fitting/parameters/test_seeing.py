@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from fitting.parameters.parameter import apply, resolve
 from fitting.parameters.target import camera_angles
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from fitting.season import schedule, season, write_season
 from fitting.season.season import spread
 from fitting.site import read_site

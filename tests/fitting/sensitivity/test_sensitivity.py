@@ -10,15 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError, load_scene
 from dropper_jax.cli import main
-from dropper_jax.load.source import load_scene
 from dropper_jax.run.quantities import STATISTICS, quantity
 from dropper_jax.study.stability.rope_cases import slack_rope
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
-from fitting.sensitivity import local, ranges, study, windows
-from fitting.sensitivity.derivatives import global_indices
+from fitting.sensitivity import global_indices, local, ranges, study, windows
 from fitting.sensitivity.tornado import path_label
 
 SCENE = {

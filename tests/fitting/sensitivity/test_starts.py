@@ -6,9 +6,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.source import load_scene
-from dropper_jax.run.build import build
+from dropper_jax import SceneError, build, load_scene
 from dropper_jax.statics.modes import natural_modes
 from fitting.sensitivity import local, study
 

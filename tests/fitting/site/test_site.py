@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from fitting.site import read_site
 
 SITE = {

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
-from fitting.sweep.against_trace import Against, FittedScore, part_ends, sweep_against_trace
-from fitting.traces.trace import Convention, Trace, write_trace
+from fitting import Convention, Trace, write_trace
+from fitting.sweep import sweep_against_trace
+from fitting.sweep.against_trace import Against, FittedScore, part_ends
 
 pytest.importorskip("zarr")
 

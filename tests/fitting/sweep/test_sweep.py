@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from dropper_jax.cli import main
 
 zarr = pytest.importorskip("zarr")

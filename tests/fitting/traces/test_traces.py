@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
+from fitting import Convention, Trace, read_trace, write_trace
 from fitting.parameters.of_scene import full_names
 from fitting.parameters.parameter import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import settle_convention
-from fitting.traces.trace import Convention, Trace, convention, local_motion, noise, read_trace, write_trace
+from fitting.traces.trace import convention, local_motion, noise
 
 ANY = Convention()
 

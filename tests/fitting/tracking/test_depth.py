@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from fitting import Convention, read_trace, write_trace
 from fitting.traces.conventions import settle_convention
 from fitting.traces.synthetic import Motion
-from fitting.traces.trace import Convention, read_trace, write_trace
 from fitting.tracking import track
 from fitting.tracking.angles import OUT_OF_PLANE, out_of_plane
 from fitting.tracking.render import View, film

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dropper_jax.cli import main
-from fitting.traces.trace import read_trace
+from fitting import read_trace
 from fitting.tracking import track
 from fitting.tracking.video import opencv, write_video
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fitting.traces.trace import Convention, Trace, read_trace, write_trace
+from fitting import Convention, Trace, read_trace, write_trace
 from fitting.tracking.angles import four_quadrant, scatter
 from fitting.tracking.flattening import Flat, flatten
 from fitting.tracking.hindsight import exposure_share, second_differences

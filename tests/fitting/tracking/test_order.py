@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from fitting.tracking.detection import Circles
 from fitting.tracking.flattening import Flat
 from fitting.tracking.following import follow_film

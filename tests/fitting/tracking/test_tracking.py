@@ -7,9 +7,8 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.cli import main
-from fitting import fit
+from fitting import fit, read_trace
 from fitting.traces.synthetic import Motion
-from fitting.traces.trace import read_trace
 from fitting.tracking import track
 from fitting.tracking.calibration import calibrate
 from fitting.tracking.render import View, chessboards, film

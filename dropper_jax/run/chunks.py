@@ -75,9 +75,6 @@ CHUNK_SIZES = (1, 2, 16, 128, 1024)
 #: Number of steps above which the run of a system of lines is fused to one kernel: the program then takes 2 to 15 s
 #: longer to compile, and each step 60 to 120 us less.
 WORTH_ONE_KERNEL = 20_000
-#: Number of steps above which the run of a single line is optimised: it then compiles a second longer, and each step
-#: takes 7 us less.
-WORTH_OPTIMISING = 100_000
 
 #: The state carried from chunk to chunk, and the data on its steps in addition to the trajectory.
 Carry = Progress | Adaptive | Controlled
@@ -167,8 +164,8 @@ class _EqualSteps:
         self.plain = stepper.until_converged or not model.laws
         if stepper.until_converged:
             self.advance = _advance_briefly if steps < WORTH_ONE_KERNEL else _advance
-        else:
-            self.advance = _advance_quickly if steps < WORTH_OPTIMISING else _advance
+        else:  # optimised, the run of a single line compiles a second longer, and each step takes 7 us less
+            self.advance = _advance_quickly if steps < 100_000 else _advance
         self.program = self._program(stepper.plain if self.plain else stepper, progress)
 
     def _program(self, stepper: Stepper, progress: Progress) -> Callable[..., Any]:

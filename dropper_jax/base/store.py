@@ -11,7 +11,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,8 @@ class Store(ABC, Generic[Key, Found]):
     """
 
     path: Path
+    #: The error of this subject.
+    stopped: ClassVar[type[StoreStopped]] = StoreStopped
 
     @abstractmethod
     def has(self, key: Key) -> bool:
@@ -83,7 +85,7 @@ class Store(ABC, Generic[Key, Found]):
             try:
                 self.append(key, found)
             except OSError as error:
-                raise StoreStopped(
+                raise self.stopped(
                     f"{self.path}: {error.strerror}; {before + added} of {total} cases are kept, the same call resumes"
                 ) from None
             added += size(key)

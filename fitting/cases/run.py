@@ -33,12 +33,18 @@ RUN_FORMAT = 2
 RUNS = "runs"
 
 
+class CasesStopped(StoreStopped):
+    """Runs that had to stop (full disk, dead worker); finished runs are complete, and the same call resumes."""
+
+
 class CaseStore(Store[Case, Found]):
     """The folder of a site's runs with one step: a file for each, whose name is the mark and the key of its inputs.
 
     Raises:
         SceneError: the folder cannot be made, or is a file.
     """
+
+    stopped = CasesStopped
 
     def __init__(self, folder: str | Path, site: Site, dt: float) -> None:
         self.path, self.site = Path(folder) / RUNS, site
@@ -80,10 +86,6 @@ class CaseStore(Store[Case, Found]):
 
     def write(self, key: Case, found: Found) -> None:
         write_archive(self.file(key), found)
-
-
-#: The same error under the name of this subject.
-CasesStopped = StoreStopped
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 from fitting.sweep.against_trace import TraceScores, sweep_against_trace
 from fitting.sweep.plan import QUANTITIES
-from fitting.sweep.run import SweepResult, SweepStopped, open_sweep, sweep
+from fitting.sweep.run import SweepResult, open_sweep, sweep
+from fitting.sweep.store import SweepStopped
 
 __all__ = [
     "QUANTITIES",

@@ -16,7 +16,6 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import versions
 from dropper_jax.base.progress import Progress, silent
-from dropper_jax.base.store import StoreStopped
 from dropper_jax.lanes import Fallbacks
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.storage import extra
@@ -31,10 +30,6 @@ if TYPE_CHECKING:
 Found = dict[str, np.ndarray]
 #: A Dask client, or the address of a scheduler.
 Scheduler = Any
-
-
-#: The same error under the name of this subject.
-SweepStopped = StoreStopped
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import Lock, remove_leftovers, unfinished_folder, unwritable
-from dropper_jax.base.store import Store, differences
+from dropper_jax.base.store import Store, StoreStopped, differences
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import QUANTITIES, STATUS, Plan, describe_quantity
 
@@ -39,6 +39,10 @@ def input_names(paths: list[str]) -> list[str]:
     return [path if doubt else name for path, name, doubt in zip(paths, short, unclear, strict=True)]
 
 
+class SweepStopped(StoreStopped):
+    """A sweep that had to stop (full disk); written chunks are complete, and the same call resumes."""
+
+
 class SweepStore(Store[int, dict[str, np.ndarray]]):
     """The group of one plan: created if missing, resumed if it belongs to the same inputs.
 
@@ -51,6 +55,8 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         SceneError: a folder that is not a sweep, is damaged, was made with other versions, is locked by another
             process, or belongs to other inputs, with the differences.
     """
+
+    stopped = SweepStopped
 
     def __init__(self, path: str | Path, plan: Plan, versions: dict[str, str], mix_versions: bool = False) -> None:
         self.path, self.plan = Path(path), plan

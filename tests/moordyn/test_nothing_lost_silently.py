@@ -94,7 +94,8 @@ NO_CASE: dict[type, set[str]] = {
     Scene: {"points", "lines", "effects", "start", "run", "sea", "buoys", "failures", "anchors", "bodies", "vessels"}
     | {"written", "template"},
     PointSpec: {"on"},
-    LineType: {"name"},  # rows of the deck are type1, type2, ..., one for each kind of link
+    # rows of the deck are type1, type2, ..., one for each kind of link; no law of the package has further constants
+    LineType: {"name", "constants"},
     LineSpec: {"centre_of_mass", "inertia", "constants"},
     RunSpec: {"options"},
     StartSpec: {"release_nodes", "release_force", "polar", "azimuth", "polar_rate", "azimuth_rate", "zero"}

@@ -31,6 +31,8 @@ def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
         positions=np.asarray(found.positions)[None],
         velocities=np.zeros((1, *np.shape(found.positions))),
         tension=np.asarray(found.tension)[None],
+        tension_min=None,
+        tension_max=None,
         t_tension=once,
         kinetic=once,
         potential=once,

@@ -176,19 +176,22 @@ def _with_peaks(
     miss the maximum tension of a line if it lasts one or two steps.
     """
     if solution.settings["save_every"] > 1 or found["window_maxima"] is None:
-        return {**found, "snaps_unresolved": False}
+        return {**found, "snaps_unresolved": False, "snap_period_s": None}
     line, tension = solution.scene.line, trajectory.tension
-    snaps = missed = False
+    snaps, missed, shortest = False, False, None
     least = SMALL_TENSION * np.max(tension)
     if line.EA is not None:
-        brief = np.pi * np.sqrt(line.length * line.mass / line.EA) < solution.settings["dt"]
-        snaps = bool(np.any(brief & np.any((tension[:-1] <= 0.0) & (tension[1:] >= least), axis=0)))
+        period = np.pi * np.sqrt(line.length * line.mass / line.EA)
+        snapped = period[np.any((tension[:-1] <= 0.0) & (tension[1:] >= least), axis=0)]
+        shortest = float(np.min(snapped)) if snapped.size else None
+        snaps = bool(np.any(snapped < solution.settings["dt"]))
     if stretches:
         lines = [tension[:, line.links] for line in whole_lines(solution.scene)]
         missed = any(np.max(one) >= least and unresolved_peak(one) is not None for one in lines)
     # fraction by which the maximum of an unresolved peak is low: up to this if it lasts a step or two, else more
     low = 0.13 * (snaps or missed)
-    return {**found, "window_maxima": max(found["window_maxima"], low), "snaps_unresolved": snaps}
+    found = {**found, "window_maxima": max(found["window_maxima"], low)}
+    return {**found, "snaps_unresolved": snaps, "snap_period_s": shortest}
 
 
 def _rows(trajectory: Trajectory, first: int, last: int) -> Trajectory:
@@ -264,6 +267,8 @@ def _advise_step(solution: Samples, found: dict[str, Any]) -> float:
     worst = max(found[name] or 1e-300 for name in WARNED)
     order = _order(solution) * (1.0 if worst < ROUGH else LESS)
     dt = solution.settings["dt"] * min(1.0, (ERROR_TARGET / worst) ** (1.0 / order))
+    if found["snaps_unresolved"]:  # a tenth of a period resolves its peak
+        dt = min(dt, 0.1 * found["snap_period_s"])
     return float(f"{dt:.2g}")
 
 
@@ -312,5 +317,7 @@ def _warnings(found: dict[str, Any], solution: Samples) -> tuple[str, ...]:
     if not off:
         return ()
     use = "not usable" if max(found[name] or 0.0 for name in WARNED) > ROUGH else "usable as a rough estimate"
-    dt, better = solution.settings["dt"], found["dt_for_1_percent_s"]
-    return (f"time step: {dt:g} s is too long: {off}: {use}; run with --dt {better:g}",)
+    dt, better = solution.settings["dt"], f"--dt {found['dt_for_1_percent_s']:g}"
+    if found["snap_period_s"] is not None and solution.scene.run.step_tolerance is None:
+        better += ", or with --step-tolerance 0.1, whose steps follow snaps"
+    return (f"time step: {dt:g} s is too long: {off}: {use}; run with {better}",)

@@ -140,11 +140,14 @@ def test_chaos_is_not_taken_for_a_long_step():
 def test_maxima_of_a_snap_within_a_step_longer_than_the_axial_period_are_unresolved(dt, unresolved):
     """A link of 4 m, 20 kg and 20 MN: its axial period is `pi sqrt(L m/EA)` = 6.3 ms."""
     line = SimpleNamespace(length=np.array([4.0]), mass=np.array([20.0]), EA=np.array([2e7]))
-    solution = SimpleNamespace(scene=SimpleNamespace(line=line), settings={"dt": dt, "save_every": 1})
+    scene = SimpleNamespace(line=line, lines=[SimpleNamespace(rigid=False)])
+    settings = {"dt": dt, "save_every": 1, "integrator": "energy_momentum"}
+    solution = SimpleNamespace(scene=scene, settings=settings)
     same = {"mean_tension": 0.0, "window_maxima": 0.0}  # the run at half the step misses the peak as well
     snap, rising = (SimpleNamespace(tension=np.array(rows)[:, None]) for rows in ([0, 900, 0], [0, 9, 300, 900]))
     found = {**step_check._with_peaks(solution, snap, same), "positions": 0.0, "repeated": step_check.FULL_RUN}
     assert step_check.is_warned(found, "window_maxima") == unresolved
+    assert step_check._advise_step(solution, found) == (0.00063 if unresolved else dt)  # a tenth of the period
     assert step_check._with_peaks(solution, rising, same)["window_maxima"] == 0.0
 
 

@@ -139,10 +139,10 @@ def check_stretches(solution: Samples, run: Program, outcome: RunOutcome) -> dic
 
 
 def _angle_saves(solution: Samples) -> int:
-    """Saves over which the angle error is found: a fifth of the shortest link's period, about a window of a fit."""
+    """Saves over which the angle error is found: half the shortest link's period, about a window of a fit."""
     shortest = min(float(np.min(line.length)) for line in solution.scene.lines)
     interval = solution.settings["dt"] * solution.settings["save_every"]
-    return max(1, round(0.4 * np.pi * np.sqrt(shortest / 9.81) / interval))
+    return max(1, round(np.pi * np.sqrt(shortest / 9.81) / interval))
 
 
 def _angle_error(solution: Samples, starts: list[tuple[np.ndarray, np.ndarray]]) -> float | None:

@@ -51,7 +51,7 @@ ARRIVED = 0.05
 #: The same on the way through the gap weights, as a fraction of the limit for Gauss-Newton steps. Their last step gets
 #: much closer, and the evidence must agree with theirs to choose the same weight.
 INTERMEDIATE = 0.25
-#: Steps of adam from one start of its cosine decay to the next (Loshchilov and Hutter 2017).
+#: Steps of adam, and of transformations of optax, between starts (Loshchilov and Hutter 2017: adam's cosine decay).
 CYCLE = 20
 #: Change of the information, in any direction, above which coordinates are made again.
 CHANGED = 4.0
@@ -67,7 +67,8 @@ class GradientDescent:
 
     Attributes:
         optimizer: `lbfgs` (with a backtracking line search), `adam` (cosine decay with restarts), `sgd`, or a gradient
-            transformation of optax with its own learning rate.
+            transformation of optax with its own learning rate, as a fraction of the predicted distance. It restarts
+            every `CYCLE` steps, as `adam` does.
         learning_rate: see `RATES`; None uses those.
         steps: maximum steps of each stage: over separate windows, and at every gap weight.
         horizon: fractions of each window that are fitted in turn before the whole windows.
@@ -258,9 +259,10 @@ class Coordinates:
         self.root = size[:, None] * cholesky_root(square / np.outer(size, size))
         slope = np.abs(self._slope(newton.gradient))
         # minimum distance along a coordinate, as a fraction of that along all of them
-        self.distance = np.maximum(slope, 0.1 * np.linalg.norm(slope))
+        self.distance = np.maximum(slope, max(0.1 * np.linalg.norm(slope), 1e-300))
         transform = descent.optimizer if descent.name == "optax" else OPTIMIZERS[descent.name]
-        self.state = transform.init(jnp.asarray(self.root.T @ values[free]))
+        x = self.root.T @ values[free]
+        self.state = transform.init(jnp.asarray(x / self.distance if descent.name == "optax" else x))
 
     def _slope(self, gradient: np.ndarray) -> np.ndarray:
         """A gradient with respect to the coordinates."""
@@ -268,7 +270,8 @@ class Coordinates:
 
     def is_outdated(self, newton: Step, free: np.ndarray) -> bool:
         """Whether the information or the set of free parameters has changed, or a cycle has ended."""
-        if not np.array_equal(free, self.free) or (self.descent.name == "adam" and self.taken == CYCLE):
+        restarts = self.descent.name in ("adam", "optax") and self.taken == CYCLE
+        if restarts or not np.array_equal(free, self.free):
             return True
         change = eigvalsh(newton.information[np.ix_(free, free)], self.root @ self.root.T)
         return bool(change[0] < 1 / CHANGED or change[-1] > CHANGED)
@@ -276,10 +279,13 @@ class Coordinates:
     def step(self, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """The optimizer's step of the parameters (k,); zero for parameters that are not free."""
         rate, name = self.descent.learning_rate or RATES.get(self.descent.name), self.descent.name
-        at = jnp.asarray(self._slope(gradient)), self.state, jnp.asarray(self.root.T @ values[self.free])
-        if name == "optax":
+        slope, x = self._slope(gradient), self.root.T @ values[self.free]
+        if name == "optax":  # in units of the distance: steps of a given size are fractions of it, others unchanged
+            at = jnp.asarray(slope / self.distance), self.state, jnp.asarray(x / self.distance)
             update, self.state = self.descent.optimizer.update(*at)
+            update = self.distance * np.asarray(update)
         else:
+            at = jnp.asarray(slope), self.state, jnp.asarray(x)
             if name == "adam":
                 rate = self.distance * (0.5 * rate * (1 + np.cos(np.pi * self.taken / CYCLE)))
             update, self.state = _update(name, *at)

@@ -156,6 +156,8 @@ def whole_error(factor):
 errors = [whole_error(factor) for factor in factors]
 fig, ax = plt.subplots(figsize=(8, 3.2))
 ax.semilogx(factors, errors, "o-", color=style.FIRST, ms=4)
+ax.set_xticks([0.25, 0.5, 1, 2, 4], ["0.25", "0.5", "1", "2", "4"], minor=False)
+ax.minorticks_off()
 ax.axvline(1.0, color=style.SECOND, ls="--", lw=1)
 ax.annotate("truth", (1.0, max(errors)), (6, -4), textcoords="offset points", color=style.SECOND)
 ax.set(xlabel="b_l, as a multiple of the truth", ylabel="RMS error of the trace [rad]", ylim=(0, None))

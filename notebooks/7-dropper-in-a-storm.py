@@ -105,7 +105,7 @@ for run, label, colour in both:
     axes[1].plot(run.t_tension[1:], largest, color=colour, lw=0.6, alpha=0.3)
     axes[1].plot(run.t_tension[2:], pairs(largest), color=colour, lw=0.9)
 axes[0].set(ylabel="node 9, sideways [m]")
-axes[1].set(ylabel="largest tension [N]", xlabel="time [s]", xlim=(0, SECONDS))
+axes[1].set(ylabel="maximum tension [N]", xlabel="time [s]", xlim=(0, SECONDS))
 axes[0].legend(loc="upper right", ncols=2)
 plt.show()
 
@@ -123,11 +123,11 @@ for run, label, colour in both:
     top = np.sort(pairs(run.tension[1:, [0, -1]]).max(axis=1))[::-1]
     ax.semilogy(top, np.arange(1, len(top) + 1) / len(top), color=colour, label=label)
 ax.axvline(weight / 2, color=style.FAINT, ls="--", lw=1)
-ax.text(weight / 2, 1.05, "half of its weight in water", color="#5F6368", ha="center")
-ax.set(xlabel="larger of the tensions at the two ends [N]", ylabel="share of time above", ylim=(1e-3, 1))
+ax.text(weight / 2 + 20, 0.3, "half of its weight in water", color="#5F6368")
+ax.set(xlabel="larger of the tensions at the two ends [N]", ylabel="fraction of time above", ylim=(1e-3, 1))
 ax.legend()
 plt.show()
-print(f"largest tension: {pairs(mild.tension).max():.0f} N as printed, {pairs(storm.tension).max():.0f} N as stated")
+print(f"maximum tension: {pairs(mild.tension).max():.0f} N as printed, {pairs(storm.tension).max():.0f} N as stated")
 
 # %%
 Image(plots.tension_envelope(storm, "envelope.png").read_bytes(), width=640)

@@ -122,8 +122,7 @@ for warning in first.warnings:
 # ## The fit that frees wrong parameters
 #
 # `auto_free` tries the candidates of the advice one at a time, with a fit of each, and keeps the one with the largest
-# gain. Here it selects the lengths, although the score tests rank the clock, the scale and gravity higher. It ends when
-# no candidate improves the fit.
+# gain. Here it selects the lengths, which the score tests rank first. It ends when no candidate improves the fit.
 
 # %%
 result = fit(tracked.trace, believed, ["b_l", "b_q"], auto_free=True, posterior=200)
@@ -202,7 +201,7 @@ from dropper_jax.base.toml_text import as_toml  # noqa: E402
 calibrated = fitted_scene(result.scene, result.model, result.parameters, result.values)
 Path("fitted.toml").write_text(as_toml(calibrated.as_written()))
 run = dj.simulate("fitted.toml", duration=2.0)
-print(run.status, f"largest tension {run.tension.max():.2f} N")
+print(run.status, f"maximum tension {run.tension.max():.2f} N")
 print(
     "\n".join(
         line for line in Path("fitted.toml").read_text().splitlines() if "length" in line or line.startswith("b_")

@@ -177,21 +177,20 @@ def _with_peaks(
     """
     if solution.settings["save_every"] > 1 or found["window_maxima"] is None:
         return {**found, "snaps_unresolved": False, "snap_period_s": None}
-    line, tension = solution.scene.line, trajectory.tension
-    snaps, missed, shortest = False, False, None
+    tension, missed = trajectory.tension, False
     least = SMALL_TENSION * np.max(tension)
-    if line.EA is not None:
-        period = np.pi * np.sqrt(line.length * line.mass / line.EA)
-        snapped = period[np.any((tension[:-1] <= 0.0) & (tension[1:] >= least), axis=0)]
-        shortest = float(np.min(snapped)) if snapped.size else None
-        snaps = bool(np.any(snapped < solution.settings["dt"]))
+    # rigid links do not snap
+    square = [np.inf * one.length if one.EA is None else one.length * one.mass / one.EA for one in solution.scene.lines]
+    snapped = np.any((tension[:-1] <= 0.0) & (tension[1:] >= least), axis=0)
+    shortest = float(np.pi * np.sqrt(np.min(np.concatenate(square)[snapped], initial=np.inf)))
+    snaps = shortest < solution.settings["dt"]
     if stretches:
         lines = [tension[:, line.links] for line in whole_lines(solution.scene)]
         missed = any(np.max(one) >= least and unresolved_peak(one) is not None for one in lines)
     # fraction by which the maximum of an unresolved peak is low: up to this if it lasts a step or two, else more
     low = 0.13 * (snaps or missed)
     found = {**found, "window_maxima": max(found["window_maxima"], low)}
-    return {**found, "snaps_unresolved": snaps, "snap_period_s": shortest}
+    return {**found, "snaps_unresolved": snaps, "snap_period_s": shortest if np.isfinite(shortest) else None}
 
 
 def _rows(trajectory: Trajectory, first: int, last: int) -> Trajectory:

@@ -139,8 +139,8 @@ def test_chaos_is_not_taken_for_a_long_step():
 @pytest.mark.parametrize(("dt", "unresolved"), [(0.02, True), (0.002, False)])
 def test_maxima_of_a_snap_within_a_step_longer_than_the_axial_period_are_unresolved(dt, unresolved):
     """A link of 4 m, 20 kg and 20 MN: its axial period is `pi sqrt(L m/EA)` = 6.3 ms."""
-    line = SimpleNamespace(length=np.array([4.0]), mass=np.array([20.0]), EA=np.array([2e7]))
-    scene = SimpleNamespace(line=line, lines=[SimpleNamespace(rigid=False)])
+    line = SimpleNamespace(length=np.array([4.0]), mass=np.array([20.0]), EA=np.array([2e7]), rigid=False)
+    scene = SimpleNamespace(lines=[line])
     settings = {"dt": dt, "save_every": 1, "integrator": "energy_momentum"}
     solution = SimpleNamespace(scene=scene, settings=settings)
     same = {"mean_tension": 0.0, "window_maxima": 0.0}  # the run at half the step misses the peak as well
@@ -149,6 +149,8 @@ def test_maxima_of_a_snap_within_a_step_longer_than_the_axial_period_are_unresol
     assert step_check.is_warned(found, "window_maxima") == unresolved
     assert step_check._advise_step(solution, found) == (0.00063 if unresolved else dt)  # a tenth of the period
     assert step_check._with_peaks(solution, rising, same)["window_maxima"] == 0.0
+    line.EA = None  # a rigid link
+    assert step_check._with_peaks(solution, snap, same)["snap_period_s"] is None
 
 
 def test_a_wrong_path_in_stretches_leaves_the_mean_unknown():

@@ -48,8 +48,11 @@ _compile_quickly()
 # Commands called within a test would set these for all tests after it; those that are about them say so.
 os.environ.setdefault("DROPPER_ONE_KERNEL", "off")
 os.environ.setdefault("DROPPER_COMPILE_CACHE", "off")
-# Two workers share two cores: further threads of OpenBLAS only wait (a twelfth of the time of test_bending.py).
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Two workers share two cores: further threads of OpenBLAS only wait (a twelfth of the time of test_bending.py), and so
+# do those of OpenCV (a seventh of the time of test_films.py).
+for threads in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+    os.environ.setdefault(threads, "1")
+os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", "threads;1")
 # Tracing makes millions of objects that stay: they are searched for garbage less often (another twelfth).
 gc.set_threshold(100_000, 50, 100)
 # Programs carry no lines of Python: a fourteenth of the time until a scene's programs are compiled.

@@ -14,6 +14,7 @@ The tension thus falls by mu w per length to zero and stays there (Jonkman 2007,
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from types import ModuleType
 from typing import ClassVar
 
@@ -184,6 +185,8 @@ def balanced(model: Model, s: State, loads: jax.Array) -> State:
     return state(model, s.r, tension=unbalanced(model, s, loads)[1], t=s.t)
 
 
+# Traced once: a program that searches for an equilibrium uses it five times.
+@partial(jax.jit, inline=True)
 def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces, minus F (free, 3) [N], at positions s.r + x, and the tensions of the links there."""
     problem = RestProblem(model, s, loads)

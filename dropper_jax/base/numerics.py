@@ -18,12 +18,18 @@ components this took most of the time of a step. Written out, the pair takes 2.4
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.components import inverse_rows
 
+#: Decorator of small functions that a program uses many times: traced once per shape, and one program where called alone.
+trace_once = partial(jax.jit, inline=True)
 
+
+@trace_once
 def dot(a: jax.Array, b: jax.Array) -> jax.Array:
     """Scalar products of 3-vectors (..., 3).
 
@@ -33,6 +39,7 @@ def dot(a: jax.Array, b: jax.Array) -> jax.Array:
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
+@trace_once
 def cross(a: jax.Array, b: jax.Array) -> jax.Array:
     """Vector products of 3-vectors (..., 3), written out for the same reason (and half the operations of jnp's)."""
     x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
@@ -47,6 +54,7 @@ def upright(z: jax.Array) -> jax.Array:
     return jnp.stack([none, none, z], axis=-1)
 
 
+@trace_once
 def safe_norm(x: jax.Array, floor: float = 1e-30) -> jax.Array:
     """|x| of 3-vectors (..., 3), with finite derivatives at zero (the floor is 1e-15 in |x|)."""
     return jnp.sqrt(dot(x, x) + jnp.asarray(floor, x.dtype))
@@ -68,6 +76,7 @@ def positive_part(x: jax.Array) -> jax.Array:
     return jnp.where(x < 0.0, 0.0, x)
 
 
+@trace_once
 def mean_positive_part(e0: jax.Array, e1: jax.Array) -> jax.Array:
     """Mean of max(e, 0) between e0 and e1: `(s1^2 - s0^2)/(2 (e1 - e0))`, s = max(e, 0), without cancellation."""
     pulled, way = positive_part(e0) + positive_part(e1), jnp.abs(e0) + jnp.abs(e1)
@@ -78,6 +87,7 @@ def mean_positive_part(e0: jax.Array, e1: jax.Array) -> jax.Array:
 REST = 1e-10
 
 
+@trace_once
 def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Array | float = 0.0) -> jax.Array:
     """Spring force beyond its mean over the step, from the force before, the force after and the expected force.
 
@@ -111,6 +121,11 @@ COS = (1 / 24, -1 / 720, 1 / 40320, -1 / 3628800, 1 / 479001600, -1 / 8717829120
 @jax.custom_jvp
 def sincos(x: jax.Array) -> tuple[jax.Array, jax.Array]:
     """`(sin x, cos x)` to 2 roundings of 1 for |x| below 1e6 [rad]; float32: 1e4."""
+    return _sincos(x)
+
+
+@trace_once
+def _sincos(x: jax.Array) -> tuple[jax.Array, jax.Array]:
     turns = jnp.round(x * (2.0 / jnp.pi))
     r = x
     for part in HALF_PI[x.dtype.itemsize]:

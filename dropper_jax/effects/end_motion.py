@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import trace_once
 from dropper_jax.model import HeldMotion
 from dropper_jax.scene import SceneData
 
@@ -80,6 +81,7 @@ class EndMotion(HeldMotion):
         return ramp if self.time is None else jnp.concatenate([self.time, ramp])
 
 
+@trace_once
 def interpolate_quintic(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:
     """Quintic Hermite interpolation of rows (k, 3), twice differentiable; the end values are held outside the table."""
     t = jnp.clip(t, time[0], time[-1])

@@ -11,7 +11,7 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.numerics import cross, dot, upright
+from dropper_jax.base.numerics import cross, dot, trace_once, upright
 from dropper_jax.base.scatter import scatter_add
 from dropper_jax.model import HolonomicConstraint, Kinematics, ModelView
 
@@ -85,6 +85,7 @@ class RigidBodies(HolonomicConstraint):
     def references(self, corners: jax.Array) -> jax.Array:
         return jnp.sum(self.affine[:, 3, :, None] * corners, axis=1)
 
+    @trace_once
     def initial_velocities(self, model: ModelView, r: jax.Array) -> jax.Array:
         """Initial velocities (free nodes, 3) [m/s] of the bodies' corners and attached points, at positions r."""
         _, axes = self.pose(model, r)

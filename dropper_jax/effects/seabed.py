@@ -11,7 +11,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.base.numerics import REST, cross, dot, lag, mean_positive_part, never_more
+from dropper_jax.base.numerics import REST, cross, dot, lag, mean_positive_part, never_more, trace_once
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 
@@ -118,6 +118,7 @@ class Seabed(Effect):
         return self.normal(k)[:, None] * self.upward(k.r)
 
 
+@trace_once
 def _shares(knots: jax.Array, x: jax.Array, rounded: float) -> tuple[jax.Array, jax.Array]:
     """Three knots around each x and their weights, each (3, n): linear between, rounded at knots, level outside."""
     last = knots.shape[0] - 1

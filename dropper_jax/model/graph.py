@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
 import jax
@@ -211,11 +211,13 @@ class Graph(Geometry):
         padded = jnp.concatenate([value, jnp.zeros_like(value[:1])])
         return sum(padded[table[:, i]] for i in range(table.shape[1]))
 
+    @partial(jax.jit, static_argnums=0, inline=True)
     def from_first(self, value: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their first nodes."""
         inner = value[self.previous_links + 1]
         return jnp.concatenate([inner, self._at_points(value, self.leaving)]) if len(self.free_points) else inner
 
+    @partial(jax.jit, static_argnums=0, inline=True)
     def from_last(self, value: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their last nodes."""
         inner = value[self.previous_links]

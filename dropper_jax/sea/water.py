@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.numerics import trace_once
 from dropper_jax.sea.current import Current, Level
 from dropper_jax.sea.waves import Motion
 
@@ -30,6 +31,7 @@ class Sea:
         level = self.level.at(t)
         return replace(self, depth=self.depth + level, level=None), r.at[..., 2].add(-level), level
 
+    @trace_once
     def elevation(self, r: jax.Array, t: jax.Array) -> jax.Array:
         """Elevation of the surface (n,) [m] over positions r (n, 3)."""
         if self.level is not None:
@@ -39,6 +41,7 @@ class Sea:
             return jnp.zeros_like(r[:, 0])
         return self.waves.elevation(r[:, 0], r[:, 1], t)
 
+    @trace_once
     def at(self, r: jax.Array, t: jax.Array) -> Motion:
         """Water at positions r (n, 3) [m]; the acceleration is the local one, du/dt at a fixed position."""
         if self.level is not None:
@@ -56,6 +59,7 @@ class Sea:
             acceleration = acceleration if change is None else acceleration + change
         return Motion(motion.elevation, velocity, acceleration)
 
+    @trace_once
     def convective(self, r: jax.Array, t: jax.Array, motion: Motion) -> jax.Array:
         """`(u . grad) u` (n, 3) [m/s^2], the difference between Du/Dt and the local acceleration.
 

@@ -146,6 +146,7 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
     return state(full, near.r + u.x, tension=u.y, t=near.t), model
 
 
+@partial(jax.jit, static_argnames="there", inline=True)
 def equilibrium_near(model: Model, near: State, loads: jax.Array, there: bool = False) -> State:
     """The equilibrium next to `near`, differentiable; its positions are NaN if there is no equilibrium.
 

@@ -82,7 +82,7 @@ def righting(scene, tilt=1e-3):
         return model.potential_energy(model.instant(r, jnp.zeros_like(r), 0.0))
 
     mass = scene["body"][0]["mass"]
-    return float(jax.grad(potential)(tilt)) / (mass * G * np.sin(tilt))
+    return float(jax.jit(jax.grad(potential))(tilt)) / (mass * G * np.sin(tilt))
 
 
 def test_metacentric_height_of_a_flat_cylinder(afloat):

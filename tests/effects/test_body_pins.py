@@ -214,7 +214,7 @@ def test_friction_of_bodies_has_the_derivatives_of_differences():
     effect = next(e for e in model.effects if isinstance(e, BodyBedFriction))
     rng = np.random.default_rng(2)
     v = start.v + 0.1 * rng.normal(size=start.v.shape)
-    force = lambda r, v, mu: replace(effect, friction=mu).force(model.instant(r, v, 0.0))  # noqa: E731
+    force = jax.jit(lambda r, v, mu: replace(effect, friction=mu).force(model.instant(r, v, 0.0)))
     at = start.r, v, effect.friction
     way = tuple(jnp.asarray(rng.normal(size=a.shape)) for a in at)
     step = 1e-7

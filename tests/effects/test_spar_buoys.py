@@ -43,7 +43,7 @@ def test_heave_force_on_a_fixed_spar_is_the_pressure_on_its_base_to_first_order(
         return model.effect("spar_buoys").force(k)[node, 2]
 
     times = jnp.linspace(0.0, period, 33)[:-1]
-    found = jax.vmap(force)(times)
+    found = jax.jit(jax.vmap(force))(times)
     k = brentq(lambda k: G * k * np.tanh(k * depth) - (2 * np.pi / period) ** 2, 1e-3, 1.0)
     expected = 1025.0 * G * np.pi / 4 * 0.79**2 * amplitude * np.cosh(k * (depth + base)) / np.cosh(k * depth)
     first_harmonic = 2 * np.abs(np.mean(np.asarray(found) * np.exp(-2j * np.pi * np.arange(32) / 32)))

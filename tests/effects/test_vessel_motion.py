@@ -1,5 +1,6 @@
 """Vessels: points moved by response amplitude operators and by tables, against sums written out, and refusals."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -73,7 +74,7 @@ def expected(t, sign):
 def test_point_of_a_vessel_moves_by_its_operators(phases, sign):
     model = build_model(dj.load_scene(moored(rao={**RAO, "phases": phases})))
     times = np.linspace(10.0, 40.0, 61)
-    found = np.array([model.ends(t).positions[1] for t in times])
+    found = jax.jit(jax.vmap(model.ends))(times).positions[:, 1]
     np.testing.assert_allclose(found, expected(times, sign), atol=1e-6)
 
 

@@ -106,7 +106,7 @@ def test_the_booked_power_is_the_force_times_the_velocity():
         k = model.kinematics(r, v, t, prepared=model.prepare(k))
         return jnp.sum(model.effect("morison_drag").force(k) * v)
 
-    powers = jax.vmap(power)(
+    powers = jax.jit(jax.vmap(power))(
         *(jnp.asarray(a) for a in (solution.positions[:, 1:], solution.velocities[:, 1:], solution.t))
     )
     work = np.trapezoid(powers, solution.t)

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.components import inverse_rows
 
-#: Decorator of small functions that a program uses many times: traced once per shape, and one program where called alone.
+#: Decorator of small functions that programs use many times: traced once per shape, one program where called alone.
 trace_once = partial(jax.jit, inline=True)
 
 

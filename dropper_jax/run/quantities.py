@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.numerics import horizontal_norm, safe_norm
+from dropper_jax.base.numerics import horizontal_norm, safe_norm, trace_once
 from dropper_jax.model import Model, Parted, State, state
 from dropper_jax.model.geometry import Member
 from dropper_jax.statics.modes import natural_periods
@@ -52,6 +53,7 @@ def _root(x: jax.Array, power: float = 0.5) -> jax.Array:
     return jnp.where(x > 0, jnp.where(x > 0, x, 1.0) ** power, 0.0)
 
 
+@trace_once
 def _fatigue(x: jax.Array) -> jax.Array:
     # slope of the S-N curve in `fatigue`; 3 is usual for ropes and chains (DNV-OS-E301)
     slope = 3.0
@@ -59,12 +61,14 @@ def _fatigue(x: jax.Array) -> jax.Array:
     return _root(jnp.mean(size**slope), 1 / slope)
 
 
+@trace_once
 def _peak(x: jax.Array) -> jax.Array:
     weight = 1 - jnp.cos(2 * jnp.pi * jnp.arange(len(x)) / len(x))
     lines = jnp.fft.rfft((x - jnp.mean(x, axis=0)) * weight[:, None], axis=0)
     return 2 * _root(jnp.max(lines.real**2 + lines.imag**2)) / jnp.sum(weight)
 
 
+@trace_once
 def _highest(x: jax.Array) -> jax.Array:
     """The maximum value (times, members): the vertex of the parabola through it and its two neighbours in time.
 
@@ -83,6 +87,7 @@ def _highest(x: jax.Array) -> jax.Array:
     return jnp.where(inside, top + rise, x[k])
 
 
+@trace_once
 def _std(x: jax.Array) -> jax.Array:
     return _root(jnp.mean((x - jnp.mean(x, axis=0)) ** 2))
 
@@ -143,9 +148,14 @@ class Quantity:
         if self.signal == PERIOD:
             pose = state(model, start, tension=run.tension[0], t=t[0])
             return natural_periods(model, pose, self.members[0] + 1)[-1]
-        values = jax.vmap(lambda *now: self.instant(model, start, *now))(run.r, run.v, run.tension, t, run.parted)
-        return STATISTICS[self.statistic](values)
+        return STATISTICS[self.statistic](self.in_time(model, start, run.r, run.v, run.tension, t, run.parted))
 
+    @partial(jax.jit, static_argnums=0, inline=True)
+    def in_time(self, model: Model, start: jax.Array, *saved: jax.Array | Parted | None) -> jax.Array:
+        """The signal (times, members) of saved instants, given as in `instant`."""
+        return jax.vmap(lambda *now: self.instant(model, start, *now))(*saved)
+
+    @partial(jax.jit, static_argnums=0, inline=True)
     def of_pose(self, model: Model, s: State) -> jax.Array:
         """The number at one instant, a static pose."""
         if self.signal == PERIOD:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import jax
@@ -174,7 +173,7 @@ class Runner:
             tally.add(t[:good], nodes[:good], np.asarray(rows.tension)[:good], np.asarray(largest)[:good])
             for one, parts in zip(named, signals, strict=True):
                 now = rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted
-                values = jax.vmap(partial(one.instant, model, start.r))(*now)
+                values = one.in_time(model, start.r, *now)
                 parts.append(np.asarray(values)[:good][t[:good] > skip])
             done, retried = done + len(t), retried + int(np.sum(rows.retried[:good]))
             if good < len(t):
@@ -203,9 +202,10 @@ class Runner:
         return self._starts[key]
 
 
+@jax.jit
 def _nodes(model: Model, r: np.ndarray, t: np.ndarray) -> jax.Array:
     """All nodes (k, nodes, 3) [m], line by line, from saved free nodes."""
-    return jax.vmap(lambda free, time: model.nodes(free, model.ends(time)))(r, np.asarray(t, model.dtype))
+    return jax.vmap(lambda free, time: model.nodes(free, model.ends(time)))(r, jnp.asarray(t, model.dtype))
 
 
 def _rest_nodes(model: Model, start: State) -> np.ndarray:

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.base.numerics import REST, dot, lag, mean_positive_part, never_more, safe_norm
+from dropper_jax.base.numerics import REST, dot, lag, mean_positive_part, never_more, safe_norm, trace_once
 from dropper_jax.effects.body_buoyancy import Pieces
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, ModelView
@@ -36,6 +36,7 @@ class BodyBed(Effect):
     bed: Seabed
     pieces: Pieces
 
+    @trace_once
     def depths(self, model: ModelView, r: jax.Array) -> jax.Array:
         """Depth of the points (2 c + s,) below the seabed along its normal [m], negative above it."""
         ends = self.pieces.axes(model, r)

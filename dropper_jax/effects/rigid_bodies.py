@@ -74,6 +74,7 @@ class RigidBodies(HolonomicConstraint):
         one = np.eye(self.count)[np.array(self.owner, int)]
         return (one[:, :, None] * self._seat_shares()[:, None, :]).reshape(len(self.owner), -1)
 
+    @trace_once
     def pose(self, model: ModelView, r: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Reference points (bodies, 3) [m] and axes (bodies, 3, 3) of the bodies, from positions r (free nodes, 3).
 

@@ -50,7 +50,7 @@ GRADIENT = ["dropper-release-a:rattle:gradient"]
 
 def compiled(*cases):
     # LLVM, whose work comes after the operations looked at here, does not optimise
-    flags = [flag for flag in os.environ["XLA_FLAGS"].split() if "optimization_level" in flag]
+    flags = [flag for flag in os.environ.get("XLA_FLAGS", "").split() if "optimization_level" in flag]
     environment = {**os.environ, "XLA_FLAGS": " ".join(flags)}
     call = [sys.executable, "-c", PROGRAM, *cases]
     return json.loads(subprocess.run(call, env=environment, capture_output=True, check=True, text=True).stdout)

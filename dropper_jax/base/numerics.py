@@ -92,12 +92,16 @@ def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Arra
     """Spring force beyond its mean over the step, from the force before, the force after and the expected force.
 
     From a spring at rest any motion is ahead of what was expected. The derivative there is that of `after - expected`,
-    not that of a sign determined by rounding. Changes up to `rest` count as zero.
+    not that of a sign determined by rounding. Changes up to `rest` count as zero, those above 4 times as motion; between
+    them the force is blended, since a jump larger than the tolerance of a step cannot be solved.
     """
     change, ahead = after - before, 0.5 * (after - expected)
     smaller = jnp.where(jnp.abs(ahead) <= jnp.abs(change), ahead, change)
-    still = jnp.maximum(jnp.abs(change), jnp.abs(ahead)) <= rest
-    return 0.5 * jnp.where(still, ahead, jnp.where(change * ahead > 0.0, smaller, 0.0))
+    moving = jnp.where(change * ahead > 0.0, smaller, 0.0)
+    size, width = jnp.maximum(jnp.abs(change), jnp.abs(ahead)), 3.0 * rest
+    still = jnp.clip((rest + width - size) / jnp.where(width > 0.0, width, 1.0), 0.0, 1.0)
+    still = jnp.where(width > 0.0, still, size <= 0.0)
+    return 0.5 * (still * ahead + (1.0 - still) * moving)
 
 
 def never_more(damper: jax.Array, spring: jax.Array) -> jax.Array:

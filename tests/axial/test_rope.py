@@ -94,6 +94,15 @@ def test_a_spring_at_rest_has_the_derivative_of_the_motion_that_follows():
         assert float(slope) == 0.25
 
 
+@pytest.mark.parametrize("expected", [-3e-10, 0.0, 2e-10, 8e-10])
+def test_the_lag_of_a_slow_spring_has_no_jump_that_a_step_cannot_solve(expected):
+    """Mean force and lag rise with the stretch, by steps that shrink with it, also where rest becomes motion."""
+    after = jnp.linspace(-8e-10, 8e-10, 20001)
+    force = 0.5 * after + lag(jnp.zeros(()), after, jnp.array(expected), 1e-10)
+    rise = jnp.diff(force) / (after[1] - after[0])
+    assert float(jnp.min(rise)) >= 0.0 and float(jnp.max(rise)) < 3.0
+
+
 def test_a_link_at_its_natural_length_has_the_derivatives_of_a_taut_one():
     """Not the mean of the derivatives of a taut and a slack link, which is that of no motion."""
     law, one = Rope(EA=jnp.full(1, EA)), jnp.ones(1)

@@ -1,0 +1,198 @@
+"""Six decks in CableDyn, MoorDyn v2 and here: tensions at rest, statistics of 60 s, processor time at equal error.
+
+    python benchmarks/cabledyn_decks.py [--only NAME]
+
+Needs the extra `peers`; takes about 10 minutes. Writes results/cabledyn.json.
+
+All three read the deck that is written of one scene. Ours are tensions at the middle of end links, those of MoorDyn
+and CableDyn forces at the ends: means differ by the weight of half a link, deviations do not.
+Errors are each code's own, against a much smaller step; its time is that of the longest step within `LIMITS` whose
+shorter ones are within them too.
+"""
+
+from __future__ import annotations
+
+import one_thread  # noqa: F401 - before JAX
+
+# isort: split
+
+import copy
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from moordyn_runs import SAMPLE, Ours, Rows, theirs
+from moordyn_speed import HARD, RAMP, SMOOTH, SPAN, driven, driven_chain
+from paper_cases import case
+from study import collect, command, describe, say, versions
+
+from dropper_jax import Scene
+from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax.run.weights import end_forces
+from dropper_jax.statics.static_pose import equilibrium
+
+SETTLED = 20.0  # [s]
+LINKS = 48
+SURGE = (10.0, 2.0, 0.0)
+LIMITS = {"mean": 2e-3, "std": 1e-2}
+#: Steps [s], the last of each is the reference.
+CABLEDYN = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.001)
+MOORDYN = (0.0004, 0.0003, 0.0002, 0.0001, 0.00005)
+OURS = (1, 2, 5, 10, 20, 40, 160)  # steps in 0.1 s
+#: What CableDyn's options are called.
+OPTION_NAMES = {"rho": "rhoW"}
+
+
+def chain(motion: tuple[float, float, float]) -> Scene:
+    """The driven chain with `LINKS` links."""
+    table = driven_chain(case(1), motion).with_values({"effects.end_motion.ramp": RAMP}).to_dict()
+    _refine(table, table["line"][0])
+    return Scene.from_dict(table)
+
+
+def _refine(table: dict[str, Any], line: dict[str, Any]) -> None:
+    share = line["links"] / LINKS
+    axial = {**line["axial"], "damping": line["axial"]["damping"] * share}
+    line.update(links=LINKS, length=line["length"] * share, mass=line["mass"] * share, axial=axial)
+    for values in table["effects"].values():
+        values.update({key: value[0] for key, value in values.items() if isinstance(value, list) and len(value) == 12})
+
+
+def hanging() -> Scene:
+    """The chain far above the seabed."""
+    table = chain(SMOOTH).to_dict()
+    table["sea"]["depth"] = 100.0
+    return Scene.from_dict({**table, "name": "hanging-chain"})
+
+
+def in_current() -> Scene:
+    """The surging chain in a current of 1 m/s across its plane."""
+    table = chain(SURGE).to_dict()
+    table["sea"]["current"] = {"kind": "table", "heights": [0.0, 30.0], "velocities": [[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]]}
+    return Scene.from_dict({**table, "name": "chain-in-current"})
+
+
+def bridle() -> Scene:
+    """Two chains from the seabed to a float, a third from there to the driven top."""
+    table = chain(SMOOTH).to_dict()
+    top = table["line"][0]
+    top.update({"name": "pennant", "from": "float", "length": 20.0 / LINKS, "mass": 10.91 * 20.0 / LINKS})
+    legs = [copy.deepcopy(top) | {"name": f"leg-{side}", "from": f"anchor-{side}", "to": "float"} for side in "ab"]
+    for leg in legs:
+        leg.update(length=40.0 / LINKS, mass=10.91 * 40.0 / LINKS)
+    float_ = {"name": "float", "position": [14.0, 0.0, -12.0], "kind": "free", "mass": 100.0, "volume": 0.5}
+    anchors = [
+        {"name": f"anchor-{side}", "position": [-10.0, y, -30.0], "kind": "fixed"} for side, y in (("a", -12), ("b", 12))
+    ]
+    table["point"] = [*anchors, float_, table["point"][1]]
+    table["line"] = [top, *legs]
+    return Scene.from_dict({**table, "name": "bridle"})
+
+
+DECKS: dict[str, tuple[Callable[[], Scene], tuple[float, float, float]]] = {
+    "chain on the seabed, smooth": (lambda: chain(SMOOTH), SMOOTH),
+    "chain on the seabed, surging": (lambda: chain(SURGE), SURGE),
+    "chain on the seabed, snapping": (lambda: chain(HARD), HARD),
+    "chain hanging free": (hanging, SMOOTH),
+    "chain in a current": (in_current, SURGE),
+    "bridle with a float": (bridle, SMOOTH),
+}
+
+
+def cabledyn_deck(scene: Scene, folder: Path, dt: float) -> Path:
+    """The scene's deck with CableDyn's names of options, and a duration, which it asks for."""
+    deck = folder / "mooring.txt"
+    write_moordyn(scene, deck, dt=dt, options={"TMax": SPAN})
+    lines = ["--------------------- CableDyn Input File ---------------------", *deck.read_text().splitlines()[1:]]
+    for i, line in enumerate(lines):
+        value, _, name = line.partition(" ")
+        if name in OPTION_NAMES:
+            lines[i] = f"{value} {OPTION_NAMES[name]}"
+    deck.write_text("\n".join(line for line in lines if not line.endswith(" dtOut")) + "\n")
+    return deck
+
+
+def in_cabledyn(scene: Scene, place: Callable[[float], np.ndarray], dt: float) -> tuple[np.ndarray, Rows]:
+    """Tensions (2,) of anchor and fairlead at rest [N], and the run.
+
+    The top's velocity and acceleration are central differences of its place: they agree to 1e-6.
+    """
+    from cabledyn.model import CableDyn
+
+    h = 1e-3
+    with tempfile.TemporaryDirectory() as folder, CableDyn(cabledyn_deck(scene, Path(folder), dt)) as model:
+        start, _, _ = model.get_coupled_motion()
+        kinds = [kind for _, kind in model.coupled_layout()]
+        first = 3 * kinds.index("coupled")
+        top = slice(first, first + 3)
+        ends = ["AnchTen1", "FairTen1"]
+        if "free" in kinds:  # from a free point to a driven one CableDyn counts the first end as the fairlead
+            ends.reverse()
+        rest = np.array(model.channels(ends))
+        rows, cpu, inner = [], 0.0, max(1, round(SAMPLE / dt))
+        q, v, a = start.copy(), np.zeros_like(start), np.zeros_like(start)
+        for i in range(round(SPAN / dt)):
+            t = (i + 1) * dt
+            q[top] = place(t)
+            v[top] = (place(t + h) - place(t - h)) / (2 * h)
+            a[top] = (place(t + h) - 2 * place(t) + place(t - h)) / h**2
+            begun = time.process_time()
+            model.step(dt, q, v, a)
+            cpu += time.process_time() - begun
+            rows.append(model.channels(ends))
+    found = np.array(rows)
+    found = found[: len(found) // inner * inner].reshape(-1, inner, 2)
+    t = max(SAMPLE, dt) * np.arange(1, len(found) + 1)
+    mean, square = found.mean(axis=1), (found**2).mean(axis=1)
+    return rest, Rows(t, mean, square, found.min(axis=1), found.max(axis=1), np.zeros((len(found), 3)), cpu, cpu)
+
+
+def statistics(rows: Rows) -> dict[str, Any]:
+    found = rows.statistics(SETTLED)
+    return {end: {key: found[end][key] for key in ("mean", "std", "max")} for end in ("anchor", "fairlead")}
+
+
+def cheapest(steps: tuple[Any, ...], run: Callable[[Any], Rows]) -> dict[str, Any]:
+    """Statistics of the smallest step, and the longest step within the limits, with its time [s per s]."""
+    last = run(steps[-1])
+    if last.status != "ok":
+        return {"statistics": None, "best": None, "status": last.status}
+    reference, best = statistics(last), None
+    for step in reversed(steps[:-1]):
+        rows = run(step)
+        if rows.status != "ok":
+            break
+        found = statistics(rows)["fairlead"]
+        errors = {key: abs(found[key] / reference["fairlead"][key] - 1.0) for key in LIMITS}
+        if not all(errors[key] <= limit for key, limit in LIMITS.items()):
+            break
+        best = {"step": step, "errors": errors, "cpu_per_s": rows.cpu_s / SPAN}
+        say(best)
+    return {"statistics": reference, "best": best, "status": "ok"}
+
+
+def compare(name: str) -> dict[str, Any]:
+    made, motion = DECKS[name]
+    scene, place = made(), driven(motion, ramp=RAMP)
+    ours = Ours.of(scene)
+    rest, _ = in_cabledyn(scene, place, CABLEDYN[1])
+    pose = equilibrium(ours.model)
+    forces = end_forces(scene, np.asarray(pose.positions)[None], np.asarray(pose.tension)[None])
+    own = forces[scene.lines[0].name][0]
+    return {
+        "name": name,
+        "at_rest": {"cabledyn": rest.tolist(), "ours": own.tolist()},
+        "cabledyn": cheapest(CABLEDYN, lambda dt: in_cabledyn(scene, place, dt)[1]),
+        "moordyn": cheapest(MOORDYN, lambda dt: theirs(scene, dt, SPAN, look=0.01, drive=place, call=0.001)),
+        "ours": cheapest(OURS, lambda every: ours.run(every, SPAN, 2)),
+    }
+
+
+@command(only=(None, *DECKS))
+def main(given: Any) -> None:
+    rows = (compare(name) for name in DECKS if given.only in (None, name))
+    packages = versions("cabledyn", "moordyn", "jax", "dropper-jax", "numpy")
+    collect("cabledyn", {"decks": rows}, schema=1, machine=describe(), versions=packages, limits=LIMITS)

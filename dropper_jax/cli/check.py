@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     scene = read_scene(args, OVERRIDES)
 
     from dropper_jax.load.checks_system import body_warnings
-    from dropper_jax.run.weights import floating_warnings
+    from dropper_jax.run.growth import floating_warnings
 
     found = examine(scene)
     warnings = [*floating_warnings(scene), *body_warnings(scene)]
@@ -48,9 +48,8 @@ def examine(scene: Scene) -> dict[str, Any]:
     """Facts of a scene that need neither its equilibrium nor a compiled step."""
     from dropper_jax.run.arrays import bare_model
     from dropper_jax.run.build import stepper_of
-    from dropper_jax.run.growth import overgrown
+    from dropper_jax.run.growth import line_weights, overgrown, wet_weights
     from dropper_jax.run.resolution import periods, suggest_step
-    from dropper_jax.run.weights import line_weights, wet_weights
     from dropper_jax.scene import whole_lines
 
     model, wet = bare_model(overgrown(scene)), wet_weights(scene)  # without wakes, which need equilibria

@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     out = out_file(args.out)
     scene = read_scene(args)
 
-    from dropper_jax.run.design import solve_design
+    from dropper_jax.study.offsets import solve_design
 
     found = solve_design(scene, path.strip(), low, high, args.target, args.value)
     values = {"path": found.path, "value": found.value, "target": found.target}

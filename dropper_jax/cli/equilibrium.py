@@ -45,8 +45,8 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.analysis.angles import link_angles
     from dropper_jax.load.checks_system import body_warnings
     from dropper_jax.run.build import equilibrium
+    from dropper_jax.run.growth import floating_warnings
     from dropper_jax.run.resolution import check_stretch, pose_remarks
-    from dropper_jax.run.weights import floating_warnings
     from dropper_jax.scene.data import line_slices
 
     found = equilibrium(scene)
@@ -114,7 +114,7 @@ def _tide_text(found: dict[str, Any]) -> str:
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, Any]:
-    from dropper_jax.run.weights import line_weights
+    from dropper_jax.run.growth import line_weights
     from dropper_jax.scene.data import held_loads, line_offsets
 
     failed = found.status != "ok"
@@ -145,7 +145,7 @@ def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray) ->
 
 def _forces(scene: Scene, found: Equilibrium) -> dict[str, dict[str, float]]:
     """Force [N] of each line on its first and last point."""
-    from dropper_jax.run.weights import end_forces
+    from dropper_jax.run.growth import end_forces
 
     forces = end_forces(scene, np.asarray(found.positions)[None], np.asarray(found.tension)[None])
     return {name: dict(zip(("first", "last"), both[0].tolist(), strict=True)) for name, both in forces.items()}

@@ -120,7 +120,7 @@ def deliver(as_json: bool, found: dict[str, Any], text: str, out: Path | None) -
 
 def weights_table(scene: Scene) -> list[str]:
     """Mass, weight in water and density of the lines, a row for equal lines; empty without water."""
-    from dropper_jax.run.weights import line_weights, lines_in_words
+    from dropper_jax.run.growth import line_weights, lines_in_words
 
     rows = [("line", "mass [kg/m]", "displaced [kg/m]", "weight in water [N/m]", "density [kg/m^3]")]
     keys = ("mass_kg_per_m", "displaced_kg_per_m", "wet_weight_n_per_m", "density_kg_per_m3")

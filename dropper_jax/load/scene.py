@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import LocatedValues, SceneError
-from dropper_jax.base.html_table import html_table
 from dropper_jax.base.read import (
     Plain,
     ScenePath,
@@ -22,6 +21,7 @@ from dropper_jax.base.read import (
     read_text,
 )
 from dropper_jax.base.renamed import new_path
+from dropper_jax.base.toml_text import html_table
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.checks_system import (

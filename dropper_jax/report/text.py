@@ -8,7 +8,7 @@ from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
 from dropper_jax.report.parts import bodies_text, crop_text, parts_text
 from dropper_jax.report.sections import newton, table
-from dropper_jax.run.weights import lines_in_words
+from dropper_jax.run.growth import lines_in_words
 from dropper_jax.scene import link_mass_words
 
 

@@ -13,8 +13,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.moordyn.reading.points import read_ends
 from dropper_jax.moordyn.reading.sections import looks_like_moordyn, split_file
+from dropper_jax.run.growth import end_forces
 from dropper_jax.run.simulate import Solution
-from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import LineSlice
 from dropper_jax.scene.data import point_nodes
 

@@ -12,10 +12,9 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.effects.buoyancy import drag_diameter
+from dropper_jax.effects.buoyancy import drag_diameter, parts, split, wet_share
 from dropper_jax.effects.cylinder import SOURCES, check_source, steady_drag
 from dropper_jax.effects.drag_velocity import drag_velocity
-from dropper_jax.effects.wetting import parts, split, wet_share
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
 

@@ -40,6 +40,8 @@ class Effect:
     bodily: ClassVar[bool] = False
     #: Whether a part of its potential is lost when a link breaks (see `failure`).
     parts: ClassVar[bool] = False
+    #: Whether its added mass turns with its link.
+    turns: ClassVar[bool] = False
 
     @property
     def kinks(self) -> jax.Array | None:

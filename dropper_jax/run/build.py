@@ -61,8 +61,7 @@ def with_points_fixed(model: Model) -> Model:
     """The lines alone, with all points fixed at their positions in the scene."""
     graph = replace(model.geometry, held=(True,) * len(model.points))
     carried = ("point_bodies", "spar_buoys")
-    drop = lambda e: e.name in carried or e.bodily or isinstance(e, Displacement)  # noqa: E731
-    effects = tuple(e for e in model.effects if not drop(e))
+    effects = tuple(e for e in model.without(Displacement).effects if not (e.name in carried or e.bodily))
     return replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
 
 

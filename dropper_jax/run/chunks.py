@@ -130,9 +130,10 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
     """
     dt = jnp.asarray(run.dt, model.dtype)
     saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.saves)
-    if isinstance(carry, Progress):
+    controlled = stepper.integrator.controls_error
+    if not controlled and run.step_tolerance is None:
         return Program(_EqualSteps(stepper, model, carry, run, max(run.steps, before)), carry)
-    if isinstance(carry, Controlled):
+    if controlled:
         limit, dt = jnp.asarray(allowed_error(stepper, model, run), model.dtype), dt * run.save_every
         several = _advance_controlled
     else:

@@ -55,7 +55,7 @@ def check_recordable(stepper: Stepper, model: Model) -> None:
             their own.
     """
     scheme = stepper.integrator
-    if stepper.solver == "none" or len(getattr(scheme, "stages", ())) != 1:
+    if stepper.solver == "none" or len(scheme.stages) != 1:
         raise SceneError(f"run.integrator: {scheme.name!r} has no backward pass; allowed: energy_momentum")
     if not stepper.until_converged:
         raise SceneError("scene: a single line; allowed: systems of lines that join at points")

@@ -31,7 +31,7 @@ from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.priors import rig_priors
-from fitting.parameters.target import LOST, LostPlace
+from fitting.parameters.target import LOST
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED, TRIED = 6, 4
@@ -96,7 +96,7 @@ def with_freed(
 
 def _in_time(p: Parameter, prepared: Prepared) -> Parameter:
     """A lost stretch and the time of its frame."""
-    if not isinstance(p.where, LostPlace):
+    if not p.is_lost:
         return p
     return replace(p, where=replace(p.where, time=float(prepared.traces[p.where.run].t[p.where.frame])))
 
@@ -322,7 +322,7 @@ def _join_before(at: Freed, fit: Fit, clean: Solution, k: int) -> Solution:
 
 def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
     """Jumps of the clock at missing frames."""
-    while sum(isinstance(p.where, LostPlace) for p in at.prepared.parameters) < 2:
+    while sum(p.is_lost for p in at.prepared.parameters) < 2:
         clean = _without_far_off(at, fit)
         lost = lost_frames(at.prepared, clean)
         if lost is None:

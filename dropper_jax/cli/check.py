@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.cli.options import add_examples, add_run_values, add_scene, read_scene
-from dropper_jax.cli.output import OK, done_object, listing, print_warnings, table
+from dropper_jax.cli.output import done_object, listing, print_warnings, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file, weights_table
 from dropper_jax.cli.run import OVERRIDES
 
@@ -40,8 +40,9 @@ def run(args: argparse.Namespace) -> int:
     found = examine(scene)
     warnings = [*floating_warnings(scene), *body_warnings(scene)]
     print_warnings(warnings)
-    deliver(args.json, done_object(scene=scene.name, **found, warnings=warnings), text(scene, args.scene, found), out)
-    return OK
+    return deliver(
+        args.json, done_object(scene=scene.name, **found, warnings=warnings), text(scene, args.scene, found), out
+    )
 
 
 def examine(scene: Scene) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.cli.options import add_examples, add_scene, positive_integer, read_scene
-from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, print_warnings, table
+from dropper_jax.cli.output import done_object, print_warnings, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder, weights_table
 
 if TYPE_CHECKING:
@@ -66,13 +66,10 @@ def run(args: argparse.Namespace) -> int:
     if scene.branched and not failed:
         text += "\n" + _loads(scene, found)
     if not failed:
-        text += "\n" + "\n".join([_end_forces(scene, found), *weights_table(scene)])
-    deliver(args.json, {**_object(scene, found, angles), "warnings": remarks}, text, out)
-    if failed:
-        print_line(f"error: {found.status}: {found.message}")
-    elif not args.json:
-        print(f"ok: scaled residual {found.residual:.1e}")
-    return FAILED if failed else OK
+        last = f"ok: scaled residual {found.residual:.1e}"
+        text += "\n" + "\n".join([_end_forces(scene, found), *weights_table(scene), last])
+    failure = (found.status, f"{found.status}: {found.message}") if failed else None
+    return deliver(args.json, {**_object(scene, found, angles), "warnings": remarks}, text, out, failure)
 
 
 def _tide(scene: Scene, args: argparse.Namespace, plot: Path | None, out: Path | None) -> int:
@@ -85,11 +82,8 @@ def _tide(scene: Scene, args: argparse.Namespace, plot: Path | None, out: Path |
         from dropper_jax.study.pictures import tide
 
         tide(scene.name, found["rows"], picture(plot, "tide"))
-    head = failure_object(failed, failed) if failed else done_object()
-    deliver(args.json, {**head, "scene": scene.name, **found}, _tide_text(found), out)
-    if failed:
-        print_line(f"error: {failed}: no equilibrium found for one instant of the cycle")
-    return FAILED if failed else OK
+    failure = (failed, f"{failed}: no equilibrium found for one instant of the cycle") if failed else None
+    return deliver(args.json, done_object(scene=scene.name, **found), _tide_text(found), out, failure)
 
 
 def _tide_text(found: dict[str, Any]) -> str:
@@ -117,16 +111,14 @@ def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, A
     from dropper_jax.run.growth import line_weights
     from dropper_jax.scene.data import held_loads, line_offsets
 
-    failed = found.status != "ok"
-    result = {
-        **(failure_object(found.status, f"{found.status}: {found.message}") if failed else done_object()),
-        "scene": scene.name,
-        "residual": float(found.residual),
-        "angles_rad": angles,
-        "positions_m": found.positions,
-        "tension_n": found.tension,
-    }
-    if not failed:
+    result = done_object(
+        scene=scene.name,
+        residual=float(found.residual),
+        angles_rad=angles,
+        positions_m=found.positions,
+        tension_n=found.tension,
+    )
+    if found.status == "ok":
         result |= {"end_forces_n": _forces(scene, found), "line_weights": line_weights(scene)}
     if scene.branched:
         result |= {"lines": line_offsets(scene), "held_load_n": held_loads(scene, found.positions, found.tension)}

@@ -261,9 +261,10 @@ Kind = TypeVar("Kind", bound=Samples)
 
 
 def _plain(value: np.ndarray) -> Plain:
-    if hasattr(value, "tolist"):
+    try:
         return value.tolist()
-    raise TypeError(f"{type(value).__name__} cannot be saved")
+    except AttributeError:
+        raise TypeError(f"{type(value).__name__} cannot be saved") from None
 
 
 def is_finished(run: Samples) -> bool:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from fitting.tracking.ordering import AmbiguousOrderError
     from fitting.tracking.track import Tracked
 
-name = "track"
 help = "angle traces from a video of a chain with a circle on every node"
 
 
@@ -119,10 +118,8 @@ def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, pictu
     shown = f"the first {SHOWN}" if len(error.orders) > SHOWN else "they"
     message = f"{error}; {shown} are drawn in {picture}"
     orders = [[[round(float(x), 1), round(float(y), 1)] for x, y in positions] for positions in error.orders]
-    found = {"schema": 1, "status": "ambiguous_order", "error": message, "frame": error.frame, "orders": orders}
-    print_result(args.json, {**found, "picture": str(picture)}, f"ambiguous_order: see {picture}")
-    print_line(f"error: {message}")
-    return FAILED
+    found = {"frame": error.frame, "orders": orders, "picture": str(picture)}
+    return print_result(args.json, found, f"ambiguous_order: see {picture}", ("ambiguous_order", message))
 
 
 def notes(tracked: Tracked) -> list[str]:

@@ -41,7 +41,7 @@ PUBLIC = {
     "integrate": "stepping.integrate",
     "integrate_along": "stepping.controlled",
     "linearised": "run.build",
-    "load_scene": "load.source",
+    "load_scene": "load.scene",
     "make_stepper": "stepping.stepper",
     "mooring_stiffness": "statics.stiffness",
     "natural_periods": "statics.modes",

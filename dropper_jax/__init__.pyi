@@ -15,7 +15,7 @@ from dropper_jax.effects import register as register
 from dropper_jax.integrators import INTEGRATORS as INTEGRATORS
 from dropper_jax.load.packaged import scene_names as scene_names
 from dropper_jax.load.scene import Scene as Scene
-from dropper_jax.load.source import load_scene as load_scene
+from dropper_jax.load.scene import load_scene as load_scene
 from dropper_jax.model.kinematics import Kinematics as Kinematics
 from dropper_jax.model.line import Line as Line
 from dropper_jax.model.line import Point as Point

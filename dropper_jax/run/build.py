@@ -13,8 +13,7 @@ import jax.numpy as jnp
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators.consistent import instant
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Displacement, Model, State, state
 from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.run.flow_coefficients import with_flow_coefficients

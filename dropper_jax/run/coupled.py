@@ -16,8 +16,7 @@ import numpy as np
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.store import read_archive, write_archive
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.coupled_lines import (
     CoupledLines,

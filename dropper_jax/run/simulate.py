@@ -16,8 +16,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.toml_text import html_table
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state, work_names
 from dropper_jax.run.assembly import TimeOrigin, build_solution
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of

@@ -21,9 +21,9 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Unknowns
-from dropper_jax.stepping.derivative import _At, _backward_step, _inputs
 from dropper_jax.stepping.integrate import begin
 from dropper_jax.stepping.solve import substep
+from dropper_jax.stepping.step import _At, _backward_step, _inputs
 from dropper_jax.stepping.stepper import Stepper
 
 

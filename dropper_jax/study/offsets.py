@@ -17,8 +17,7 @@ from scipy.optimize import brentq
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.run.build import SceneLike, build_model, equilibrium

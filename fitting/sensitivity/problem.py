@@ -12,8 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.lanes import Fallbacks, lanes
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import SceneLike, build, equal_steps, initial_state, with_points_fixed
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity

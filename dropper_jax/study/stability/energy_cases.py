@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import build
 from dropper_jax.run.simulate import simulate
 from dropper_jax.stepping.integrate import integrate

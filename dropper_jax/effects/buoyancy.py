@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -17,11 +17,6 @@ from dropper_jax.model import Effect, Kinematics, Part
 from dropper_jax.scene import LineSpec, SceneData
 
 # --- submerged fraction of a part ---
-
-
-def parts(k: Kinematics) -> Iterator[Part]:
-    """The parts of the lines' water forces."""
-    return k.line.parts()
 
 
 def wet_share(k: Kinematics, part: Part, tangents: jax.Array, elevation: jax.Array) -> jax.Array:
@@ -68,7 +63,7 @@ class Buoyancy(Effect):
         sea, water = k.model.sea, k.water
         lift = sea.density * sea.gravity * k.line.volume
         up = jnp.zeros_like(k.r[:, 2])
-        for part in parts(k):
+        for part in k.line.parts():
             wet = wet_share(k, part, water.tangents, water.motion.elevation)
             up = up + part.collect(part.share * part.take(lift) * wet)
         return upright(up)

@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.effects.buoyancy import drag_diameter, parts, split, wet_share
+from dropper_jax.effects.buoyancy import drag_diameter, split, wet_share
 from dropper_jax.effects.cylinder import SOURCES, check_source, steady_drag
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
@@ -141,7 +141,7 @@ class MorisonDrag(Effect):
         skin = 0.5 * k.model.sea.density * line.drag_diameter * line.length
         relative = water.motion.velocity - drag_velocity(k, self._decay(k, skin))
         total = jnp.zeros_like(k.v)
-        for part in parts(k):
+        for part in k.line.parts():
             flow = part.at(relative)
             if self.shelter is not None:
                 flow = flow - part.at(water.current) * part.take((1.0 - self.shelter) * jnp.ones_like(skin))[:, None]

@@ -40,8 +40,6 @@ class Effect:
     bodily: ClassVar[bool] = False
     #: Whether a part of its potential is lost when a link breaks (see `failure`).
     parts: ClassVar[bool] = False
-    #: Whether its added mass turns with its link.
-    turns: ClassVar[bool] = False
 
     @property
     def kinks(self) -> jax.Array | None:
@@ -52,6 +50,11 @@ class Effect:
     def corners(self) -> jax.Array | None:
         """Times (k,) [s] at which the effect is not smooth in time, for schemes that end steps there; None: never."""
         return self.kinks
+
+    @property
+    def turns(self) -> bool:
+        """Whether its added mass turns with its link."""
+        return False
 
     @property
     def needs_material(self) -> bool:

@@ -90,7 +90,7 @@ class Model:
         """The effects that fill a slot (see `model.slots`), in order."""
         return tuple(e for e in self.effects if isinstance(e, slot))
 
-    def without(self, slot: type) -> Model:
+    def without_slot(self, slot: type) -> Model:
         """The model without the effects that fill a slot."""
         return dataclasses.replace(self, effects=tuple(e for e in self.effects if not isinstance(e, slot)))
 

@@ -82,7 +82,7 @@ def _worst(lines: list[dict[str, Any]], key: str) -> dict[str, Any] | None:
 
 
 @empty_unless_rows
-def parts_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
+def parts_text(found: list[dict[str, Any]]) -> list[str]:
     """The section as text; empty without parts."""
     rows, shown = [], largest(found, lambda part: part["largest"]["n"])
     for part in shown:
@@ -147,7 +147,7 @@ def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
 
 
 @empty_unless_rows
-def crop_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
+def crop_text(found: list[dict[str, Any]]) -> list[str]:
     """The section as text; empty without mussels."""
     rows = []
     for row in found:
@@ -196,7 +196,7 @@ def body_motions(record: Record) -> list[dict[str, Any]] | dict[str, str]:
 
 
 @empty_unless_rows
-def bodies_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
+def bodies_text(found: list[dict[str, Any]]) -> list[str]:
     """The section as text; empty without bodies."""
     rows = []
     for body in found:

@@ -100,7 +100,7 @@ def _weights(rows: list[dict[str, Any]]) -> list[str]:
 
 
 @empty_unless_rows
-def _bending(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
+def _bending(found: list[dict[str, Any]]) -> list[str]:
     """Moments and radii; empty if lines have no bending stiffness."""
     rows = [
         [
@@ -114,7 +114,7 @@ def _bending(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
 
 
 @empty_unless_rows
-def _coefficients(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
+def _coefficients(found: list[dict[str, Any]]) -> list[str]:
     """Flow-dependent coefficients; empty without any."""
     keys = [key for key in ("cdn", "can") if key in found[0]]
     rows = [

@@ -65,10 +65,10 @@ def build_solution(
     """The result of a run: its observed states, steps, final state and warnings."""
     run, carry = outcome.trajectory, outcome.carry
     solution = _observe_run(kind, scene, stepper, model, first, since, run, extra, rows)
-    if stepper.integrator.controls_error:
-        solution = _with_controlled_steps(solution, stepper, model, run, outcome.beside, carry, first.carry)
-    elif scene.run.step_tolerance is not None:
+    if isinstance(outcome.beside, Within):
         solution = _with_adaptive_steps(solution, outcome.beside, int(carry.refused - first.carry.refused))
+    if isinstance(carry, Controlled):
+        solution = _with_controlled_steps(solution, stepper, model, run, outcome.beside, carry, first.carry)
     if solution.first_bad is None:
         solution = replace(solution, last=name_leaves(Last(last_row(run), carry)))
     if outcome.interrupted:

@@ -60,7 +60,7 @@ def with_points_fixed(model: Model) -> Model:
     """The lines alone, with all points fixed at their positions in the scene."""
     graph = replace(model.geometry, held=(True,) * len(model.points))
     carried = ("point_bodies", "spar_buoys")
-    effects = tuple(e for e in model.without(Displacement).effects if not (e.name in carried or e.bodily))
+    effects = tuple(e for e in model.without_slot(Displacement).effects if not (e.name in carried or e.bodily))
     return replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
 
 

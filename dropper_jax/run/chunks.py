@@ -130,10 +130,9 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
     """
     dt = jnp.asarray(run.dt, model.dtype)
     saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.saves)
-    controlled = stepper.integrator.controls_error
-    if not controlled and run.step_tolerance is None:
+    if isinstance(carry, Progress):
         return Program(_EqualSteps(stepper, model, carry, run, max(run.steps, before)), carry)
-    if controlled:
+    if isinstance(carry, Controlled):
         limit, dt = jnp.asarray(allowed_error(stepper, model, run), model.dtype), dt * run.save_every
         several = _advance_controlled
     else:

@@ -37,6 +37,7 @@ from dropper_jax.run.step_check import with_step_check
 from dropper_jax.run.summary import summary
 from dropper_jax.scene import RunSpec
 from dropper_jax.statics.search import node_positions
+from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.stepper import Stepper
 
 if TYPE_CHECKING:
@@ -302,7 +303,7 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
     since = since._replace(saves=since.saves + len(before.t) - 1)
     if (run.dt, run.save_every) != (used["dt"], used["save_every"]):
         since = TimeOrigin(float(before.t[-1]))
-        if stepper.integrator.controls_error:
+        if isinstance(last.carry, Controlled):
             here = last.carry._replace(origin=jnp.asarray(since.origin, model.dtype), saved=jnp.zeros((), jnp.int32))
             last = last._replace(carry=here)
     return last, since

@@ -87,7 +87,7 @@ def rest(model: Model) -> Model:
 
     Dry friction allows many equilibria; the frictionless one is used. Waves are left out, a current is included.
     """
-    return replace(model.without(Law), sea=None if model.sea is None else model.sea.without_waves())
+    return replace(model.without_slot(Law), sea=None if model.sea is None else model.sea.without_waves())
 
 
 class RestProblem(StepProblem):

@@ -20,7 +20,7 @@ def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array
     s = planar.to_state(model, theta, omega)
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
     taken = jnp.zeros(())
-    for effect in model.without(Potential).effects:
+    for effect in model.without_slot(Potential).effects:
         if effect.name not in DAMPING:
             continue
         force = effect.force(k)

@@ -31,7 +31,7 @@ from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.priors import rig_priors
-from fitting.parameters.target import LOST
+from fitting.parameters.target import LOST, LostPlace
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED, TRIED = 6, 4
@@ -96,7 +96,7 @@ def with_freed(
 
 def _in_time(p: Parameter, prepared: Prepared) -> Parameter:
     """A lost stretch and the time of its frame."""
-    if not p.is_lost:
+    if not isinstance(p.where, LostPlace):
         return p
     return replace(p, where=replace(p.where, time=float(prepared.traces[p.where.run].t[p.where.frame])))
 

@@ -32,6 +32,7 @@ from fitting.estimate.windows import Starts, check_step, cut, fewest_frames, fil
 from fitting.parameters.of_scene import default_free, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
 from fitting.parameters.priors import rig_priors
+from fitting.parameters.target import LostPlace
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, as_trace, noise
@@ -193,7 +194,7 @@ def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple
     """
     found = []
     for p in parameters:
-        if p.is_lost:
+        if isinstance(p.where, LostPlace):
             if p.where.run >= len(traces):
                 raise SceneError(f"free: {p.name!r}: unknown run; allowed: 0 to {len(traces) - 1}")
             t = traces[p.where.run].t

@@ -12,8 +12,9 @@ from scipy.special import ndtr
 class Loss(Protocol):
     """A sum over residuals r of a function that is `r^2/2` near zero."""
 
-    #: Whether its slope returns to zero, so that outliers lose their weight.
-    redescends: bool
+    @property
+    def redescends(self) -> bool:
+        """Whether its slope returns to zero, so that outliers lose their weight."""
 
     @property
     def spread(self) -> float:

@@ -162,7 +162,7 @@ class Release:
     def _loads(self, model: Model, parameters: Sequence[Parameter], values: jax.Array, run: int) -> jax.Array:
         force = jnp.asarray(self.force, model.dtype).reshape(-1)
         for i, p in enumerate(parameters):
-            if p.where.section == "release" and (p.where.run, p.where.field) == (run, "force"):
+            if isinstance(p.where, ReleasePlace) and (p.where.run, p.where.field) == (run, "force"):
                 force = force.at[p.where.entry].set(values[i])
         return statics.nodal_loads(model, list(self.nodes), force.reshape(-1, 3))
 
@@ -233,7 +233,9 @@ class Release:
 def _free_times(parameters: Sequence[Parameter]) -> dict[int, int]:
     """The parameter that is the release time of a run, by run; runs without a free time are omitted."""
     return {
-        p.where.run: i for i, p in enumerate(parameters) if p.where.section == "release" and p.where.field == "time"
+        p.where.run: i
+        for i, p in enumerate(parameters)
+        if isinstance(p.where, ReleasePlace) and p.where.field == "time"
     }
 
 

@@ -39,7 +39,7 @@ def _objective(stepper: Stepper, share: jax.Array, model: Model, s: State, steps
 def _scale_effect(effect: Effect, factor: jax.Array) -> Effect:
     """The effect with its strength scaled: gravity or a damping coefficient; others as they are."""
     for name in ("gravity", "b_l", "b_q"):
-        if hasattr(effect, name):
+        if name in effect.__dataclass_fields__:
             return replace(effect, **{name: getattr(effect, name) * factor})
     return effect
 

@@ -27,7 +27,7 @@ def empty_unless_rows(write: Callable[[Any], list[str]]) -> Callable[[Any], list
     """A section of rows that is empty where the run has none of them."""
 
     @wraps(write)
-    def section_of(found: Any) -> list[str]:
+    def section_of(found: list[dict[str, Any]] | dict[str, str] | None) -> list[str]:
         return write(found) if isinstance(found, list) else []
 
     return section_of

@@ -188,8 +188,8 @@ def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, n
     @jax.jit
     def derivatives(p: jax.Array) -> jax.Array:
         model = apply(problem.model, problem.parameters, p)
-        s = problem.plan.initial_state(model, problem.start)
-        run = jax.lax.stop_gradient(problem.plan.march(model, s, problem.scene.run.saves))
+        s = problem.begin(model)
+        run = jax.lax.stop_gradient(problem.march(model, s, problem.scene.run.saves))
         pick = jnp.arange(count - 1) * saves + saves - 1
         first = jax.tree.map(
             lambda a, b: jnp.concatenate([a[None], b[pick]]),
@@ -202,7 +202,7 @@ def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, n
             def value(p: jax.Array) -> jax.Array:
                 changed = apply(problem.model, problem.parameters, p)
                 now = dataclasses.replace(state(changed, r, v, tension), t=t, parted=parted)
-                return problem.plan.measure(changed, now, problem.plan.march(changed, now, saves))
+                return problem.measure(changed, now, problem.march(changed, now, saves))
 
             return jax.jacfwd(value)(p)
 

@@ -16,8 +16,7 @@ import numpy as np
 from study import command, show
 
 import dropper_jax as dj
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.simulate import simulate
 from dropper_jax.study.load_errors import load_errors, twice_the_links
 

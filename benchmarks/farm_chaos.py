@@ -15,11 +15,10 @@ import numpy as np
 from farm_design import problem
 from study import command, say, store, stored
 
-from fitting.optimise.models import Still, sea_of, still, still_model
+from fitting.optimise.models import Still, sea_of, still, still_model, with_design
 from fitting.optimise.quantities import part_load
 from fitting.optimise.storm import WINDOW_RAMP, full_storm, peaks
 from fitting.optimise.values import Rest, near_rest, rest
-from fitting.optimise.variables import with_design
 
 #: Share by which a variable is moved, and how many variables are.
 SHARE, STRONGEST = 0.03, 5

@@ -12,11 +12,10 @@ import time
 import numpy as np
 from study import command, say, store, stored
 
-from fitting.optimise.models import Still, sea_of, still, still_model
+from fitting.optimise.models import Still, read_variables, sea_of, still, still_model, with_design
 from fitting.optimise.quantities import part_load
 from fitting.optimise.storm import WINDOW_RAMP, peaks
 from fitting.optimise.values import Rest, near_rest, rest
-from fitting.optimise.variables import read_variables, with_design
 from fitting.site import read_site
 
 #: Variables and their ranges: lengths, sizes, places, masses, coefficients.

@@ -16,10 +16,10 @@ import numpy as np
 from study import command, store, stored
 
 from dropper_jax.base.errors import SceneError
+from fitting.optimise.models import with_design
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import PERMITTED_EXCESS, PRICE, Search, run_search, violation
 from fitting.optimise.storm import full_storm
-from fitting.optimise.variables import with_design
 from fitting.site import read_site
 
 

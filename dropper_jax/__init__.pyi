@@ -15,7 +15,7 @@ from dropper_jax.effects import register as register
 from dropper_jax.integrators import INTEGRATORS as INTEGRATORS
 from dropper_jax.load.packaged import scene_names as scene_names
 from dropper_jax.load.scene import Scene as Scene
-from dropper_jax.load.source import load_scene as load_scene
+from dropper_jax.load.scene import load_scene as load_scene
 from dropper_jax.model.kinematics import Kinematics as Kinematics
 from dropper_jax.model.line import Line as Line
 from dropper_jax.model.line import Point as Point
@@ -24,13 +24,13 @@ from dropper_jax.model.state import State as State
 from dropper_jax.model.state import state as state
 from dropper_jax.run.build import build as build
 from dropper_jax.run.build import equilibrium as equilibrium
+from dropper_jax.run.build import from_angles as from_angles
+from dropper_jax.run.build import initial_state as initial_state
 from dropper_jax.run.build import linearised as linearised
 from dropper_jax.run.coupled import Coupled as Coupled
 from dropper_jax.run.coupled_lines import coupled_lines as coupled_lines
 from dropper_jax.run.simulate import Solution as Solution
 from dropper_jax.run.simulate import simulate as simulate
-from dropper_jax.run.start import from_angles as from_angles
-from dropper_jax.run.start import initial_state as initial_state
 from dropper_jax.scene.data import SceneData as SceneData
 from dropper_jax.statics.modes import natural_periods as natural_periods
 from dropper_jax.statics.static_pose import settle as settle

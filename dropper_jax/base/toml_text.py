@@ -1,11 +1,12 @@
-"""Text formats: TOML of a scene, plain JSON values, Markdown as plain text."""
+"""Text formats: TOML of a scene, plain JSON values, Markdown as plain text, tables of notebooks."""
 
 from __future__ import annotations
 
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from html import escape
 from typing import Any
 
 from dropper_jax.base.read import Plain, plain
@@ -121,3 +122,14 @@ def _keep_blanks(text: str) -> str:
     if not text.strip():
         return text
     return text[: len(text) - len(text.lstrip())] + literal(text) + text[len(text.rstrip()) :]
+
+
+def html_table(title: str, rows: Iterable[tuple[str, ...]]) -> str:
+    """A table with a title and rows of cells, the first of each a heading."""
+    lines = [
+        f"<tr><th style='text-align:left'>{escape(head)}</th>"
+        + "".join(f"<td style='text-align:left'>{escape(cell)}</td>" for cell in cells)
+        + "</tr>"
+        for head, *cells in rows
+    ]
+    return f"<table><caption>{escape(title)}</caption>{''.join(lines)}</table>"

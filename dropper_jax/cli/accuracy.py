@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_quiet, add_scene, number, read_scene
-from dropper_jax.cli.output import OK, done_object, print_line, progress, table
+from dropper_jax.cli.output import done_object, print_line, progress, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
@@ -54,8 +54,7 @@ def run(args: argparse.Namespace) -> int:
     found = report(read_scene(args), args)
     if plot:
         draw(found, picture(plot, "accuracy"))
-    deliver(args.json, done_object(**found), text(found), out)
-    return OK
+    return deliver(args.json, done_object(**found), text(found), out)
 
 
 def report(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.cli.options import add_examples, add_run_values, add_scene, read_scene
-from dropper_jax.cli.output import OK, done_object, listing, print_warnings, table
+from dropper_jax.cli.output import done_object, listing, print_warnings, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file, weights_table
 from dropper_jax.cli.run import OVERRIDES
 
@@ -35,22 +35,22 @@ def run(args: argparse.Namespace) -> int:
     scene = read_scene(args, OVERRIDES)
 
     from dropper_jax.load.checks_system import body_warnings
-    from dropper_jax.run.weights import floating_warnings
+    from dropper_jax.run.growth import floating_warnings
 
     found = examine(scene)
     warnings = [*floating_warnings(scene), *body_warnings(scene)]
     print_warnings(warnings)
-    deliver(args.json, done_object(scene=scene.name, **found, warnings=warnings), text(scene, args.scene, found), out)
-    return OK
+    return deliver(
+        args.json, done_object(scene=scene.name, **found, warnings=warnings), text(scene, args.scene, found), out
+    )
 
 
 def examine(scene: Scene) -> dict[str, Any]:
     """Facts of a scene that need neither its equilibrium nor a compiled step."""
     from dropper_jax.run.arrays import bare_model
     from dropper_jax.run.build import stepper_of
-    from dropper_jax.run.growth import overgrown
+    from dropper_jax.run.growth import line_weights, overgrown, wet_weights
     from dropper_jax.run.resolution import periods, suggest_step
-    from dropper_jax.run.weights import line_weights, wet_weights
     from dropper_jax.scene import whole_lines
 
     model, wet = bare_model(overgrown(scene)), wet_weights(scene)  # without wakes, which need equilibria

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from dropper_jax.cli.options import add_examples, add_scene, read_scene
-from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, table
+from dropper_jax.cli.output import done_object, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "operations, bytes and microseconds per step, with and without each effect"
@@ -32,16 +32,12 @@ def run(args: argparse.Namespace) -> int:
     found = cost(scene)
     proof = found["proof"]
     proved = proof["removed_is_never_had"] and proof["new_effect_changes_nothing"]
-    error = None if proved else "absent effects change the program"
-    if error:
-        print_line(f"error: {error}")
+    failure = None if proved else ("not_converged", "absent effects change the program")
     if plot:
         from dropper_jax.study import pictures
 
         pictures.costs(found, picture(plot, "cost"))
-    head = failure_object("not_converged", error) if error else done_object()
-    deliver(args.json, {**head, **found}, text(found), out)
-    return OK if proved else FAILED
+    return deliver(args.json, done_object(**found), text(found), out, failure)
 
 
 def text(found: dict[str, Any]) -> str:

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     folder.mkdir(parents=True, exist_ok=True)
 
     from dropper_jax import plots
-    from dropper_jax.load.source import load_scene
+    from dropper_jax.load.scene import load_scene
     from dropper_jax.run.simulate import simulate
 
     solution = simulate(load_scene(SCENE), dt=0.005, duration=DURATION, progress=progress())

@@ -6,7 +6,7 @@ import argparse
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_scene, number, read_scene
-from dropper_jax.cli.output import OK, done_object, listing
+from dropper_jax.cli.output import done_object, listing
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 help = "solve for a value of the scene that gives a required static tension or depth"
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     out = out_file(args.out)
     scene = read_scene(args)
 
-    from dropper_jax.run.design import solve_design
+    from dropper_jax.study.offsets import solve_design
 
     found = solve_design(scene, path.strip(), low, high, args.target, args.value)
     values = {"path": found.path, "value": found.value, "target": found.target}
@@ -58,5 +58,4 @@ def run(args: argparse.Namespace) -> int:
     if found.end_forces is not None:
         more["end_forces_n"] = list(found.end_forces)
         text.append(("forces on the line's end points", "{:.6g} N and {:.6g} N".format(*found.end_forces)))
-    deliver(args.json, done_object(scene=scene.name, **values, **more), listing(text), out)
-    return OK
+    return deliver(args.json, done_object(scene=scene.name, **values, **more), listing(text), out)

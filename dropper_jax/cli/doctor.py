@@ -7,7 +7,7 @@ from typing import Any
 
 from dropper_jax.base.memory import in_words
 from dropper_jax.cli.options import add_examples, add_json, positive_integer
-from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, listing, print_line, print_result
+from dropper_jax.cli.output import done_object, listing, print_result
 
 help = "versions, devices, cache, and checks against known results"
 
@@ -33,12 +33,8 @@ def run(args: argparse.Namespace) -> int:
 
     found = examine(args.repeats)
     failed = [check["name"] for check in found["checks"] if not check["ok"]]
-    error = f"failed checks: {', '.join(failed)}" if failed else None
-    about = failure_object("unhealthy", error) if error else done_object()
-    if error:
-        print_line(f"error: {error}")
-    print_result(args.json, {**about, **found}, text(found))
-    return FAILED if failed else OK
+    failure = ("unhealthy", f"failed checks: {', '.join(failed)}") if failed else None
+    return print_result(args.json, done_object(**found), text(found), failure)
 
 
 def text(found: dict[str, Any]) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.cli.options import add_examples, add_scene, positive_integer, read_scene
-from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, print_warnings, table
+from dropper_jax.cli.output import done_object, print_warnings, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder, weights_table
 
 if TYPE_CHECKING:
@@ -45,8 +45,8 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.analysis.angles import link_angles
     from dropper_jax.load.checks_system import body_warnings
     from dropper_jax.run.build import equilibrium
+    from dropper_jax.run.growth import floating_warnings
     from dropper_jax.run.resolution import check_stretch, pose_remarks
-    from dropper_jax.run.weights import floating_warnings
     from dropper_jax.scene.data import line_slices
 
     found = equilibrium(scene)
@@ -66,13 +66,10 @@ def run(args: argparse.Namespace) -> int:
     if scene.branched and not failed:
         text += "\n" + _loads(scene, found)
     if not failed:
-        text += "\n" + "\n".join([_end_forces(scene, found), *weights_table(scene)])
-    deliver(args.json, {**_object(scene, found, angles), "warnings": remarks}, text, out)
-    if failed:
-        print_line(f"error: {found.status}: {found.message}")
-    elif not args.json:
-        print(f"ok: scaled residual {found.residual:.1e}")
-    return FAILED if failed else OK
+        last = f"ok: scaled residual {found.residual:.1e}"
+        text += "\n" + "\n".join([_end_forces(scene, found), *weights_table(scene), last])
+    failure = (found.status, f"{found.status}: {found.message}") if failed else None
+    return deliver(args.json, {**_object(scene, found, angles), "warnings": remarks}, text, out, failure)
 
 
 def _tide(scene: Scene, args: argparse.Namespace, plot: Path | None, out: Path | None) -> int:
@@ -85,11 +82,8 @@ def _tide(scene: Scene, args: argparse.Namespace, plot: Path | None, out: Path |
         from dropper_jax.study.pictures import tide
 
         tide(scene.name, found["rows"], picture(plot, "tide"))
-    head = failure_object(failed, failed) if failed else done_object()
-    deliver(args.json, {**head, "scene": scene.name, **found}, _tide_text(found), out)
-    if failed:
-        print_line(f"error: {failed}: no equilibrium found for one instant of the cycle")
-    return FAILED if failed else OK
+    failure = (failed, f"{failed}: no equilibrium found for one instant of the cycle") if failed else None
+    return deliver(args.json, done_object(scene=scene.name, **found), _tide_text(found), out, failure)
 
 
 def _tide_text(found: dict[str, Any]) -> str:
@@ -114,19 +108,17 @@ def _tide_text(found: dict[str, Any]) -> str:
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, Any]:
-    from dropper_jax.run.weights import line_weights
+    from dropper_jax.run.growth import line_weights
     from dropper_jax.scene.data import held_loads, line_offsets
 
-    failed = found.status != "ok"
-    result = {
-        **(failure_object(found.status, f"{found.status}: {found.message}") if failed else done_object()),
-        "scene": scene.name,
-        "residual": float(found.residual),
-        "angles_rad": angles,
-        "positions_m": found.positions,
-        "tension_n": found.tension,
-    }
-    if not failed:
+    result = done_object(
+        scene=scene.name,
+        residual=float(found.residual),
+        angles_rad=angles,
+        positions_m=found.positions,
+        tension_n=found.tension,
+    )
+    if found.status == "ok":
         result |= {"end_forces_n": _forces(scene, found), "line_weights": line_weights(scene)}
     if scene.branched:
         result |= {"lines": line_offsets(scene), "held_load_n": held_loads(scene, found.positions, found.tension)}
@@ -145,7 +137,7 @@ def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray) ->
 
 def _forces(scene: Scene, found: Equilibrium) -> dict[str, dict[str, float]]:
     """Force [N] of each line on its first and last point."""
-    from dropper_jax.run.weights import end_forces
+    from dropper_jax.run.growth import end_forces
 
     forces = end_forces(scene, np.asarray(found.positions)[None], np.asarray(found.tension)[None])
     return {name: dict(zip(("first", "last"), both[0].tolist(), strict=True)) for name, both in forces.items()}

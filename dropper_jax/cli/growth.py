@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.cli.options import add_examples, add_scene, number, read_scene
-from dropper_jax.cli.output import OK, done_object, table
+from dropper_jax.cli.output import done_object, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "mussels of a scene by month and depth: mass, diameter, wet weight"
@@ -49,5 +49,4 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study.pictures import mussels
 
         mussels(scene.name, rows, picture(plot, "growth"))
-    deliver(args.json, done_object(scene=scene.name, growth=rows), table([head, *cells]), out)
-    return OK
+    return deliver(args.json, done_object(scene=scene.name, growth=rows), table([head, *cells]), out)

@@ -36,10 +36,9 @@ def run(args: argparse.Namespace) -> int:
             {"family": name, "size": f.size, "unit": f.unit, "low": f.low, "high": f.high, "source": f.source}
             for name, f in FAMILIES.items()
         ]
-        print_result(
+        return print_result(
             args.json, done_object(parts=found, crops=crop_values()), f"{listing(rows)}\n\n{_crops(crop_values())}"
         )
-        return OK
     name = args.name.removeprefix(PREFIX)
     section, values = part(name)
     source = FAMILIES[name.rpartition("-")[0]].source

@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_scene, number, positive_integer, read_scene
-from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_json, print_line, table
+from dropper_jax.cli.output import done_object, print_result, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
@@ -49,11 +49,8 @@ def run(args: argparse.Namespace) -> int:
     model = build_model(scene)
     pose = equilibrium(model)
     if pose.status != "ok":
-        message = f"{pose.status}: {pose.message}"
-        print_line(f"error: {message}")
-        if args.json:
-            print_json({**failure_object(pose.status, message), "scene": scene.name})
-        return FAILED
+        failure = pose.status, f"{pose.status}: {pose.message}"
+        return print_result(args.json, {"scene": scene.name}, failure=failure)
     modes = natural_modes(model, pose.state, args.count)
     if plot:
         from dropper_jax.study.pictures import mode_shapes
@@ -66,8 +63,7 @@ def run(args: argparse.Namespace) -> int:
         found |= {"amplitude_m": args.amplitude, "damping_ratio_at_amplitude": ratio}
     if modes.bodies is not None:
         found["bodies"] = {body.name: modes.bodies[:, i] for i, body in enumerate(scene.bodies)}
-    deliver(args.json, done_object(scene=scene.name, **found), _text(scene, modes, found), out)
-    return OK
+    return deliver(args.json, done_object(scene=scene.name, **found), _text(scene, modes, found), out)
 
 
 def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:

@@ -8,7 +8,7 @@ from importlib import resources
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.cli.options import add_examples, add_json, output_file
-from dropper_jax.cli.output import OK, done_object, print_result
+from dropper_jax.cli.output import done_object, print_result
 
 help = "write a commented scene to edit: a lab dropper, a longline in a storm, a farm with parameters"
 
@@ -29,8 +29,9 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(f"FILE: {args.file!r} exists. Use another name, or --force to replace it")
     atomic_write(file, template(args.kind))
     found = done_object(kind=args.kind, file=str(file))
-    print_result(args.json, found, f"ok: {file}\nnext: dropper check {file}\n      dropper run {file} --plot pictures")
-    return OK
+    return print_result(
+        args.json, found, f"ok: {file}\nnext: dropper check {file}\n      dropper run {file} --plot pictures"
+    )
 
 
 def template(kind: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
-from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, progress, table
+from dropper_jax.cli.output import done_object, progress, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "restoring force and tension over the horizontal offset of fixed points, all else in equilibrium"
@@ -55,12 +55,9 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study import pictures
 
         pictures.offsets(scene.name, rows, picture(plot, "offset"))
-    message = "" if failed is None else "no equilibrium at {distance_m:g} m, {direction_deg:g} deg".format(**failed)
-    head = done_object() if failed is None else failure_object(failed["status"], message)
-    deliver(args.json, {**head, "scene": scene.name, "points": points, "rows": rows}, _text(rows), out)
-    if failed:
-        print_line(f"error: {failed['status']}: {message}")
-    return FAILED if failed else OK
+    where = "" if failed is None else "no equilibrium at {distance_m:g} m, {direction_deg:g} deg".format(**failed)
+    failure = None if failed is None else (failed["status"], f"{failed['status']}: {where}")
+    return deliver(args.json, done_object(scene=scene.name, points=points, rows=rows), _text(rows), out, failure)
 
 
 def _values(text: str, option: str) -> np.ndarray:

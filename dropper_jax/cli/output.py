@@ -19,17 +19,24 @@ FAILED = 3
 INTERRUPTED = 130
 
 
+#: Status and message of what failed.
+Failure = tuple[str, str]
+
+
 def print_json(found: dict[str, Any]) -> None:
     """The one object on standard output; NaN and infinity as null."""
     print(json.dumps(jsonable(found), allow_nan=False), flush=True)
 
 
-def print_result(as_json: bool, found: dict[str, Any], text: str) -> None:
-    """Print the result of a command: its JSON object or its text."""
+def print_result(as_json: bool, found: dict[str, Any], text: str = "", failure: Failure | None = None) -> int:
+    """Print the result of a command, its JSON object or its text, and what failed; returns the exit code."""
     if as_json:
-        print_json(found)
-    else:
+        print_json(with_failure(found, failure))
+    elif text:
         print(text)
+    if failure is not None:
+        print_line(f"error: {failure[1]}")
+    return OK if failure is None else FAILED
 
 
 def shorten(text: str) -> str:
@@ -53,6 +60,11 @@ def print_warnings(warnings: Iterable[str]) -> None:
 def failure_object(status: str, message: str) -> dict[str, Any]:
     """The JSON object of a failed command."""
     return {"schema": SCHEMA, "status": status, "error": shorten(message)}
+
+
+def with_failure(found: dict[str, Any], failure: Failure | None) -> dict[str, Any]:
+    """A JSON object with the status and the message of what failed."""
+    return found if failure is None else {**found, **failure_object(*failure)}
 
 
 def done_object(**values: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from dropper_jax.base.files import atomic_write, remove
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.cli.faults import defer_signals
 from dropper_jax.cli.options import output_file, output_folder
-from dropper_jax.cli.output import print_line, print_result, table
+from dropper_jax.cli.output import Failure, print_line, print_result, table, with_failure
 
 if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution
@@ -111,16 +111,16 @@ def out_file(text: str | None) -> Path | None:
     return output_file(text, "--out", (".json",))
 
 
-def deliver(as_json: bool, found: dict[str, Any], text: str, out: Path | None) -> None:
-    """Print the result and write it to its file, if one was requested."""
+def deliver(as_json: bool, found: dict[str, Any], text: str, out: Path | None, failure: Failure | None = None) -> int:
+    """Print the result and write it to its file, if one was requested; returns the exit code."""
     if out is not None:
-        atomic_write(out, json.dumps(jsonable(found), allow_nan=False, indent=1))
-    print_result(as_json, found, text)
+        atomic_write(out, json.dumps(jsonable(with_failure(found, failure)), allow_nan=False, indent=1))
+    return print_result(as_json, found, text, failure)
 
 
 def weights_table(scene: Scene) -> list[str]:
     """Mass, weight in water and density of the lines, a row for equal lines; empty without water."""
-    from dropper_jax.run.weights import line_weights, lines_in_words
+    from dropper_jax.run.growth import line_weights, lines_in_words
 
     rows = [("line", "mass [kg/m]", "displaced [kg/m]", "weight in water [N/m]", "density [kg/m^3]")]
     keys = ("mass_kg_per_m", "displaced_kg_per_m", "wet_weight_n_per_m", "density_kg_per_m3")

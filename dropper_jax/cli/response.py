@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
-from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, progress, table
+from dropper_jax.cli.output import done_object, progress, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "mean shift, amplitude and phase of the first link in regular waves, over their period"
@@ -46,11 +46,8 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study import pictures
 
         pictures.responses(scene.name, rows, picture(plot, "response"))
-    head = failure_object(failed, f"{failed}: a run did not complete") if failed else done_object()
-    deliver(args.json, {**head, "scene": scene.name, "rows": rows}, _text(rows), out)
-    if failed:
-        print_line(f"error: {failed}: a run did not complete")
-    return FAILED if failed else OK
+    failure = (failed, f"{failed}: a run did not complete") if failed else None
+    return deliver(args.json, done_object(scene=scene.name, rows=rows), _text(rows), out, failure)
 
 
 def _periods(text: str) -> np.ndarray:

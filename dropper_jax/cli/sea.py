@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_scene, output_file, read_scene
-from dropper_jax.cli.output import OK, done_object, listing, print_warnings, table
+from dropper_jax.cli.output import done_object, listing, print_warnings, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
@@ -61,8 +61,7 @@ def run(args: argparse.Namespace) -> int:
         _draw(scene.name, found, scene.sea.gravity, regimes)
     warnings = sea_warnings(scene, make_sea(scene.sea, line_reach(scene)))
     print_warnings(warnings)
-    deliver(args.json, done_object(scene=scene.name, **found, warnings=warnings), _text(found), out)
-    return OK
+    return deliver(args.json, done_object(scene=scene.name, **found, warnings=warnings), _text(found), out)
 
 
 def _wakes(scene: Scene, picture: Any) -> dict[str, Any]:

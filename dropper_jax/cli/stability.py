@@ -9,7 +9,7 @@ from typing import Any
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.options import add_examples, add_json, add_quiet
-from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, progress, table
+from dropper_jax.cli.output import done_object, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 help = "run a catalogue of hard cases, each against its limit, with the thesis' schemes and MoorDyn for comparison"
@@ -51,12 +51,8 @@ def run(args: argparse.Namespace) -> int:
 def report(rows: list[dict[str, Any]], as_json: bool, out: Path | None = None) -> int:
     """Print the rows; returns the exit code."""
     missed = [row["name"] for row in rows if not row["ok"]]
-    error = f"limits exceeded: {', '.join(missed)}" if missed else None
-    if error:
-        print_line(f"error: {error}")
-    head = failure_object("not_converged", error) if error else done_object()
-    deliver(as_json, {**head, "cases": rows}, text(rows), out)
-    return FAILED if missed else OK
+    failure = ("not_converged", f"limits exceeded: {', '.join(missed)}") if missed else None
+    return deliver(as_json, done_object(cases=rows), text(rows), out, failure)
 
 
 def text(rows: list[dict[str, Any]]) -> str:

@@ -12,12 +12,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_scene, output_file, read_scene
 from dropper_jax.cli.output import (
-    FAILED,
-    OK,
     done_object,
-    failure_object,
-    print_json,
-    print_line,
+    print_result,
     print_warnings,
     table,
 )
@@ -52,11 +48,8 @@ def run(args: argparse.Namespace) -> int:
 
     pose = equilibrium(scene)
     if pose.status != "ok":
-        message = f"{pose.status}: {pose.message}"
-        print_line(f"error: {message}")
-        if args.json:
-            print_json({**failure_object(pose.status, message), "scene": scene.name})
-        return FAILED
+        failure = pose.status, f"{pose.status}: {pose.message}"
+        return print_result(args.json, {"scene": scene.name}, failure=failure)
     model = build_model(scene)
     loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
     found = mooring_stiffness(model, pose.state, names, loads)
@@ -65,8 +58,7 @@ def run(args: argparse.Namespace) -> int:
     print_warnings(found.warnings)
     values = {"points": found.names, "freedoms": found.freedoms, "stiffness": found.matrix}
     plain = done_object(scene=scene.name, **values, warnings=found.warnings)
-    deliver(args.json, plain, _text(found), out if out is not None and out.suffix == ".json" else None)
-    return OK
+    return deliver(args.json, plain, _text(found), out if out is not None and out.suffix == ".json" else None)
 
 
 def _names(scene: Scene, given: str | None) -> list[str]:

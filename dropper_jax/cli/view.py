@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.cli.options import add_examples, add_json, output_file, read_run
-from dropper_jax.cli.output import OK, done_object, print_result
+from dropper_jax.cli.output import done_object, print_result
 
 help = "make an interactive 3D page of a saved run"
 
@@ -32,9 +32,8 @@ def run(args: argparse.Namespace) -> int:
 
     write_view(solution, out, other)
     size = out.stat().st_size
-    print_result(
+    return print_result(
         args.json,
         done_object(page=str(out), bytes=size, scene=solution.scene.name),
         f"ok: {out}, {size / 1e6:.2f} MB, {solution.scene.name} from {solution.t[0]:g} to {solution.t[-1]:g} s",
     )
-    return OK

@@ -13,14 +13,31 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import upright
 from dropper_jax.base.read import Plain
-from dropper_jax.effects.wetting import parts, wet_share
-from dropper_jax.model import Effect, Kinematics
+from dropper_jax.model import Effect, Kinematics, Part
 from dropper_jax.scene import LineSpec, SceneData
+
+# --- submerged fraction of a part ---
+
+
+def wet_share(k: Kinematics, part: Part, tangents: jax.Array, elevation: jax.Array) -> jax.Array:
+    """Submerged fraction of each row (rows,), 0 to 1."""
+    line = k.line
+    height = part.take(line.diameter * jnp.ones_like(line.length) + line.length * jnp.abs(tangents[:, 2]))
+    # a free end has no next link: its near part has no height and its share is zero
+    height = jnp.where(height > 0.0, height, 1.0)
+    s = jnp.clip(0.5 + part.at(elevation - k.r[:, 2]) / height, 0.0, 1.0)
+    return s * s * (3.0 - 2.0 * s)
+
+
+def split(u: jax.Array, tangent: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Components of u (nodes, 3) across and along the tangents."""
+    along = jnp.sum(u * tangent, axis=-1, keepdims=True) * tangent
+    return u - along, along
 
 
 @component
 class Buoyancy(Effect):
-    """Buoyancy `F = rho g V w z`, V the volume of the node's part and w its submerged fraction (`effects.wetting`).
+    """Buoyancy `F = rho g V w z`, V the volume of the node's part and w its submerged fraction (`wet_share`).
 
     Hydrostatics up to the actual surface. The dynamic pressure of waves is in the `rho V u'` of `morison_inertia` and
     is not added again. The volume is `pi/4 D^2 L` with the line's `diameter` D, or follows from `wet_weight` as
@@ -46,7 +63,7 @@ class Buoyancy(Effect):
         sea, water = k.model.sea, k.water
         lift = sea.density * sea.gravity * k.line.volume
         up = jnp.zeros_like(k.r[:, 2])
-        for part in parts(k):
+        for part in k.line.parts():
             wet = wet_share(k, part, water.tangents, water.motion.elevation)
             up = up + part.collect(part.share * part.take(lift) * wet)
         return upright(up)

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.effects.buoyancy import split, wet_share
 from dropper_jax.effects.cylinder import SOURCES, check_source
-from dropper_jax.effects.wetting import parts, split, wet_share
 from dropper_jax.model import Effect, Kinematics, Part
 from dropper_jax.scene import SceneData
 
@@ -35,7 +35,7 @@ class _InertiaForce(Effect):
         water = k.water
         change = water.material if self.needs_material else water.motion.acceleration
         total = jnp.zeros_like(k.r)
-        for part in parts(k):
+        for part in k.line.parts():
             across, along = split(part.at(change), part.take(water.tangents))
             can, cat = self._coefficients(k, part)
             total = total + part.collect(self._wet_mass(k, part) * ((1.0 + can) * across + (1.0 + cat) * along))
@@ -131,7 +131,7 @@ class MorisonInertia(_InertiaForce):
         if self.added_mass == "lagrangian":
             return self._lagrangian(k, a)
         total = jnp.zeros_like(a)
-        for part in parts(k):
+        for part in k.line.parts():
             across, along = split(part.at(a), part.take(k.water.tangents))
             can, cat = self._coefficients(k, part)
             total = total + part.collect(self._wet_mass(k, part) * (can * across + cat * along))
@@ -145,7 +145,7 @@ class MorisonInertia(_InertiaForce):
         turn = 0.5 * h * k.link_velocities / length
         dot = lambda p, q: jnp.sum(p * q, axis=-1, keepdims=True)  # noqa: E731
         total = jnp.zeros_like(a)
-        for part in parts(k):
+        for part in k.line.parts():
             mass = self._wet_mass(k, part)
             can, cat = self._coefficients(k, part)
             start, mean, end = (part.take(d) for d in (middle - turn, middle, middle + turn))
@@ -160,7 +160,7 @@ class MorisonInertia(_InertiaForce):
         sea, line = k.model.sea, k.line
         elevation = sea.elevation(k.r, k.t)
         total = jnp.zeros((), k.r.dtype)
-        for part in parts(k):
+        for part in k.line.parts():
             wet = wet_share(k, part, k.tangents, elevation)
             mass = (part.share * part.take(sea.density * line.volume) * wet)[:, None]
             can, cat = self._coefficients(k, part)

@@ -148,7 +148,7 @@ def feeds_sawtooth(model: Model) -> jax.Array:
 
 
 def _turning(model: Model) -> list[AddedMass]:
-    return [e for e in model.having(AddedMass) if getattr(e, "turns", False)]
+    return [e for e in model.having(AddedMass) if e.turns]
 
 
 def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:

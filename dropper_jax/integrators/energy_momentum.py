@@ -80,7 +80,7 @@ class MidpointProblem(StepProblem):
         s = self.s
         return Unknowns(s.acceleration * (self.gamma * self.h**2), s.tension, s.law)
 
-    def _middle(self, x: jax.Array) -> Kinematics:
+    def instant(self, x: jax.Array) -> Kinematics:
         s, h = self.s, self.h
         v = s.v + x / h
         r, over = s.r + self.gamma * h * v, {"prepared": self.prepared, "h": h, "before": s.v}
@@ -91,7 +91,7 @@ class MidpointProblem(StepProblem):
         a = x / (self.gamma * self.h**2)
         return self.model.inertia(middle, a, self.end_acceleration) - self.model.force(middle, forces)
 
-    def _links1(self, x: jax.Array) -> jax.Array:
+    def link_vectors(self, x: jax.Array) -> jax.Array:
         s = self.s
         return self.model.links(s.r + (self.h * s.v + x), self.ends1)
 
@@ -105,12 +105,12 @@ class MidpointProblem(StepProblem):
 
     def evaluate(self, u: Unknowns) -> tuple[Unknowns, Forces]:
         """The rows, and the forces (nodes, 3) [N] whose work is recorded."""
-        working = self.model.working_forces(self._middle(u.x)) if self.s.work.size else {}
+        working = self.model.working_forces(self.instant(u.x)) if self.s.work.size else {}
         return self._rows(u, working), working
 
     def _rows(self, u: Unknowns, working: Forces) -> Unknowns:
         model, line = self.model, self.model.line
-        links1, middle = self._links1(u.x), self._middle(u.x)
+        links1, middle = self.link_vectors(u.x), self.instant(u.x)
         force = self._local(u.x, middle, working) - model.tension_force(u.y, self._directions(links1))
         axial = line.axial.residual(self.start, links1, u.y, line.length, self.h)
         if not u.z:
@@ -133,19 +133,13 @@ class MidpointProblem(StepProblem):
         )
         return force, rows + tuple(constraint.gap(model, end) for constraint, _ in constraints)
 
-    def instant(self, x: jax.Array) -> Kinematics:
-        return self._middle(x)
-
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        middle = self._middle(x)
+        middle = self.instant(x)
         local = self._local(x, middle)
         if not z:
             return local, ()
         laws, rows = self._laws(middle, z)
         return local - laws, rows
-
-    def link_vectors(self, x: jax.Array) -> jax.Array:
-        return self._links1(x)
 
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         line = self.model.line
@@ -162,11 +156,11 @@ class MidpointProblem(StepProblem):
         geometric = 0.5 * self.gamma * jnp.maximum((stiffness + following)[: model.free_nodes], 0.0)
         if model.constant_force and not model.having(AddedMass):
             return model.node_mass / (self.gamma * self.h**2) + geometric
-        node = node_blocks(lambda x: self._local(u.x + x, self._middle(u.x + x)), model.free_nodes, u.x.dtype)
+        node = node_blocks(lambda x: self._local(u.x + x, self.instant(u.x + x)), model.free_nodes, u.x.dtype)
         return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
 
     def condensed_parts(self, u: Unknowns) -> CondensedParts:
-        line, links1 = self.model.line, self._links1(u.x)
+        line, links1 = self.model.line, self.link_vectors(u.x)
         gradient = line.axial.gradient(self.start, links1, u.y, line.length, self.h)
         return CondensedParts(self._directions(links1), gradient, line.axial.compliance(line.length, self.h))
 
@@ -190,7 +184,7 @@ class MidpointProblem(StepProblem):
         v1 = s.v + u.x / (self.gamma * h)
         if not model.laws:
             return v1, {}
-        middle, after = self._middle(u.x), model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
+        middle, after = self.instant(u.x), model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
         stop = stop_held_nodes if all(law.node_local for law in model.laws) else stop_held_joints
         v1, taken = stop(model, u.z[: len(model.laws)], middle, after, h)
         return v1, {model.laws[0].name: taken}
@@ -237,7 +231,7 @@ class MidpointProblem(StepProblem):
         """Work (k,) [J] over the step, in the order of `work_names`; `evaluated` are the forces whose work is
         recorded."""
         model, line, h = self.model, self.model.line, self.h
-        k, links1 = self._middle(u.x), self._links1(u.x)
+        k, links1 = self.instant(u.x), self.link_vectors(u.x)
         forces = model.working_forces(k) if evaluated is None else dict(evaluated)
         for law, z in zip(model.laws, u.z, strict=False):  # multipliers of constraints do no work
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)

@@ -110,19 +110,16 @@ class GeneralizedAlphaProblem(StepProblem):
         v = s.v + share * (self._velocity(x) - s.v)
         return self.model.kinematics(s.r + share * (self.h * s.v + x), v, self.t_f, self.ends, **prepared)
 
-    def _at_f(self, x: jax.Array) -> Kinematics:
+    def instant(self, x: jax.Array) -> Kinematics:
         return self._kinematics(x, prepared=self.prepared, h=self.h)
 
     def guess(self) -> Unknowns:
         s = self.s
         return Unknowns(0.5 * self.h**2 * s.acceleration, s.tension, s.law)
 
-    def instant(self, x: jax.Array) -> Kinematics:
-        return self._at_f(x)
-
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         """Inertia minus forces (nodes, 3) [N], without tensions, and the rows of laws."""
-        k, old = self._at_f(x), self.s.acceleration
+        k, old = self.instant(x), self.s.acceleration
         a = old + self.new_a * (self._acceleration(x) - old)
         rows = self.model.inertia(k, a, self.end_acceleration) - self.model.force(k)
         laws = tuple(zip(self.model.laws, z, strict=True))
@@ -169,7 +166,7 @@ class GeneralizedAlphaProblem(StepProblem):
         """
         if not self.model.laws:
             return v1, a1, jnp.zeros((), v1.dtype)
-        middle = self._at_f(u.x)
+        middle = self.instant(u.x)
         after = self.model.kinematics(r1, v1, self.s.t + self.h, self.ends1, prepared=self.prepared)
         v1, taken = stop_held_nodes(self.model, u.z, middle, after, self.h)
         for law, z in zip(self.model.laws, u.z, strict=True):
@@ -178,7 +175,7 @@ class GeneralizedAlphaProblem(StepProblem):
 
     def _powers(self, u: Unknowns, stopping: jax.Array) -> jax.Array:
         """Mean powers (k,) [W] over the step: forces at t_f times the nodes' motion, and the stopping of nodes."""
-        k, old = self._at_f(u.x), self.s.acceleration
+        k, old = self.instant(u.x), self.s.acceleration
         a = old + self.new_a * (self._acceleration(u.x) - old)
         k = k.with_velocity(self.s.v + u.x / self.h)
         laws = {law.name: jnp.sum(law.law_force(k, z) * k.v) for law, z in zip(self.model.laws, u.z, strict=True)}

@@ -28,8 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.tridiagonal import cyclic_reduction
-from dropper_jax.base.components import components
-from dropper_jax.base.numerics import dot
+from dropper_jax.base.numerics import components, dot
 from dropper_jax.model import Kinematics, Model, State, book_works, work_names
 from dropper_jax.model.model import MOVING_ENDS
 from dropper_jax.residual import Explicit, point_masses_only

@@ -16,8 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
-from dropper_jax.base.components import components
-from dropper_jax.base.numerics import dot
+from dropper_jax.base.numerics import components, dot
 from dropper_jax.model import Kinematics, Model, State, book_works
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks, point_masses_only
 from dropper_jax.solvers.condensed import ConstraintMatrix

@@ -54,11 +54,7 @@ class ThesisAngles(Implicit):
         if s.angles is not None:
             return s
         ends = model.ends(s.t)
-        return replace(s, angles=angles_of_links(model.links(s.r, ends), _link_rates(model, s.v)))
-
-
-def _link_rates(model: Model, v: jax.Array) -> jax.Array:
-    return model.rates(v, None)
+        return replace(s, angles=angles_of_links(model.links(s.r, ends), model.rates(s.v, None)))
 
 
 def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
@@ -111,9 +107,6 @@ class AnglesProblem(StepProblem):
         moved = theta + h * theta_rate, phi + h * phi_rate, theta_rate, phi_rate
         return Unknowns(jnp.stack(moved, -1), self.s.tension)
 
-    def _sum(self, per_link: jax.Array) -> jax.Array:
-        return jnp.cumsum(per_link, axis=0)
-
     def _motion(self, x: jax.Array, t: jax.Array, ends: Ends, tension: jax.Array) -> Motion:
         length = self.model.line.length[:, None]
         angles, rate = (x[:, 0], x[:, 1]), (x[:, 2], x[:, 3])
@@ -123,7 +116,8 @@ class AnglesProblem(StepProblem):
 
         unit, unit_rate = jax.jvp(_unit, angles, rate)
         bend = jax.jvp(velocity, angles, rate)[1]
-        r, v, b = ends.start + self._sum(length * unit), self._sum(length * unit_rate), self._sum(length * bend)
+        along, v, b = (jnp.cumsum(length * per_link, axis=0) for per_link in (unit, unit_rate, bend))
+        r = ends.start + along
         free = self.model.free_nodes
         k = self.model.instant(r[:free], v[:free], t, ends)
         return Motion(k, r[-1], b, self.model.force(k) + self.model.tension_force(tension, unit))
@@ -136,7 +130,7 @@ class AnglesProblem(StepProblem):
         new = self._motion(u.x, s.t + h, self.ends1, u.y)
         turning = tuple(((u.x[:, 2:] - old[:, 2:]) / h).T)
         a = jax.jvp(_unit, (u.x[:, 0], u.x[:, 1]), turning)[1]
-        a = self._sum(model.line.length[:, None] * a)
+        a = jnp.cumsum(model.line.length[:, None] * a, axis=0)
         b = gamma * new.bend + (1 - gamma) * self.old.bend
         rows = self.mass * (a + b)[:free] - gamma * new.force - (1 - gamma) * self.old.force
         if model.end_held:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import LocatedValues, SceneError
-from dropper_jax.base.html_table import html_table
+from dropper_jax.base.files import references_of
 from dropper_jax.base.read import (
     Plain,
     ScenePath,
@@ -22,6 +23,7 @@ from dropper_jax.base.read import (
     read_text,
 )
 from dropper_jax.base.renamed import new_path
+from dropper_jax.base.toml_text import html_table
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.checks_system import (
@@ -32,6 +34,7 @@ from dropper_jax.load.checks_system import (
     check_scene,
     check_system,
 )
+from dropper_jax.load.packaged import find_scene, folder_of
 from dropper_jax.load.paths import Written, get, is_written, locate, locate_written, set_value
 from dropper_jax.load.resolve import resolve
 from dropper_jax.load.template import Template
@@ -304,3 +307,22 @@ def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:
     return {
         name: read_fields(cls, table[name], f"effects.{name}", counts) for name, cls in EFFECTS.items() if name in table
     }
+
+
+def load_scene(source: str | Path | Mapping[str, Any] | Scene, *, allow_outside: bool = False) -> Scene:
+    """A scene from a packaged name, a TOML file, a MoorDyn input, a mooring of MoorPy or RAFT (.yaml), or plain values.
+
+    A MoorDyn input is recognised by its header of line types.
+
+    Args:
+        allow_outside: a file may refer to files that are neither below its folder nor below the working folder.
+
+    Raises:
+        SceneError: a file that is missing or not TOML, an unknown name (with the nearest), or any invalid value.
+    """
+    if isinstance(source, Scene):
+        return source
+    if isinstance(source, Mapping):
+        return Scene.from_dict(source)
+    with references_of(folder_of(source, allow_outside)):
+        return Scene.from_dict(*find_scene(source))

@@ -52,6 +52,11 @@ class Effect:
         return self.kinks
 
     @property
+    def turns(self) -> bool:
+        """Whether its added mass turns with its link."""
+        return False
+
+    @property
     def needs_material(self) -> bool:
         """Whether it reads `k.water.material`, the material acceleration of the water."""
         return False

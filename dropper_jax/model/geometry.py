@@ -187,7 +187,7 @@ class Geometry(ABC):
 
     @abstractmethod
     def parts(self) -> tuple[Part, ...]:
-        """The same for water forces, as shares (see `effects.wetting`)."""
+        """The same for water forces, as shares (see `effects.buoyancy.wet_share`)."""
 
     @abstractmethod
     def link_length(self, length: jax.Array) -> jax.Array:

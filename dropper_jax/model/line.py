@@ -118,7 +118,7 @@ class Line:
         return self._at_nodes(first, last)
 
     def parts(self) -> tuple[Part, ...]:
-        """Which fraction of the links' water forces acts on which free node (see `effects.wetting`)."""
+        """Which fraction of the links' water forces acts on which free node (see `effects.buoyancy.wet_share`)."""
         if not self.compound:
             return self.geometry.parts()
         ratio, free = self.centre_of_mass / self.length, self.geometry.free

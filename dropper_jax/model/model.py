@@ -90,6 +90,10 @@ class Model:
         """The effects that fill a slot (see `model.slots`), in order."""
         return tuple(e for e in self.effects if isinstance(e, slot))
 
+    def without_slot(self, slot: type) -> Model:
+        """The model without the effects that fill a slot."""
+        return dataclasses.replace(self, effects=tuple(e for e in self.effects if not isinstance(e, slot)))
+
     @property
     def working(self) -> tuple[Force, ...]:
         """The effects whose force is not conservative, so that its work is recorded."""

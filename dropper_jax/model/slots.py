@@ -61,6 +61,10 @@ class AddedMass(Protocol):
     name: str
     reach: int
 
+    @property
+    def turns(self) -> bool:
+        """Whether it turns with its link."""
+
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         """Inertia force for nodal accelerations a (nodes, 3) [m/s^2], (nodes, 3) [N]."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -20,6 +19,7 @@ from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 from dropper_jax.scene.body import BodySpec, rotation
 from dropper_jax.scene.data import point_nodes
+from dropper_jax.sea import Sea
 
 #: Number of corners of a circle.
 SIDES = 28
@@ -270,9 +270,8 @@ def _extremes(solution: Solution, last: int) -> tuple[np.ndarray, np.ndarray] | 
     return None if least is None or largest is None else (least[:last], largest[:last])
 
 
-def elevations(scene: Scene, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Elevation (q, n) [m] of a scene's sea at positions (n, 3) and times (q,)."""
-    sea = build_model(scene, "float64").sea
+def elevations(sea: Sea, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Elevation (q, n) [m] at positions (n, 3) and times (q,)."""
     return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(positions), jnp.asarray(times)))
 
 
@@ -281,8 +280,9 @@ def _lines(solution: Solution) -> dict[str, Any]:
     if not solution.scene.branched:
         links = solution.tension.shape[1]
         single = {"lines": (LineSlice("line", slice(0, links + 1), slice(0, links)),)}
-        wet = solution.scene.sea is not None
-        return {**single, "surface": partial(elevations, solution.scene)} if wet else single
+        if solution.scene.sea is None:
+            return single
+        return {**single, "surface": lambda x, t: elevations(build_model(solution.scene, "float64").sea, x, t)}
     scene, node = solution.scene, point_nodes(solution.scene)
     return {
         "lines": solution.lines,

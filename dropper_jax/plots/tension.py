@@ -31,7 +31,9 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     upper.plot(t, potential, color=style.CYCLE[2], lw=0.9, label="potential, above its minimum", **mark)
     for index, name in enumerate(run.work_names):
         colour = style.CYCLE[1:2] + style.CYCLE[3:]
-        upper.plot(t, -work[:, index], color=colour[index % len(colour)], label=f"minus work, {_words(name)}", **mark)
+        upper.plot(
+            t, -work[:, index], color=colour[index % len(colour)], label=f"minus work, {name.replace('_', ' ')}", **mark
+        )
     upper.set_ylabel("energy [J]")
     upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
     scale = max(np.abs(kinetic).max(), np.abs(potential).max()) or 1.0
@@ -52,10 +54,6 @@ def tension_traces(run: Run, path: str | Path) -> Path:
     least = TENSION * float(np.nanmax(np.abs(run.tension), initial=0.0)) / size
     columns = [(f"tension [{unit}]", run.tension / size)]
     return panels.traces(run, path, "link tensions", run.t_tension, columns, least)
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ")
 
 
 #: Maximum number of curves in one panel.

@@ -9,7 +9,6 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import panels, style, system, view
-from dropper_jax.plots.run import ANGLE, Run, readable, swing
+from dropper_jax.plots.run import ANGLE, Run, elevations, readable, swing
 from dropper_jax.plots.style import force_unit
 from dropper_jax.plots.system import draw_bodies
 from dropper_jax.run.build import build_model
@@ -122,15 +121,10 @@ def _with_sea(draw: Callable[..., Path]) -> Callable[..., Path]:
     return wrapper
 
 
-def _surface(sea: Sea, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Elevation (q, n) [m] at positions (n, 3) and times (q,)."""
-    return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(positions), jnp.asarray(times)))
-
-
 @_with_sea
 def elevation(run: Run, sea: Sea, path: str | Path, place: tuple[float, float] = (0.0, 0.0)) -> Path:
     """Elevation [m] of the surface at a position (x, y) [m] against time."""
-    eta = _surface(sea, np.array([[*place, 0.0]]), run.t)[:, 0]
+    eta = elevations(sea, np.array([[*place, 0.0]]), run.t)[:, 0]
     figure = style.new_figure(8.5, 3.2)
     axes = figure.subplots()
     axes.axhline(0.0, color=style.FAINT, lw=0.7)
@@ -160,7 +154,7 @@ def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = Non
         along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
         positions = np.tile(middle, (POINTS, 1))
         positions[:, axis] = along
-        eta = _surface(sea, positions, run.t[index : index + 1])[0]
+        eta = elevations(sea, positions, run.t[index : index + 1])[0]
         bed = None if run.scene is None else bed_height(run.scene, positions)
         low = nodes[:, 2].min() - 0.1 * (half if bed is None else np.ptp(nodes[:, 2]))
         low = max(low, -float(sea.depth)) if bed is None else low
@@ -206,7 +200,7 @@ def response(run: Run, sea: Sea, path: str | Path, link: int | None = None) -> P
     """
     angles = run.angles()
     index = _lively(run) if link is None else min(link, run.tension.shape[1]) - 1
-    eta = _surface(sea, np.zeros((1, 3)), run.t)[:, 0]
+    eta = elevations(sea, np.zeros((1, 3)), run.t)[:, 0]
     turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > ANGLE] or [0]
     figure = style.new_figure(9.5, 7.6)
     grid = figure.add_gridspec(3, len(turning), height_ratios=(1.0, 1.3, 1.6))

@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.report.record import Record
-from dropper_jax.report.sections import largest, newton, table, with_rest
+from dropper_jax.report.sections import empty_unless_rows, largest, newton, table, with_rest
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import line_slices
 
@@ -81,10 +81,9 @@ def _worst(lines: list[dict[str, Any]], key: str) -> dict[str, Any] | None:
     return None if worst is None else {"line": worst["line"], key: worst[key]}
 
 
-def parts_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
+@empty_unless_rows
+def parts_text(found: list[dict[str, Any]]) -> list[str]:
     """The section as text; empty without parts."""
-    if not isinstance(found, list):
-        return []
     rows, shown = [], largest(found, lambda part: part["largest"]["n"])
     for part in shown:
         top, used, snap, tired = (part[key] for key in ("largest", "utilisation", "snap", "fatigue"))
@@ -147,10 +146,9 @@ def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
     return found
 
 
-def crop_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
+@empty_unless_rows
+def crop_text(found: list[dict[str, Any]]) -> list[str]:
     """The section as text; empty without mussels."""
-    if not isinstance(found, list):
-        return []
     rows = []
     for row in found:
         off = row["drop_off"]
@@ -197,10 +195,9 @@ def body_motions(record: Record) -> list[dict[str, Any]] | dict[str, str]:
     return found
 
 
-def bodies_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
+@empty_unless_rows
+def bodies_text(found: list[dict[str, Any]]) -> list[str]:
     """The section as text; empty without bodies."""
-    if not isinstance(found, list):
-        return []
     rows = []
     for body in found:
         for key in (*(f"{name}_m" for name in MOVES), *(f"{name}_deg" for name in TURNS), "tilt_deg"):

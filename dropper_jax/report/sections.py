@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,16 @@ SHOWN_ROUNDING = 1e-6
 def section(values: list[dict[str, Any]] | dict[str, str], write: Callable[[list[dict[str, Any]]], str]) -> str:
     """The table that `write` makes of a section, or the reason why it is left out."""
     return f"Left out: {values['skipped']}." if isinstance(values, dict) else write(values)
+
+
+def empty_unless_rows(write: Callable[[Any], list[str]]) -> Callable[[Any], list[str]]:
+    """A section of rows that is empty where the run has none of them."""
+
+    @wraps(write)
+    def section_of(found: list[dict[str, Any]] | dict[str, str] | None) -> list[str]:
+        return write(found) if isinstance(found, list) else []
+
+    return section_of
 
 
 def largest(lines: list[dict[str, Any]], size: Callable[[dict[str, Any]], float]) -> list[dict[str, Any]]:

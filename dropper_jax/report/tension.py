@@ -10,8 +10,8 @@ from dropper_jax.report.record import Record, arc
 from dropper_jax.report.settings import Settings
 from dropper_jax.run.bends import point_load as line_load
 from dropper_jax.run.bends import positions_at
+from dropper_jax.run.growth import end_forces
 from dropper_jax.run.storage import extra
-from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
 
 

@@ -7,8 +7,8 @@ from typing import Any
 from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
 from dropper_jax.report.parts import bodies_text, crop_text, parts_text
-from dropper_jax.report.sections import newton, table
-from dropper_jax.run.weights import lines_in_words
+from dropper_jax.report.sections import empty_unless_rows, newton, table
+from dropper_jax.run.growth import lines_in_words
 from dropper_jax.scene import link_mass_words
 
 
@@ -99,10 +99,9 @@ def _weights(rows: list[dict[str, Any]]) -> list[str]:
     return ["## Weights of lines", table(head, cells)]
 
 
-def _bending(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
+@empty_unless_rows
+def _bending(found: list[dict[str, Any]]) -> list[str]:
     """Moments and radii; empty if lines have no bending stiffness."""
-    if not isinstance(found, list):
-        return []
     rows = [
         [
             line["line"],
@@ -114,10 +113,9 @@ def _bending(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
     return ["## Bending", table(["line", "largest moment [N m]", "smallest radius [m]"], rows)]
 
 
-def _coefficients(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
+@empty_unless_rows
+def _coefficients(found: list[dict[str, Any]]) -> list[str]:
     """Flow-dependent coefficients; empty without any."""
-    if not isinstance(found, list):
-        return []
     keys = [key for key in ("cdn", "can") if key in found[0]]
     rows = [
         [row["line"]]

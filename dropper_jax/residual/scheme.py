@@ -57,6 +57,8 @@ class Integrator:
     tension_time: ClassVar[float] = 1.0
     #: Whether a step solves equations.
     implicit: ClassVar[bool] = True
+    #: Fractions of the substeps (compositions have several).
+    stages: ClassVar[tuple[float, ...]] = (1.0,)
     #: Whether the scheme chooses its steps by its own error.
     controls_error: ClassVar[bool] = False
 
@@ -91,8 +93,6 @@ class Integrator:
 class Implicit(Integrator, ABC):
     """A scheme whose step solves equations."""
 
-    #: Fractions of the substeps (compositions have several).
-    stages: ClassVar[tuple[float, ...]] = (1.0,)
     #: Whether `condensed` pieces exist.
     condensable: ClassVar[bool] = False
     #: Whether their matrix is the Jacobian itself, so that one solve with it gives derivatives.

@@ -20,16 +20,14 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Model, Parted, work_names
 from dropper_jax.model.slots import Force
 from dropper_jax.residual import node_blocks
-from dropper_jax.run.arrays import breaks, words
+from dropper_jax.run.arrays import body_motion, breaks, words
 from dropper_jax.run.bends import twist_remarks
-from dropper_jax.run.bodies import body_motion
 from dropper_jax.run.build import allowed_error
-from dropper_jax.run.carry import Last, last_row, name_leaves
 from dropper_jax.run.chunks import RunOutcome
+from dropper_jax.run.growth import floating_warnings
 from dropper_jax.run.resolution import pose_remarks, with_quality_checks, without_push
-from dropper_jax.run.row_store import BLOCK_STATES, InMemory, release_pages
+from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Last, last_row, name_leaves, release_pages
 from dropper_jax.run.samples import Kind
-from dropper_jax.run.weights import floating_warnings
 from dropper_jax.stepping.adaptive import Within
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.integrate import DRIFT_LIMIT, Observed, Trajectory, observe

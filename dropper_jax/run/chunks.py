@@ -21,8 +21,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import allowed_error
-from dropper_jax.run.carry import Last, last_row, name_leaves
-from dropper_jax.run.row_store import InMemory
+from dropper_jax.run.row_store import InMemory, Last, last_row, name_leaves
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
 from dropper_jax.stepping.controlled import Controlled, advance_controlled, start_controlled

@@ -16,10 +16,8 @@ import numpy as np
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.store import read_archive, write_archive
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike
-from dropper_jax.run.carry import name_leaves, restore_carry, same_scene
 from dropper_jax.run.coupled_lines import (
     CoupledLines,
     CoupledOutputs,
@@ -29,6 +27,7 @@ from dropper_jax.run.coupled_lines import (
     coupled_lines,
     coupled_points,
 )
+from dropper_jax.run.row_store import name_leaves, restore_carry, same_scene
 
 _step = cached_jit()(CoupledLines.step)
 

@@ -15,12 +15,10 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.coupled_motion import CoupledMotion
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Displacement, HolonomicConstraint, Law, Model, State, as_parted
 from dropper_jax.model.slots import Force
-from dropper_jax.run.build import SceneLike, build_model, stepper_of
-from dropper_jax.run.start import initial_state
+from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.stepping.integrate import Progress, begin, next_progress
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 

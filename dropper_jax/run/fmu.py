@@ -14,7 +14,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.coupled import Coupled
 

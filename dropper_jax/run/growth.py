@@ -1,17 +1,19 @@
-"""Mussels on a rope: thickness and density over depth give mass, diameter and wet weight of each link."""
+"""Weights of lines, bare and with mussels, whose thickness and density over depth give mass, diameter and weight."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import plain
+from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
-from dropper_jax.scene import LineSpec, grown, line_slices
+from dropper_jax.scene import LineSlice, LineSpec, WholeLine, grown, line_slices, whole_lines
 
 
 def with_growth(
@@ -117,3 +119,137 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[di
                 for i in range(len(metre))
             ]
     return rows
+
+
+# --- weights in water, and the forces at the ends, which differ from the tension of the end link ---
+
+#: Words in names of lines and types that should not float.
+HEAVY = ("chain", "mussel", "dropper", "loop", "sock", "crop")
+
+
+def wet_weights(scene: Scene) -> np.ndarray:
+    """Weight minus buoyancy (n,) [N] of each link under water, from the effects of the scene; mussels included."""
+    scene = overgrown(scene)
+    line, weight = scene.line, scene.effects.get("weight")
+    if weight is None:
+        return np.zeros(line.links)
+    if weight.get("wet_weight") is not None:
+        return np.broadcast_to(np.asarray(weight["wet_weight"], float), (line.links,))
+    found = line.mass * (GRAVITY if weight.get("gravity") is None else float(weight["gravity"]))
+    diameter = displaced_diameter(line, scene)
+    if "buoyancy" in scene.effects and diameter is not None:
+        found = found - scene.sea.density * scene.sea.gravity * 0.25 * np.pi * diameter**2 * line.length
+    return found
+
+
+def end_forces(
+    scene: Scene, positions: np.ndarray, tension: np.ndarray, lines: Sequence[LineSlice] | None = None
+) -> dict[str, np.ndarray]:
+    """Force (k, 2) [N] of every line on its first and its last point, by name.
+
+    The force is the tension of the end link plus the weight in water of the part of the link that belongs to the point:
+    the tension of a link is that at its middle. Drag and inertia of this part, and the seabed, are left out.
+
+    Args:
+        positions: nodes of all lines (k, nodes, 3) [m]; tension: of their links (k, n) [N].
+        lines: their indices in these arrays; default: lines as in the scene, pieces between attached points together.
+    """
+    vectors = end_force_vectors(scene, positions, tension, whole_lines(scene) if lines is None else lines)
+    return {name: np.linalg.norm(both, axis=2) for name, both in vectors.items()}
+
+
+def end_force_vectors(
+    scene: Scene, positions: np.ndarray, tension: np.ndarray, lines: Sequence[WholeLine | LineSlice]
+) -> dict[str, np.ndarray]:
+    """The same as vectors (k, 2, 3) [N]."""
+    weights = wet_weights(scene)
+    first, last = _end_shares(scene)
+    found = {}
+    for name, start, stop, links in _ends(lines):
+        rows = ((start, start + 1, links.start, first), (stop, stop - 1, links.stop - 1, last))
+        found[name] = np.stack([_force(positions, tension, weights, *row) for row in rows], axis=1)
+    return found
+
+
+def _ends(lines: Sequence[WholeLine | LineSlice]) -> Iterator[tuple[str, int, int, slice]]:
+    """Name, first and last node, and links of each line."""
+    for line in lines:
+        nodes = line.nodes
+        first, last = (nodes.start, nodes.stop - 1) if isinstance(nodes, slice) else (int(nodes[0]), int(nodes[-1]))
+        yield line.name, first, last, line.links
+
+
+def _end_shares(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Fractions of each link's weight (n,) at its first and its last node."""
+    nodes, near = scene.link_mass_nodes, []
+    for line in scene.lines:
+        kind = nodes[line.name]
+        even = np.full(line.links, 0.5 if kind == "shared" else 0.0)
+        near.append(1.0 - line.centre_of_mass / line.length if kind == "centre_of_mass" else even)
+    first = np.concatenate(near)
+    return first, 1.0 - first
+
+
+def _force(
+    positions: np.ndarray, tension: np.ndarray, weights: np.ndarray, end: int, inner: int, link: int, share: np.ndarray
+) -> np.ndarray:
+    """Force (k, 3) [N] of an end link on its point."""
+    with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
+        along = positions[:, inner] - positions[:, end]
+        size = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+        force = tension[:, link, None] * along / size
+        force[:, 2] -= share[link] * weights[link]
+        return force
+
+
+def line_weights(scene: Scene) -> list[dict[str, Any]]:
+    """Mass, displaced mass, weight in water and density per metre, one row for equal lines; [] without a sea.
+
+    Values are means over the lines' length, mussels included.
+    """
+    if scene.sea is None:
+        return []
+    bare = scene
+    scene = overgrown(scene)
+    diameter = displaced_diameter(scene.line, scene)
+    if diameter is None:
+        return []
+    volume, weights = 0.25 * np.pi * diameter**2 * scene.line.length, wet_weights(scene)
+    types = {line.get("name"): str(line.get("type", "")) for line in bare.as_written()["line"]}
+    rows: dict[tuple[float, ...], dict[str, Any]] = {}
+    for line, own in zip(whole_lines(scene), whole_lines(bare), strict=True):
+        length, mass = line.spec.total, float(np.sum(line.spec.mass))
+        displaced = scene.sea.density * float(np.sum(volume[line.links]))
+        wet = float(np.sum(weights[line.links]))
+        key = tuple(float(f"{value / length:.6g}") for value in (mass, displaced, wet))
+        row = {
+            "lines": [],
+            "mass_kg_per_m": mass / length,
+            "displaced_kg_per_m": displaced / length,
+            "wet_weight_n_per_m": wet / length,
+            "density_kg_per_m3": scene.sea.density * mass / displaced,
+            "meant_heavy": False,
+        }
+        row = rows.setdefault(key, row)
+        row["lines"].append(line.name)
+        words = f"{line.name} {types.get(line.name, '')}".lower()
+        # diameter [m] above which a line is not a rope: fibre ropes of aquaculture, some of which float, are thinner
+        thick = float(np.max(diameter[line.links])) >= 0.1
+        grown = own.spec.growth is not None or bare.season is not None
+        row["meant_heavy"] |= thick or grown or any(word in words for word in HEAVY)
+    return list(rows.values())
+
+
+def lines_in_words(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 3 else f"{names[0]}, {names[1]} and {len(names) - 2} more"
+
+
+def floating_warnings(scene: Scene) -> list[str]:
+    """A warning for each group of lines that is lighter than water although it has mussels, is chain or thicker than a
+    rope."""
+    return [
+        f"{lines_in_words(row['lines'])}: floats: {row['mass_kg_per_m']:.4g} kg/m displace "
+        f"{row['displaced_kg_per_m']:.4g} kg/m of water; check mass (in air) and diameter"
+        for row in line_weights(scene)
+        if row["meant_heavy"] and row["wet_weight_n_per_m"] < 0.0
+    ]

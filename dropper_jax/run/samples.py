@@ -15,8 +15,8 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature, torque
+from dropper_jax.run.growth import end_forces
 from dropper_jax.run.row_store import BLOCK_STATES, release_pages
-from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 
 #: Version of the saved file; files of other versions are rejected.
@@ -261,9 +261,10 @@ Kind = TypeVar("Kind", bound=Samples)
 
 
 def _plain(value: np.ndarray) -> Plain:
-    if hasattr(value, "tolist"):
+    try:
         return value.tolist()
-    raise TypeError(f"{type(value).__name__} cannot be saved")
+    except AttributeError:
+        raise TypeError(f"{type(value).__name__} cannot be saved") from None
 
 
 def is_finished(run: Samples) -> bool:

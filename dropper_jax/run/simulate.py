@@ -14,26 +14,25 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, SimulationError
-from dropper_jax.base.html_table import html_table
+from dropper_jax.base.toml_text import html_table
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state, work_names
 from dropper_jax.run.assembly import TimeOrigin, build_solution
-from dropper_jax.run.build import SceneLike, build_model, stepper_of
-from dropper_jax.run.carry import (
+from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
+from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
+from dropper_jax.run.resolution import check_skip, check_stretch, check_tolerance
+from dropper_jax.run.row_store import (
+    InMemory,
     Last,
+    OnDisk,
     first_row,
     may_go_on,
     name_leaves,
     restore_carry,
     same_scene,
 )
-from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
-from dropper_jax.run.resolution import check_skip, check_stretch, check_tolerance
-from dropper_jax.run.row_store import InMemory, OnDisk
 from dropper_jax.run.samples import Samples, is_finished
-from dropper_jax.run.start import initial_state
 from dropper_jax.run.step_check import with_step_check
 from dropper_jax.run.summary import summary
 from dropper_jax.scene import RunSpec

@@ -24,7 +24,7 @@ from dropper_jax.run.chunks import Program, RunOutcome
 from dropper_jax.run.resolution import unresolved_peak
 from dropper_jax.run.samples import Kind, Samples, is_finished
 from dropper_jax.scene import whole_lines
-from dropper_jax.stepping.integrate import Progress, Trajectory
+from dropper_jax.stepping.integrate import Trajectory
 
 #: Windows of a complete run, maximum number of stretches of others, and their maximum fraction of the run time.
 WINDOWS, REPEATED_STRETCHES, REPEATED_SHARE = 8, 32, 0.05
@@ -63,7 +63,7 @@ def with_step_check(solution: Kind, run: Program, outcome: RunOutcome, start_s: 
     Args:
         start_s: time [s] until the first step of the run.
     """
-    if not is_finished(solution) or not isinstance(outcome.carry, Progress):
+    if not is_finished(solution) or outcome.beside is not None:
         return solution
     # run time [s] below which a run is always repeated completely: the start time of a command
     check = check_full_run if outcome.run_s < max(start_s, 2.0) else check_stretches

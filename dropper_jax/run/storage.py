@@ -18,14 +18,19 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import atomic_write, refuse_pipe, remove_leftovers, unfinished_folder, unwritable
+from dropper_jax.base.files import (
+    DeferredErrorFile,
+    atomic_write,
+    refuse_pipe,
+    remove_leftovers,
+    unfinished_folder,
+    unwritable,
+)
 from dropper_jax.base.read import Plain
 from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.run import labelled
-from dropper_jax.run.carry import LAST, units
-from dropper_jax.run.deferred_errors import DeferredErrorFile
 from dropper_jax.run.labelled import check_archive, reopen_run
-from dropper_jax.run.row_store import release_pages
+from dropper_jax.run.row_store import LAST, release_pages, units
 from dropper_jax.run.samples import ARRAYS, BODIES, WITHIN, Kind, Samples
 
 if TYPE_CHECKING:

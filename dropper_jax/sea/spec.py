@@ -18,10 +18,10 @@ from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.files import find_referenced
 from dropper_jax.base.read import Plain, as_table, plain, read_fields, read_table, read_text, refuse
 from dropper_jax.base.read import count as whole_number
-from dropper_jax.sea.current import KINDS, check_constituents
 from dropper_jax.sea.readers import read_components, read_elevation
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES
+from dropper_jax.sea.water import KINDS, check_constituents
 from dropper_jax.sea.waves import STRETCHING
 
 #: Alternative keys of a regular wave.
@@ -139,7 +139,7 @@ def _check_sizes(values: dict[str, Any], path: str) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CurrentSpec:
-    """`[sea.current]`: see `dropper_jax.sea.current.Current`."""
+    """`[sea.current]`: see `dropper_jax.sea.water.Current`."""
 
     speed: float = parameter("speed at the reference height", unit="m/s", default=0.0)
     direction: float = parameter("direction of flow, +x towards +y", unit="rad", default=0.0)
@@ -176,7 +176,7 @@ class CurrentSpec:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LevelSpec:
-    """`[sea.level]`: see `dropper_jax.sea.current.Level`."""
+    """`[sea.level]`: see `dropper_jax.sea.water.Level`."""
 
     offset: float = parameter("constant part", unit="m", default=0.0)
     time: Any = parameter("times of a table", unit="s", shape="table", optional=True)

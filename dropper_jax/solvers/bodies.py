@@ -64,10 +64,6 @@ class BodyNodeMap:
         """Number of unknowns of one body."""
         return BODY_COORDINATES + EDGES + (PIN if self.pinned.size else 0)
 
-    def scatter_edge(self, edge: jax.Array) -> jax.Array:
-        """Displacements of the edge (edge, 3) in an array of all free nodes."""
-        return scatter_add(self.edge, edge, self.graph.free)
-
     def sums(self, along: jax.Array) -> jax.Array:
         """Sum of link forces (n, 3) on the free nodes, with the sign of the rows."""
         return self.graph.from_last(along) - self.graph.from_first(along)
@@ -123,7 +119,7 @@ class Lines:
         """Other displacements (free, 3), tensions (n,) and rows of the edge (edge, 3) for displacements of the edge
         (edge, 3)."""
         nodes, links, graph = self.nodes, self.links, self.nodes.graph
-        moved = nodes.scatter_edge(edge)
+        moved = scatter_add(nodes.edge, edge, graph.free)
         d = graph.differences(moved, None)
         rows = -nodes.sums(jnp.sum(links.turn * d[:, None, :], axis=-1))
         rows = rows if self.others is None else rows - self._by_pieces(self.others, moved)

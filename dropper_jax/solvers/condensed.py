@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
-from dropper_jax.base.components import Components, components, dot, inverse_rows
+from dropper_jax.base.numerics import Components, components, dot_components, inverse_rows
 from dropper_jax.model import Model, gather_links, link_differences
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns
 
@@ -41,11 +41,11 @@ class ConstraintMatrix(NamedTuple):
         after = slice(1, None)
         following = _times(jax.tree.map(operator.itemgetter(joined), inverse), _part(force, after))
         zero = jnp.zeros_like(force[0][:1])
-        far = dot(_part(gradient, slice(free)), own)
+        far = dot_components(_part(gradient, slice(free)), own)
         far = jnp.concatenate([far, zero]) if held else far
-        near = jnp.concatenate([zero, dot(_part(gradient, after), following)])
-        upper = -dot(_part(gradient, slice(links - 1)), following)
-        lower = -dot(_part(gradient, after), _part(own, joined))
+        near = jnp.concatenate([zero, dot_components(_part(gradient, after), following)])
+        upper = -dot_components(_part(gradient, slice(links - 1)), following)
+        lower = -dot_components(_part(gradient, after), _part(own, joined))
         return cls(jnp.concatenate([zero, lower]), far + near, jnp.concatenate([upper, zero]))
 
 
@@ -58,7 +58,7 @@ class _Factor(NamedTuple):
 
 def _times(inverse: Inverse, x: Components) -> Components:
     if isinstance(inverse, tuple):
-        return tuple(dot(row, x) for row in inverse)
+        return tuple(dot_components(row, x) for row in inverse)
     return tuple(inverse * c for c in x)
 
 
@@ -76,7 +76,7 @@ def _solve(f: _Factor, rows: Unknowns) -> Unknowns:
     ends = rows.y.shape[0] - rows.x.shape[0] + 1
     loose = _times(f.inverse, components(rows.x))
     moved = tuple(link_differences(c, None, ends) for c in loose)
-    y = solve_tridiagonal(*f.matrix, dot(f.gradient, moved) - rows.y)
+    y = solve_tridiagonal(*f.matrix, dot_components(f.gradient, moved) - rows.y)
     back = _times(f.inverse, tuple(gather_links(y * p, ends) for p in f.force))
     return Unknowns(jnp.stack([a + b for a, b in zip(loose, back, strict=True)], axis=-1), y)
 

@@ -89,7 +89,7 @@ class Network:
         law, own = None, problem
         between = coupling(problem, u)
         if model.constraints or between is not None:
-            own = problem.acting(tuple(e for e in model.effects if not (e.bodily or isinstance(e, ElementForce))))
+            own = problem.acting(tuple(e for e in model.without_slot(ElementForce).effects if not e.bodily))
         if model.laws and u.z:  # the equations of an instant have no such unknowns
             node, law = optimization_barrier(_law_blocks(own, u))
             law = law._replace(law=_inverse2(law.law + SOFT * jnp.eye(2, dtype=dtype)))

@@ -88,8 +88,7 @@ def rest(model: Model) -> Model:
 
     Dry friction allows many equilibria; the frictionless one is used. Waves are left out, a current is included.
     """
-    effects = tuple(e for e in model.effects if not isinstance(e, Law))
-    return replace(model, effects=effects, sea=None if model.sea is None else model.sea.without_waves())
+    return replace(model.without_slot(Law), sea=None if model.sea is None else model.sea.without_waves())
 
 
 class RestProblem(StepProblem):

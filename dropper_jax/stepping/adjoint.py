@@ -21,9 +21,9 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Unknowns
-from dropper_jax.stepping.derivative import _At, _backward_step, _inputs
 from dropper_jax.stepping.integrate import begin
 from dropper_jax.stepping.solve import substep
+from dropper_jax.stepping.step import _At, _backward_step, _inputs
 from dropper_jax.stepping.stepper import Stepper
 
 
@@ -55,7 +55,7 @@ def check_recordable(stepper: Stepper, model: Model) -> None:
             their own.
     """
     scheme = stepper.integrator
-    if stepper.solver == "none" or len(getattr(scheme, "stages", ())) != 1:
+    if stepper.solver == "none" or len(scheme.stages) != 1:
         raise SceneError(f"run.integrator: {scheme.name!r} has no backward pass; allowed: energy_momentum")
     if not stepper.until_converged:
         raise SceneError("scene: a single line; allowed: systems of lines that join at points")

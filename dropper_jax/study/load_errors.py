@@ -12,8 +12,7 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.read import Plain
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.report.extremes import line_snaps
 from dropper_jax.report.record import Record, arc, record
 from dropper_jax.report.settings import Settings

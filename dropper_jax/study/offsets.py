@@ -1,4 +1,4 @@
-"""Restoring force and tension of a mooring over the offset of points, as designers of moorings draw them.
+"""Restoring force and tension of a mooring over the offset of points, and design for a required tension or depth.
 
     F_restoring(d, a) = -e(a) . F,    e(a) = (cos a, sin a, 0)
 
@@ -9,17 +9,20 @@ equilibrium. This is the curve of MoorPy's and of other quasi-static programs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
-from dropper_jax.load.scene import Scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
-from dropper_jax.run.build import build_model
-from dropper_jax.run.weights import end_force_vectors
+from dropper_jax.run.arrays import bare_model, static_pose
+from dropper_jax.run.build import SceneLike, build_model, equilibrium
+from dropper_jax.run.growth import end_force_vectors, end_forces, overgrown
+from dropper_jax.run.quantities import static_quantity
 from dropper_jax.scene import line_slices
 from dropper_jax.statics.search import search
 from dropper_jax.statics.static_pose import nodal_loads
@@ -110,3 +113,80 @@ def _loads(
         "max_tension_n": float(tension[link]),
         "max_line": next(line.name for line in lines if line.links.start <= link < line.links.stop),
     }
+
+
+# --- the line length, buoyancy or stiffness that gives a required static tension or depth ---
+
+
+@dataclass(frozen=True)
+class Design:
+    """A solved design.
+
+    Attributes:
+        path, value: the solved value of the scene, in its own unit.
+        target, requested, reached: the target quantity, its required and its reached value, [N] or [m].
+        solves: number of equilibria solved.
+        scene: the scene with the value set.
+        end_forces: of a tension's line, the forces [N] on its first and last point, which a link's tension is not.
+    """
+
+    path: str
+    value: float
+    target: str
+    requested: float
+    reached: float
+    solves: int
+    scene: Scene
+    end_forces: tuple[float, float] | None = None
+
+
+def solve_design(scene: SceneLike, path: str, low: float, high: float, target: str, goal: float) -> Design:
+    """The value of `path` between `low` and `high` that gives a static quantity its required value.
+
+    Args:
+        scene: anything that `load_scene` takes.
+        path: of one number of the scene, such as `line.0.length` or `point.float.volume`.
+        target: a quantity without its statistic (see `run.quantities`): `tension.LINE.first`, `.last`, `.fairlead` or
+            `.max` [N], `anchor.POINT.horizontal` [N], `depth.POINT` [m] below z = 0, `offset.POINT` [m].
+        goal: the value of the target.
+
+    Root finding on the statics (Brent's method: secant steps within the interval). Every evaluation solves the full
+    equilibrium, so slack lines and contact may change during the search.
+
+    Raises:
+        SceneError: an unknown target, no equilibrium, or a target that does not reach the required value.
+    """
+    scene = load_scene(scene)
+    wanted = static_quantity(target, bare_model(overgrown(scene)), "target")
+    seen: dict[float, float] = {}
+
+    def miss(value: float) -> float:
+        if value not in seen:
+            changed = scene.with_values({path: value})
+            model = build_model(changed)
+            pose = static_pose(changed, model)
+            if pose.status != "ok":
+                raise SceneError(f"{path}: {value:g} has no equilibrium: {pose.message}")
+            seen[value] = float(wanted.of_pose(model, pose.state))
+        return seen[value] - goal
+
+    ends = miss(low), miss(high)
+    if ends[0] * ends[1] > 0:
+        raise SceneError(
+            f"{path}: {low:g} to {high:g} gives {target} from {ends[0] + goal:.6g} to {ends[1] + goal:.6g}, which "
+            f"does not include {goal:g}. Use a range whose ends are on either side"
+        )
+    # relative change of the value at which the search stops
+    value = brentq(miss, low, high, xtol=1e-9 * max(abs(low), abs(high)), rtol=4 * np.finfo(float).eps)
+    reached, changed = miss(value) + goal, scene.with_values({path: value})
+    return Design(path, value, target, goal, reached, len(seen), changed, _end_forces(changed, target))
+
+
+def _end_forces(scene: Scene, target: str) -> tuple[float, float] | None:
+    kind, name, *_ = *target.split("."), ""
+    if kind != "tension":
+        return None
+    pose = equilibrium(scene)
+    arrays = np.asarray(pose.positions)[None], np.asarray(pose.tension)[None]
+    found = {**end_forces(scene, *arrays, line_slices(scene)), **end_forces(scene, *arrays)}
+    return tuple(found[name][0].tolist()) if name in found else None

@@ -144,7 +144,7 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     if own.knows([*prepared.parameters, *more]):
         return own
     release = None if own.release is None else replace(own.release)  # its poses belong to one list of parameters
-    every = [p for p in prepared.parameters if not isinstance(p.where, LostPlace)]
+    every = [p for p in prepared.parameters if not p.is_lost]
     simulator = Simulator(model, [*every, *more, *lost], own.stepper, release, tangents=own.freedoms + BESIDE)
     simulator.capacity = SLACK * prepared.windows.steps, SLACK * prepared.windows.theta.shape[1]
     return simulator

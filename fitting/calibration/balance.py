@@ -20,8 +20,8 @@ def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array
     s = planar.to_state(model, theta, omega)
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
     taken = jnp.zeros(())
-    for effect in model.effects:
-        if effect.name not in DAMPING or isinstance(effect, Potential):
+    for effect in model.without_slot(Potential).effects:
+        if effect.name not in DAMPING:
             continue
         force = effect.force(k)
         if force is not None:

@@ -322,7 +322,7 @@ def _join_before(at: Freed, fit: Fit, clean: Solution, k: int) -> Solution:
 
 def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
     """Jumps of the clock at missing frames."""
-    while sum(isinstance(p.where, LostPlace) for p in at.prepared.parameters) < 2:
+    while sum(p.is_lost for p in at.prepared.parameters) < 2:
         clean = _without_far_off(at, fit)
         lost = lost_frames(at.prepared, clean)
         if lost is None:

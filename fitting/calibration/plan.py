@@ -21,7 +21,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.toml_text import jsonable
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
 from fitting.estimate.gauss_newton import fit_windows

@@ -35,7 +35,7 @@ from fitting.parameters.priors import rig_priors
 from fitting.parameters.target import LostPlace
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar
-from fitting.traces.trace import Convention, Trace, noise, read_trace
+from fitting.traces.trace import Convention, Trace, as_trace, noise
 
 #: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
 #: error of a fourth-order scheme over a window is then below the usual noise; otherwise `refine` halves the step.
@@ -209,13 +209,7 @@ def _as_traces(traces: TracesLike, links: int) -> list[Trace]:
     items = [traces] if isinstance(traces, str | Path | Trace) else list(traces)
     if not items:
         raise SceneError("traces: none given. Use one or more CSV files")
-    found = [item if isinstance(item, Trace) else read_trace(item, links) for item in items]
-    for trace in found:
-        if trace.links != links:
-            raise SceneError(
-                f"{trace.name}: has {trace.links} angles, but the scene has {links} links; allowed: {links}"
-            )
-    return found
+    return [as_trace(item, links) for item in items]
 
 
 def _check_effective(parameters: Sequence[Parameter], jacobian: np.ndarray, freedoms: int) -> None:

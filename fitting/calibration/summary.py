@@ -10,7 +10,6 @@ import numpy as np
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult, score_held_out
 from fitting.estimate import lyapunov as chaos
-from fitting.estimate.loss import StudentT
 from fitting.estimate.problem import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.refinement import LARGEST_BIAS
 from fitting.estimate.sandwich import FEW
@@ -105,7 +104,7 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
         for i in largest
     ]
     more = f" and {len(window) - len(positions)} more" if len(window) > len(positions) else ""
-    advice = "" if isinstance(solution.problem.loss, StudentT) else ". Use --student to reduce their weight"
+    advice = "" if solution.problem.loss.redescends else ". Use --student to reduce their weight"
     return [
         f"{len(window)} samples stand out by more than {STANDS_OUT:g} standard deviations: "
         f"{', '.join(positions)}{more}{advice}"

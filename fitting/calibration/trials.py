@@ -35,7 +35,7 @@ from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.priors import rig_priors
-from fitting.parameters.target import CAMERA, CLOCK, MARKER, CameraPlace, ClockPlace, LostPlace, ModelPlace, all_joints
+from fitting.parameters.target import CAMERA, CLOCK, MARKER, all_joints
 
 #: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:
 #: the misfit is ten times the noise, and smooth. A misfit at 6 Hz, sampled 60 times a second, correlates by 0.81.
@@ -110,16 +110,9 @@ def _existing(model: Model, path: str) -> tuple[Parameter, ...]:
 
 def _with_width(model: Model, p: Parameter) -> Parameter:
     """A parameter with the default prior of its kind if none is given; coefficients have none."""
-
-    width = 0.0
-    if isinstance(p.where, ModelPlace) and p.where.section == "lines":
-        width = SHARE * abs(p.value)
-    elif isinstance(p.where, ModelPlace) and p.where.section == "points":
-        width = SHARE * float(np.mean(np.asarray(model.line.length)))
-    elif isinstance(p.where, CameraPlace):
-        width = TURNED
-    elif isinstance(p.where, ClockPlace):
-        width = CLOCKS
+    lengths = SHARE * float(np.mean(np.asarray(model.line.length)))
+    widths = {"lines": SHARE * abs(p.value), "points": lengths, "camera": TURNED, "clock": CLOCKS}
+    width = widths.get(p.where.section, 0.0)
     return replace(p, prior=(p.value, width)) if width > 0 else p
 
 
@@ -228,7 +221,7 @@ def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, lis
     release = None if own.release is None else replace(own.release)  # its poses belong to one model
     parameters, shared = [], []
     for p in prepared.parameters:
-        new = (p,) if isinstance(p.where, LostPlace) else resolve(model, [p.name], release=release)
+        new = (p,) if p.is_lost else resolve(model, [p.name], release=release)
         if len(new) == 1 and new[0].name == p.name:
             parameters.append(replace(p, where=new[0].where))
         else:  # joints now have separate numbers

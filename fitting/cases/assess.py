@@ -10,46 +10,17 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.report.tension import YEAR, damage
-from dropper_jax.scene import whole_lines
 from fitting.cases.flags import FINAL_SEEDS, characteristic, flags_of
-from fitting.cases.one import STATUS, Found
-from fitting.cases.run import CaseStore
-from fitting.site import Anchor, Case, Part, Site, Storm
-
-
-class Runs:
-    """The stored runs of a site, load case by load case; only one is in memory at a time."""
-
-    def __init__(self, site: Site, folder: str | Path, dt: float) -> None:
-        self.site, self.store = site, CaseStore(folder, site, dt)
-        self.lines = whole_lines(site.scene)
-        self.held = [point.name for point in site.scene.points if not point.is_free]
-
-    def of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[dict[str, Any]]]:
-        """Successful runs of a load case, and a row for every other run."""
-        good, bad = [], []
-        for seed in self.site.seeds if seeds is None else seeds:
-            found = self.store.read(Case(storm, seed))
-            code = None if found is None else STATUS[int(found["status"])]
-            if code == "ok":
-                good.append(found)
-                continue
-            why = "" if found is None else str(found.get("message", ""))
-            at = float(found["failed_at"]) if found is not None and "failed_at" in found else None
-            row = {"case": storm.number, "seed": seed, "status": code or "missing", "time_s": at, "why": why}
-            bad.append(row)
-        return good, bad
-
-    def maxima(self, runs: Sequence[Found]) -> dict[str, np.ndarray]:
-        """Maximum tension (seeds,) [N] of each line."""
-        return {w.name: np.array([run["largest"][w.links].max() for run in runs]) for w in self.lines}
+from fitting.cases.one import Found
+from fitting.cases.run import Runs
+from fitting.site import Anchor, Part, Site, Storm
 
 
 def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | None = None) -> dict[str, Any]:
     """All content of the report, as plain values.
 
     The utilisation of a part in a case is that of its worst line, `factor * characteristic load / capacity`. Its error
-    is the sampling error of the load; `step` is the step error of the worst case (see `fitting.cases.steps`).
+    is the sampling error of the load; `step` is the step error of the worst case (see `fitting.cases.run`).
 
     Args:
         step: errors by part, from `step_errors`.

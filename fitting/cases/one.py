@@ -15,11 +15,10 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.report.tension import RANGE_ROUNDING, cycles
 from dropper_jax.run.arrays import breaks
-from dropper_jax.run.build import build_model, stepper_of
+from dropper_jax.run.build import build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.quantities import STATISTICS, quantity
-from dropper_jax.run.start import initial_state
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.site import Case, Site, Storm

@@ -13,8 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.read import ScenePath
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model
 from fitting.channels.channel import Data
 from fitting.channels.free import find_free

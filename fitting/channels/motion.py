@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State, state
-from dropper_jax.run.start import from_angles
+from dropper_jax.run.build import from_angles
 from dropper_jax.statics.static_pose import nodal_loads, settle
 from dropper_jax.stepping.integrate import integrate
 from dropper_jax.stepping.stepper import Stepper

@@ -22,7 +22,7 @@ from scipy.optimize import minimize_scalar
 from dropper_jax.model import State
 from fitting.channels.channel import Data, Sensor
 from fitting.estimate import noise as noise_model
-from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
+from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.sandwich import hat_diagonal
 from fitting.traces.trace import noise_by_differences
 
@@ -149,7 +149,7 @@ def _size_of(r: np.ndarray, loss: Loss) -> float:
     With Student's loss, squares of slopes over `Loss.spread` do not determine the size, because the slope returns to
     zero: a smaller assumed size leaves a smaller sum. There, weight times square is used, which does not decrease.
     """
-    if not isinstance(loss, StudentT):
+    if not loss.redescends:
         score = loss.weights(r) * r
         return float(score @ score) / loss.spread
     nodes, weights = np.polynomial.hermite_e.hermegauss(80)

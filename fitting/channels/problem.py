@@ -13,8 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
-from dropper_jax.run.build import build_model, equal_steps
-from dropper_jax.run.start import initial_state
+from dropper_jax.run.build import build_model, equal_steps, initial_state
 from dropper_jax.stepping.stepper import Stepper
 from fitting.channels.channel import Data
 from fitting.channels.free import SetupPlace, setup_with_directions

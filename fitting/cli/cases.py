@@ -9,9 +9,8 @@ from typing import Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_cores
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_folder, positive_integer
-from dropper_jax.cli.output import FAILED, OK, failure_object, listing, print_json, print_line, print_result, progress
+from dropper_jax.cli.output import FAILED, OK, listing, print_result, progress
 
-name = "cases"
 help = "run the load cases of a site and report the utilisation of each part"
 
 
@@ -34,8 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     if args.print:
-        print_result(args.json, {"schema": 1, "status": "ok", "toml": _file(args.site)}, _file(args.site))
-        return OK
+        return print_result(args.json, {"schema": 1, "status": "ok", "toml": _file(args.site)}, _file(args.site))
     out = output_folder(args.out, "--out")
     if out is None and not args.list:
         raise SceneError("--out: missing; needed: a folder for the runs and the report, or --list")
@@ -52,8 +50,7 @@ def run(args: argparse.Namespace) -> int:
 
     from fitting.cases.assess import assess
     from fitting.cases.page import write_page
-    from fitting.cases.run import CasesStopped, run_cases
-    from fitting.cases.steps import step_errors
+    from fitting.cases.run import CasesStopped, run_cases, step_errors
 
     dt = site.prepared().run.dt
     how = {"workers": args.workers or available_cores(), "scheduler": args.scheduler, "progress": progress(args.quiet)}
@@ -62,10 +59,7 @@ def run(args: argparse.Namespace) -> int:
         found = assess(site, out, dt)
         steps = step_errors(site, out, dt, found, **how)
     except CasesStopped as error:
-        print_line(f"error: {error}")
-        if args.json:
-            print_json(failure_object("interrupted", str(error)))
-        return FAILED
+        return print_result(args.json, {}, failure=("interrupted", str(error)))
     found = assess(site, out, dt, steps)
     files = write_page(found, out)
     found |= {"out": str(out), "runs": done.runs, "resumed": done.resumed, "run_s": done.run_s}
@@ -83,8 +77,7 @@ def _list(site: Any, as_json: bool) -> int:
     names = [storm.name for storm in site.storms]
     found = {"schema": 1, "status": "ok", "site": site.name, "cases": names, "runs": len(site.cases)}
     lines = [*(f"{i}  {label}" for i, label in enumerate(names)), f"\n{len(names)} cases, {len(site.cases)} runs"]
-    print_result(as_json, found, "\n".join(lines))
-    return OK
+    return print_result(as_json, found, "\n".join(lines))
 
 
 def text(found: dict[str, Any], files: dict[str, Path]) -> str:

@@ -6,10 +6,9 @@ import argparse
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_json, add_quiet
-from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, listing, print_line, print_result, progress
+from dropper_jax.cli.output import FAILED, done_object, failure_object, listing, print_line, print_result, progress
 from dropper_jax.cli.outputs import picture, plot_folder
 
-name = "figure"
 help = "draw the paper's and the thesis' figures that show a simulation: runs their scenes"
 
 
@@ -42,8 +41,7 @@ def run(args: argparse.Namespace) -> int:
     known = figures()
     if not args.names:
         found = {figure.name: figure.caption for figure in known.values()}
-        print_result(args.json, done_object(figures=found), listing(list(found.items())))
-        return OK
+        return print_result(args.json, done_object(figures=found), listing(list(found.items())))
     chosen = list(known.values()) if "all" in args.names else [figure_of(name) for name in dict.fromkeys(args.names)]
     if len(chosen) > 1 and target.suffix:
         raise SceneError(f"--plot: {args.plot!r} is one file for {len(chosen)} figures. Use a folder")
@@ -69,8 +67,7 @@ def run(args: argparse.Namespace) -> int:
             status = next(run.status for run in runs.values() if run.failure)
             print_result(True, failure_object(status, failed[0]) | {"files": names}, "")
         return FAILED
-    print_result(args.json, done_object(files=names), "\n".join(names))
-    return OK
+    return print_result(args.json, done_object(files=names), "\n".join(names))
 
 
 def _read_measured(file: str) -> tuple:

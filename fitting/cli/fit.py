@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from fitting.calibration.result import FitResult
 
-name = "fit"
 help = "calibrate a scene to measured angle traces, or to any channels named in a TOML file"
 
 METHODS = ("windows", "shooting", "gradient")

@@ -13,7 +13,6 @@ from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, pictur
 if TYPE_CHECKING:
     from fitting.optimise.run import Optimum
 
-name = "optimise"
 help = "design a farm: minimum material, load or motion within a site's limits"
 
 

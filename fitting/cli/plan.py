@@ -7,10 +7,9 @@ import argparse
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.options import add_examples, add_json, add_quiet
-from dropper_jax.cli.output import OK, progress, table
+from dropper_jax.cli.output import progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
-name = "plan"
 help = "plan an experiment: which release, duration and camera determine the parameters best"
 
 
@@ -51,8 +50,7 @@ def run(args: argparse.Namespace) -> int:
         rate=_numbers("rate", args.rate)[0],
         progress=progress(args.quiet) or silent,
     )
-    deliver(args.json, {"status": "ok", "plans": [row.to_json() for row in found]}, table(rows(found)), out)
-    return OK
+    return deliver(args.json, {"status": "ok", "plans": [row.to_json() for row in found]}, table(rows(found)), out)
 
 
 def _numbers(option: str, text: str) -> list[float]:

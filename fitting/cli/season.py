@@ -6,10 +6,9 @@ import argparse
 from typing import Any
 
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_folder
-from dropper_jax.cli.output import OK, listing, print_result, progress
+from dropper_jax.cli.output import listing, print_result, progress
 from dropper_jax.cli.outputs import add_plot, picture, plot_folder
 
-name = "season"
 help = "floats that carry the mussels of each month, and the resulting farm geometry"
 
 
@@ -43,8 +42,7 @@ def run(args: argparse.Namespace) -> int:
     if out is not None:
         write_season(found, out)
         found["out"] = str(out)
-    print_result(args.json, found, text(found))
-    return OK
+    return print_result(args.json, found, text(found))
 
 
 def text(found: dict[str, Any]) -> str:

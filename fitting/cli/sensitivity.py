@@ -17,13 +17,12 @@ from dropper_jax.cli.options import (
     output_file,
     read_scene,
 )
-from dropper_jax.cli.output import FAILED, OK, print_line, print_warnings, progress
+from dropper_jax.cli.output import done_object, print_warnings, progress
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
     from fitting.sensitivity import Global, Local, Study
 
-name = "sensitivity"
 help = "sensitivity of a quantity to parameters: exact derivatives, Sobol indices, Morris screening"
 
 #: Options that set a value of the scene.
@@ -93,14 +92,10 @@ def _over_ranges(problem: Study, args: argparse.Namespace) -> Global:
 def _report(found: Local | Global, args: argparse.Namespace, warnings: list[str], out: Path | None) -> int:
     from fitting.sensitivity.derivatives import global_text, local_text
 
-    message = "" if found.finite else f"{args.of}: a step of the run failed; see `dropper run`"
     print_warnings(warnings)
-    head = {"schema": 1, "status": "not_converged" if message else "ok", "of": args.of}
-    whole = {**head, **found.to_json(), "warnings": warnings, **({"error": message} if message else {})}
-    deliver(args.json, whole, global_text(found, args.of) if args.method else local_text(found), out)
-    if message:
-        print_line(f"error: {message}")
-    return FAILED if message else OK
+    failure = None if found.finite else ("not_converged", f"{args.of}: a step of the run failed; see `dropper run`")
+    whole = {**done_object(of=args.of), **found.to_json(), "warnings": warnings}
+    return deliver(args.json, whole, global_text(found, args.of) if args.method else local_text(found), out, failure)
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:

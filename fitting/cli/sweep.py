@@ -15,11 +15,7 @@ from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import ScenePath
 from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, output_folder, read_scene
 from dropper_jax.cli.output import (
-    FAILED,
-    OK,
-    failure_object,
     listing,
-    print_json,
     print_line,
     print_result,
     print_warnings,
@@ -34,7 +30,6 @@ if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from fitting.sweep.against_trace import FittedScore, TraceScores
 
-name = "sweep"
 help = "run a grid of cases in batches and keep the results in a Zarr folder"
 
 #: Options that set a value of the scene.
@@ -127,10 +122,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             result = sweep(scene, vary, args.out, traces=args.traces, **options)
     except SweepStopped as error:
-        print_line(f"error: {error}")
-        if args.json:
-            print_json(failure_object("interrupted", str(error)))
-        return FAILED
+        return print_result(args.json, {}, failure=("interrupted", str(error)))
     fitted = _fit(args, scene, scores) if args.fit else None
     warnings = result.fallbacks.warnings() + (scores.warnings if scores else [])
     print_warnings(warnings)
@@ -161,8 +153,7 @@ def run(args: argparse.Namespace) -> int:
         if not scores or result.plan.quantities:
             draw_sweep(result.path, plot)
     small = not args.json and not args.traces and result.cases <= MOST_ROWS and result.plan.quantities
-    print_result(args.json, found, text(found, _result_table(result.path) if small else ""))
-    return OK
+    return print_result(args.json, found, text(found, _result_table(result.path) if small else ""))
 
 
 def _parts(args: argparse.Namespace) -> list[float] | None:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from fitting.tracking.ordering import AmbiguousOrderError
     from fitting.tracking.track import Tracked
 
-name = "track"
 help = "angle traces from a video of a chain with a circle on every node"
 
 
@@ -74,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
 
     from fitting.traces.trace import write_trace
     from fitting.tracking.ordering import AmbiguousOrderError
-    from fitting.tracking.overlay import write_overlay
+    from fitting.tracking.render import write_overlay
     from fitting.tracking.track import track
 
     try:
@@ -113,16 +112,14 @@ def run(args: argparse.Namespace) -> int:
 
 def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
     """Draw the orders that are compatible with the film; no trace is written."""
-    from fitting.tracking.overlay import SHOWN, write_alternatives
+    from fitting.tracking.render import SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
     shown = f"the first {SHOWN}" if len(error.orders) > SHOWN else "they"
     message = f"{error}; {shown} are drawn in {picture}"
     orders = [[[round(float(x), 1), round(float(y), 1)] for x, y in positions] for positions in error.orders]
-    found = {"schema": 1, "status": "ambiguous_order", "error": message, "frame": error.frame, "orders": orders}
-    print_result(args.json, {**found, "picture": str(picture)}, f"ambiguous_order: see {picture}")
-    print_line(f"error: {message}")
-    return FAILED
+    found = {"frame": error.frame, "orders": orders, "picture": str(picture)}
+    return print_result(args.json, found, f"ambiguous_order: see {picture}", ("ambiguous_order", message))
 
 
 def notes(tracked: Tracked) -> list[str]:

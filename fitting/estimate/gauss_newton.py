@@ -46,6 +46,8 @@ class Separate:
     #: Damping of the first step, and the message if the descent does not converge.
     damping = 1e-3
     goal = "no convergence"
+    #: Weight of the gaps between windows.
+    weight = 1.0
     #: Convergence limits at the minimum: the parameters' next step in standard errors, squared, and its decrease of
     #: chi-square.
     close = STEP_TOLERANCE

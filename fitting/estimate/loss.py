@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from scipy.special import ndtr
@@ -11,6 +11,10 @@ from scipy.special import ndtr
 
 class Loss(Protocol):
     """A sum over residuals r of a function that is `r^2/2` near zero."""
+
+    @property
+    def redescends(self) -> bool:
+        """Whether its slope returns to zero, so that outliers lose their weight."""
 
     @property
     def spread(self) -> float:
@@ -30,6 +34,7 @@ class LeastSquares:
     """`r^2/2`: for normal noise."""
 
     spread = 1.0
+    redescends = False
 
     def cost(self, residual: np.ndarray) -> float:
         return 0.5 * float(np.sum(residual**2))
@@ -48,6 +53,7 @@ class Huber:
     """`r^2/2` up to `threshold`, in standard deviations, and `threshold |r| - threshold^2/2` beyond (Huber 1964)."""
 
     threshold: float
+    redescends: ClassVar[bool] = False
 
     @property
     def spread(self) -> float:
@@ -74,6 +80,7 @@ class StudentT:
     """
 
     freedom: float = 4.0
+    redescends: ClassVar[bool] = True
 
     @property
     def spread(self) -> float:
@@ -99,4 +106,4 @@ def loss_of(huber: float | None, student: bool = False) -> Loss:
 def initial_loss(loss: Loss) -> Loss:
     """The initial loss: one with a single minimum."""
     # threshold of the Huber loss with which a fit with Student's loss starts
-    return Huber(3.0) if isinstance(loss, StudentT) else loss
+    return Huber(3.0) if loss.redescends else loss

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.model import Model, State
 from dropper_jax.solvers import SOLVERS
@@ -60,7 +59,7 @@ def march(
     windows of any length. Schemes with error control become more exact accordingly; their output interval is dt.
     """
     counted = steps if counted is None else counted
-    if isinstance(stepper.integrator, ProjectedRungeKutta):
+    if stepper.integrator.controls_error:
         return _march_controlled(stepper, model, s, dt, capacity, substeps)
 
     def part(i: jax.Array, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:

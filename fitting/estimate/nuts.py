@@ -253,7 +253,7 @@ class Density:
 
 def level_weight(solution: Solution) -> float:
     """The gap weight of a solution's level; 1 if windows are separate."""
-    return getattr(level_of(solution.problem, solution.gap_weight), "weight", 1.0)
+    return level_of(solution.problem, solution.gap_weight).weight
 
 
 def _prior(at: Any, moved: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -16,7 +16,6 @@ import numpy as np
 
 from dropper_jax.backend.export_cache import Constants
 from dropper_jax.backend.programs import brief_options, lower_cached
-from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model
 from dropper_jax.stepping.stepper import Stepper
 from fitting.estimate.marching import at_samples, choose_stepper, march
@@ -24,7 +23,7 @@ from fitting.estimate.normal_equations import Evaluation, drop_wild
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
 from fitting.estimate.windows import ON_GRID, Starts, Windows
 from fitting.parameters.parameter import Parameter, apply
-from fitting.parameters.target import LostPlace, camera_angles, clock_rate, losses
+from fitting.parameters.target import camera_angles, clock_rate, losses
 from fitting.traces import planar
 
 #: Windows in one batched program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all cores
@@ -113,18 +112,16 @@ class Simulator:
 
     def knows(self, parameters: Sequence[Parameter]) -> bool:
         """Whether its programs know all of these."""
-        lost = sum(isinstance(p.where, LostPlace) for p in parameters)
+        lost = sum(p.is_lost for p in parameters)
         names = {p.name for p in self.compiled}
-        rest = (p for p in parameters if not isinstance(p.where, LostPlace))
+        rest = (p for p in parameters if not p.is_lost)
         return lost <= len(losses(self.compiled)) and all(p.name in names for p in rest)
 
     def _where(self) -> np.ndarray:
         """Numbers (k,) of the parameters among the compiled ones; lost frames use any of their slots."""
         index_of = {p.name: i for i, p in enumerate(self.compiled)}
         lost = iter(losses(self.compiled))
-        return np.array(
-            [next(lost) if isinstance(p.where, LostPlace) else index_of[p.name] for p in self.parameters], int
-        )
+        return np.array([next(lost) if p.is_lost else index_of[p.name] for p in self.parameters], int)
 
     def all_values(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values of all parameters that programs know, and which of them are the requested ones (k,)."""
@@ -230,7 +227,7 @@ class Simulator:
         # Sticking joints have many branches: with a set-valued law windows run one by one, in 0.55 of the time (seven
         # links), and compile in 0.4 of it.
         # Windows with error control choose their own steps; in a batch all of them would take the maximum number.
-        if self.model.laws or isinstance(self.stepper.integrator, ProjectedRungeKutta):
+        if self.model.laws or self.stepper.integrator.controls_error:
             return 1
         # two sizes only, because each one is compiled separately; the small one is not used if the large one exists
         large = windows.count > CHUNK // 2 or any(key.size == CHUNK for key in self._programs)
@@ -253,7 +250,7 @@ class Simulator:
                 return key, program
         started = time.perf_counter()
         key = requested
-        if not isinstance(self.stepper.integrator, ProjectedRungeKutta):  # these need all their steps in advance
+        if not self.stepper.integrator.controls_error:  # these need all their steps in advance
             key = requested._replace(
                 steps=max(requested.steps, self.capacity[0]), slots=max(requested.slots, self.capacity[1])
             )

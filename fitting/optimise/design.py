@@ -20,11 +20,21 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
 from fitting.optimise.goals import Goals, check_depths
-from fitting.optimise.models import DIFFERENCE_STEP, Still, idle, in_assumed, link_of, masked_still, sea_of, still
+from fitting.optimise.models import (
+    DIFFERENCE_STEP,
+    Still,
+    Variable,
+    idle,
+    in_assumed,
+    link_of,
+    masked_still,
+    sea_of,
+    still,
+    with_design,
+)
 from fitting.optimise.quantities import Quantity, check_seeds, weights
 from fitting.optimise.storm import WINDOW_RAMP, Peaks, Settings, Storms, full_storm, peaks
 from fitting.optimise.values import RunStart, Values, Window, rest
-from fitting.optimise.variables import Variable, with_design
 from fitting.site import Case, Part, Site
 
 Say = Callable[[float, str], None]

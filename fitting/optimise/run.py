@@ -19,11 +19,10 @@ from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot
 from dropper_jax.plots.style import save as save_figure
 from fitting.optimise.design import Design, Say
 from fitting.optimise.goals import Goals, read_goals
-from fitting.optimise.models import ASSUMPTIONS, still_model
+from fitting.optimise.models import ASSUMPTIONS, Variable, read_variables, still_model
 from fitting.optimise.search import RESIDUAL, Search, constraints_by_name, measure, programme, run_search
 from fitting.optimise.storm import Peaks, Settings
 from fitting.optimise.values import Values, Window, near_rest, prices
-from fitting.optimise.variables import Variable, read_variables
 from fitting.site import Site
 
 #: Value above which a constraint is called active.

@@ -87,6 +87,11 @@ class Parameter:
         return isinstance(self.where, Direction)
 
     @property
+    def is_lost(self) -> bool:
+        """Whether it is the time of lost frames."""
+        return isinstance(self.where, LostPlace)
+
+    @property
     def scale(self) -> float:
         """A typical size for steps and plots."""
         return abs(self.value) if self.value != 0 else SIZES_AT_ZERO.get(self.where.field, 1.0)

@@ -60,6 +60,7 @@ class Direction:
     slopes: dict[int, np.ndarray]
     origin: float
     linear: bool
+    section: ClassVar[str] = ""
     field: ClassVar[str] = ""
 
     def set_in(self, model: Model, value: jax.Array) -> Model:
@@ -103,6 +104,7 @@ class CameraPlace:
     """Rotation of the camera; with a link, the rotation of its marker or its encoder's zero relative to it."""
 
     link: int | None = None
+    section: ClassVar[str] = "camera"
     field: ClassVar[str] = CAMERA
 
 
@@ -112,6 +114,7 @@ class NodeMarkerPlace:
 
     node: int
     axis: int
+    section: ClassVar[str] = "marker"
     field: ClassVar[str] = NODE
 
 
@@ -122,6 +125,7 @@ class LostPlace:
     run: int
     frame: int
     time: float = 0.0
+    section: ClassVar[str] = "lost"
     field: ClassVar[str] = LOST
 
 
@@ -129,6 +133,7 @@ class LostPlace:
 class ClockPlace:
     """Rate of the motion's time relative to the traces' clock [s/s]: above 1 if the true frame interval is longer."""
 
+    section: ClassVar[str] = "clock"
     field: ClassVar[str] = CLOCK
 
 
@@ -139,6 +144,7 @@ class ReleasePlace:
     run: int
     field: str
     entry: int | None = None
+    section: ClassVar[str] = "release"
 
 
 Target = ModelPlace | Direction | CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | ReleasePlace

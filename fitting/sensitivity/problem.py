@@ -12,12 +12,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.lanes import Fallbacks, lanes
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
-from dropper_jax.run.build import SceneLike, build, equal_steps
+from dropper_jax.run.build import SceneLike, build, equal_steps, initial_state, with_points_fixed
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
-from dropper_jax.run.start import initial_state, with_points_fixed
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.static_pose import nodal_loads
 from dropper_jax.statics.tangent import free_motion

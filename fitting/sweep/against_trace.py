@@ -20,7 +20,7 @@ from fitting.sweep.plan import STATUS, Plan
 from fitting.sweep.run import SweepResult, run_at, sweep
 from fitting.traces.conventions import settle_convention
 from fitting.traces.planar import check_planar, wrap
-from fitting.traces.trace import Convention, Trace, check_trace, read_trace
+from fitting.traces.trace import Convention, Trace, as_trace, check_trace
 
 PARTS = ("head", "middle", "tail")
 #: End of head and middle, as fractions of the trace: 12 and 25 s of the thesis' 50 s (its Figure 8.1).
@@ -201,13 +201,7 @@ def sweep_against_trace(
     moved = next((path for path in vary if path.startswith("point.")), None)
     if moved:
         raise SceneError(f"vary: {moved!r} moves an end. With a trace, use paths outside [[point]]")
-    trace = trace if isinstance(trace, Trace) else read_trace(trace, model.line.links)
-    if trace.links != model.line.links:
-        raise SceneError(
-            f"{trace.name}: has {trace.links} angles, but the scene has {model.line.links} links; "
-            f"allowed: {model.line.links}"
-        )
-    trace, warnings = settle_convention(trace, model, convention)
+    trace, warnings = settle_convention(as_trace(trace, model.line.links), model, convention)
     trace = trace.between(0.0, np.inf if until is None else until)
     check_trace(trace)
     if integrator is None and Rattle4().refuse(model) is None:

@@ -15,7 +15,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.renamed import old_names
 from dropper_jax.model import Model, State
-from dropper_jax.run.start import from_angles
+from dropper_jax.run.build import from_angles
 
 
 def check_planar(model: Model, start: State) -> None:

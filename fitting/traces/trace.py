@@ -106,6 +106,18 @@ def unwrap(theta: np.ndarray) -> np.ndarray:
     return theta
 
 
+def as_trace(given: Trace | str | Path, links: int) -> Trace:
+    """A trace, read if its file is given.
+
+    Raises:
+        SceneError: it has angles of another number of links.
+    """
+    trace = given if isinstance(given, Trace) else read_trace(given, links)
+    if trace.links != links:
+        raise SceneError(f"{trace.name}: has {trace.links} angles, but the scene has {links} links; allowed: {links}")
+    return trace
+
+
 def read_trace(path: str | Path, links: int | None = None) -> Trace:
     """A trace from a CSV file.
 

@@ -13,10 +13,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.renamed import old_attribute
 from fitting.traces.trace import FEWEST, Trace
-from fitting.tracking.angles import changing_lengths, four_quadrant, scatter, to_trace
 from fitting.tracking.calibration import Lens, calibrate, plane_from_board
 from fitting.tracking.detection import Circles, MarkerAppearance, detect_at, scan
-from fitting.tracking.flattening import Flat, level_error
+from fitting.tracking.flattening import Flat, changing_lengths, four_quadrant, level_error, scatter, to_trace
 from fitting.tracking.following import follow_film
 from fitting.tracking.hindsight import TrackedChain, detect_again, remove_blur
 from fitting.tracking.marks import Marks, find_marks

@@ -7,9 +7,9 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from dropper_jax.run.design import solve_design
 from dropper_jax.run.quantities import quantity, static_quantity
 from dropper_jax.scene import held_loads, line_slices
+from dropper_jax.study.offsets import solve_design
 
 SCENE = {
     "name": "mooring",

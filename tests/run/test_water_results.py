@@ -8,9 +8,9 @@ from PIL import Image
 
 import dropper_jax as dj
 from dropper_jax import plots
-from dropper_jax.report.regime import regime
 from dropper_jax.run.growth import with_growth
 from dropper_jax.scene import grown
+from dropper_jax.study.sea_facts import regime
 
 SCENE = {
     "run": {"dt": 0.05, "duration": 4.0},

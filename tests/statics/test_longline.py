@@ -10,8 +10,8 @@ from scipy.special import jn_zeros
 
 from dropper_jax import SceneError, build, equilibrium, load_scene
 from dropper_jax.run.build import build_model
-from dropper_jax.run.design import solve_design
 from dropper_jax.statics.modes import natural_modes
+from dropper_jax.study.offsets import solve_design
 
 G = 9.81
 

@@ -12,9 +12,9 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.moordyn.reading.points import read_ends
-from dropper_jax.moordyn.reading.sections import looks_like_moordyn, split_file
+from dropper_jax.moordyn.reading.sections import Deck, looks_like_moordyn, split_file
+from dropper_jax.run.growth import end_forces
 from dropper_jax.run.simulate import Solution
-from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import LineSlice
 from dropper_jax.scene.data import point_nodes
 
@@ -27,15 +27,15 @@ ALLOWED = "FairTen1, AnchTen1, Line1TenA, L1N3T, L1N3px, L1N3vx, Point2px, Con2v
 
 def channels_of(path: str | Path) -> list[str]:
     """Channels requested by the OUTPUTS section of a MoorDyn input; none for another kind of file or no file."""
-    path = Path(path)
-    if not path.is_file():
-        return []
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
-    if not looks_like_moordyn(text):
-        return []
-    deck = split_file(path, text)
-    words = [word for row in deck.rows.get("outputs", []) for word in row.words]
+    deck = _deck_of(Path(path))
+    words = [] if deck is None else [word for row in deck.rows.get("outputs", []) for word in row.words]
     return [part for word in words for part in word.replace(",", " ").replace('"', " ").split()]
+
+
+def _deck_of(path: Path) -> Deck | None:
+    """The sections of a MoorDyn input; None for another kind of file or no file."""
+    text = path.read_text(encoding="utf-8-sig", errors="replace") if path.is_file() else ""
+    return split_file(path, text) if looks_like_moordyn(text) else None
 
 
 class Numbers(NamedTuple):
@@ -53,13 +53,9 @@ class Numbers(NamedTuple):
 
 def numbers_of(path: str | Path) -> Numbers | None:
     """The IDs of a MoorDyn input's points and lines; None for another file."""
-    path = Path(path)
-    if not path.is_file():
+    deck = _deck_of(Path(path))
+    if deck is None:
         return None
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
-    if not looks_like_moordyn(text):
-        return None
-    deck = split_file(path, text)
     points = {int(key): name for key, name in read_ends(deck, []).names.items() if key.isdecimal()}
     lines = {int(row.words[0]): row.name or f"line-{row.words[0]}" for row in deck.require("lines")}
     return Numbers(points, lines)

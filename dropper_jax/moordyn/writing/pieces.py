@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -134,8 +133,18 @@ def check_bodies(scene: Scene) -> None:
             raise SceneError(f"body.{i}.inertia: {body.inertia.tolist()}: {why}")
 
 
-def body_tables(scene: Scene) -> Iterator[tuple[str, list[str]]]:
-    """Title and rows of the sections of rod types, bodies and rods; those of buoys first."""
+def rule(words: str) -> str:
+    """The line that starts a section."""
+    return f"{'-' * 22} {words} {'-' * 40}"
+
+
+def section(title: str, head: str, units: str, rows: list[str]) -> list[str]:
+    """A section of a table."""
+    return [rule(title), head, units, *rows]
+
+
+def body_tables(scene: Scene) -> list[str]:
+    """The sections of rod types, bodies and rods; those of buoys first."""
     types, bodies, rods = [], [], []
     for i, b in enumerate(scene.buoys):
         types.append(_row(f"buoy{i + 1}", b.diameter, 0.0, b.cdn, b.can, b.cdt, b.cat))
@@ -151,17 +160,22 @@ def body_tables(scene: Scene) -> Iterator[tuple[str, list[str]]]:
             key = f"rod{len(rods) + 1}"
             types.append(_row(key, c.diameter, 0.0, c.cdn, c.can, c.cdt, c.cat))
             rods.append(_row(len(rods) + 1, key, f"Body{number}", *c.start, *c.end, c.slices, "-"))
-    if types:
-        head = ["TypeName Diam Mass/m Cd Ca CdEnd CaEnd", "(name) (m) (kg/m) (-) (-) (-) (-)"]
-        yield "ROD TYPES", [*head, *types]
-    if bodies:
-        head = ["ID Attachment X0 Y0 Z0 r0 p0 y0 Mass CG I Volume CdA Ca"]
-        head.append("(#) (word) (m) (m) (m) (deg) (deg) (deg) (kg) (m) (kg-m^2) (m^3) (m^2) (-)")
-        yield "BODIES", [*head, *bodies]
-    if rods:
-        head = ["ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs"]
-        head.append("(#) (name) (word/ID) (m) (m) (m) (m) (m) (m) (-) (-)")
-        yield "RODS", [*head, *rods]
+    found = (
+        ("ROD TYPES", "TypeName Diam Mass/m Cd Ca CdEnd CaEnd", "(name) (m) (kg/m) (-) (-) (-) (-)", types),
+        (
+            "BODIES",
+            "ID Attachment X0 Y0 Z0 r0 p0 y0 Mass CG I Volume CdA Ca",
+            "(#) (word) (m) (m) (m) (deg) (deg) (deg) (kg) (m) (kg-m^2) (m^3) (m^2) (-)",
+            bodies,
+        ),
+        (
+            "RODS",
+            "ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs",
+            "(#) (name) (word/ID) (m) (m) (m) (m) (m) (m) (-) (-)",
+            rods,
+        ),
+    )
+    return [row for title, head, units, rows in found if rows for row in section(title, head, units, rows)]
 
 
 def _body(number: int, body: BodySpec) -> str:

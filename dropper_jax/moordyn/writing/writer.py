@@ -15,9 +15,8 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.effects.buoyancy import displaced_diameter
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
-from dropper_jax.moordyn.reading.water import CURRENT, FREQUENCIES
+from dropper_jax.load.scene import Scene, load_scene
+from dropper_jax.moordyn.reading.options import CURRENT, FREQUENCIES
 from dropper_jax.moordyn.writing.differences import differences, moved_points
 from dropper_jax.moordyn.writing.pieces import (
     DIGITS,
@@ -28,6 +27,8 @@ from dropper_jax.moordyn.writing.pieces import (
     detachment,
     line_types,
     pieces,
+    rule,
+    section,
 )
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSpec
@@ -91,17 +92,13 @@ def write_moordyn(
     return notes
 
 
-def _rule(words: str) -> str:
-    return f"{'-' * 22} {words} {'-' * 40}"
-
-
 def _value(x: float) -> str:
     return repr(float(x))
 
 
 def _front(scene: Scene) -> Iterator[str]:
     """Free text: values without a counterpart in MoorDyn."""
-    yield _rule("MoorDyn input, written by dropper-jax")
+    yield rule("MoorDyn input, written by dropper-jax")
     yield f"! name = {json.dumps(scene.name)}"
     yield f"! description = {json.dumps(' '.join(scene.description.split()))}"
     if scene.notes:
@@ -129,17 +126,15 @@ def _lines_in_pieces(scene: Scene) -> list[list[str]]:
 def _tables(scene: Scene, path: Path) -> Iterator[str]:
     parts = [pieces(scene, i) for i in range(len(scene.lines))]
     kinds = line_types(parts)
-    yield _rule("LINE TYPES")
-    yield "TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx"
-    yield "(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)"
+    types = []
     for (*values, table), name in kinds.items():
         words = [_value(x) for x in values]
         if table is not None:
             words[2] = _table_file(path, name)
-        yield " ".join([name, *words])
-    for title, rows in body_tables(scene):
-        yield _rule(title)
-        yield from rows
+        types.append(" ".join([name, *words]))
+    head = "TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx"
+    yield from section("LINE TYPES", head, "(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)", types)
+    yield from body_tables(scene)
     words = {buoy.point: f"R{i + 1}A" for i, buoy in enumerate(scene.buoys)}
     rows = []
     moved, bodies = moved_points(scene), body_numbers(scene)
@@ -164,14 +159,10 @@ def _tables(scene: Scene, path: Path) -> Iterator[str]:
             begin, end = words[ends[i]], words[ends[i + 1]]
             row = [len(lines) + 1, kinds[piece.kind], begin, end, _value(piece.length), piece.links, "-"]
             lines.append(" ".join(str(x) for x in row) + f"  ! name: {name}")
-    yield _rule("POINTS")
-    yield "ID Attachment X Y Z Mass Volume CdA Ca"
-    yield "(#) (word/ID) (m) (m) (m) (kg) (m^3) (m^2) (-)"
-    yield from rows
-    yield _rule("LINES")
-    yield "ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs"
-    yield "(#) (name) (ID) (ID) (m) (-) (-)"
-    yield from lines
+    head = "ID Attachment X Y Z Mass Volume CdA Ca"
+    yield from section("POINTS", head, "(#) (word/ID) (m) (m) (m) (kg) (m^3) (m^2) (-)", rows)
+    head = "ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs"
+    yield from section("LINES", head, "(#) (name) (ID) (ID) (m) (-) (-)", lines)
     yield from _failures(scene, parts, words, first)
 
 
@@ -201,10 +192,7 @@ def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], fir
         times = f"{_value(failure.time or 0.0)} {_value(load or 0.0)}"
         rows.append(f"{len(rows) + 1} {point} {first[line.name] + position.stretch} {times}")
     if rows:
-        yield _rule("FAILURE")
-        yield "ID Point Lines FailTime FailTen"
-        yield "(#) (#) (,) (s) (N)"
-        yield from rows
+        yield from section("FAILURE", "ID Point Lines FailTime FailTen", "(#) (#) (,) (s) (N)", rows)
 
 
 def _point(number: int, kind: str, position: Sequence[float], body: list[float | None], name: str) -> str:
@@ -251,7 +239,7 @@ def _options(scene: Scene, path: Path, dt: float | None, more: Mapping[str, Any]
         values["Currents"] = 1
     if scene.start.kind == "points":
         values["TmaxIC"] = 0
-    yield _rule("OPTIONS")
+    yield rule("OPTIONS")
     for key, value in {**values, **more}.items():
         yield f"{value if isinstance(value, int | str) else _value(value)} {key}"
 
@@ -262,11 +250,11 @@ def _below(scene: Scene) -> float:
 
 
 def _outputs(scene: Scene) -> Iterator[str]:
-    yield _rule("OUTPUTS")
+    yield rule("OUTPUTS")
     for i in range(sum(len(pieces(scene, j)) for j in range(len(scene.lines)))):
         yield f"FairTen{i + 1}"
         yield f"AnchTen{i + 1}"
-    yield _rule("need this line")
+    yield rule("need this line")
 
 
 def _table_file(path: Path, name: str) -> str:

@@ -9,7 +9,6 @@ from dropper_jax.study.stability import (
     contact_cases,
     energy_cases,
     flow_cases,
-    gradient_cases,
     line_cases,
     moving_end_cases,
     rod_cases,
@@ -19,7 +18,7 @@ from dropper_jax.study.stability import (
 from dropper_jax.study.stability.case import Case, baselines, moordyn_there, peers
 
 PARTS = (
-    *(energy_cases, gradient_cases),
+    energy_cases,
     *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases, flow_cases, line_cases),
     rod_cases,
 )

@@ -8,8 +8,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.simulate import simulate
 from dropper_jax.run.wakes import scene_wakes
 from dropper_jax.study.stability.case import Case, Outcome, Watched, watch

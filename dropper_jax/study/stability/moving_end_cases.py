@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.simulate import simulate
 from dropper_jax.study.stability.case import Case, Outcome, Watched, watch
 from dropper_jax.study.stability.scenes import G, weight_on_rope

@@ -6,8 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from dropper_jax.base.constants import SEA_WATER
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.simulate import simulate
 from dropper_jax.study.stability.case import Case, Outcome
 from dropper_jax.study.stability.energy_cases import ROUNDING

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import equilibrium
 
 LINKS = 7

@@ -11,8 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from dropper_jax.base.constants import SEA_WATER
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.simulate import simulate
 from dropper_jax.sea.stream_function import stream_function
 from dropper_jax.study.stability.case import Case, Outcome, Watched, watch

@@ -9,11 +9,10 @@ from dropper_jax import SceneError
 from dropper_jax.load.packaged import packaged_scene
 from dropper_jax.scene import held_loads, line_slices
 from fitting.optimise.goals import read_goals
-from fitting.optimise.models import still, still_model
+from fitting.optimise.models import read_variables, still, still_model
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import programme
 from fitting.optimise.values import Values, near_rest, rest
-from fitting.optimise.variables import read_variables
 from fitting.site import read_site
 
 LOOPS = packaged_scene("looped-longline")

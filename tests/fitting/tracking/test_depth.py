@@ -8,7 +8,7 @@ from fitting import Convention, read_trace, write_trace
 from fitting.traces.conventions import settle_convention
 from fitting.traces.synthetic import Motion
 from fitting.tracking import track
-from fitting.tracking.angles import OUT_OF_PLANE, out_of_plane
+from fitting.tracking.flattening import OUT_OF_PLANE, out_of_plane
 from fitting.tracking.render import View, film
 from fitting.tracking.video import write_video
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from fitting import Convention, Trace, read_trace, write_trace
-from fitting.tracking.angles import four_quadrant, scatter
-from fitting.tracking.flattening import Flat, flatten
+from fitting.tracking.flattening import Flat, flatten, four_quadrant, scatter
 from fitting.tracking.hindsight import exposure_share, second_differences
 from fitting.tracking.marks import find_marks
 from fitting.tracking.render import View

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fitting.tracking.angles import angle_errors, four_quadrant
 from fitting.tracking.detection import Circles, MarkerAppearance, detect, learn_appearance
+from fitting.tracking.flattening import angle_errors, four_quadrant
 from fitting.tracking.identity import Follower
 from fitting.tracking.ordering import Chain, follow_unnamed, order
 

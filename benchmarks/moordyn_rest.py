@@ -4,8 +4,8 @@ the deck as it is read here.
     python benchmarks/moordyn_rest.py [SCENE ...]
 
 Needs the extra `moordyn`; takes about 20 minutes. Writes results/moordyn_rest.json and prints what it finds. Waves are
-taken out of each scene, a steady current stays. Free points start
-where they rest here, lines by MoorDyn's own search; it runs for 120 s.
+taken out of each scene, a steady current stays. Free points start where they rest here, lines by MoorDyn's own search;
+it runs for 120 s. Floats that are partly above the water are fixed where they rest here.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ PART, LARGEST_STEP = 0.3, 1e-3
 DRAG = 20.0
 #: A difference of end tensions beyond this is measured again with so many times the links.
 CLOSE, FINE = 0.01, 2
-#: Points this high [m] are out of the water: MoorDyn's volume of a point stays wet there, ours does not.
+#: Points this far [m] above their own rest are out of the water: MoorDyn's volume of a point stays wet, ours does not.
 DRY = 0.1
 #: Tensions below this part of the deck's largest are compared with that part.
 LEAST = 1e-2
@@ -89,7 +89,10 @@ def rest_of(scene: Scene) -> Equilibrium:
 
 
 def moved_to(scene: Scene, pose: Equilibrium) -> Scene:
-    """The scene with its free points and bodies where they rest: a buoy's slow sway would outlast MoorDyn's run."""
+    """The scene with its free points and bodies where they rest: a buoy's slow sway would outlast MoorDyn's run.
+
+    Floats that are partly above the water there are fixed, because the volume of a point of MoorDyn's is always wet.
+    """
     values, node, position = scene.to_dict(), 0, {}
     for line in scene.lines:
         position[line.start], position[line.end] = pose.positions[node], pose.positions[node + line.links]
@@ -97,6 +100,9 @@ def moved_to(scene: Scene, pose: Equilibrium) -> Scene:
     for row in values["point"]:
         if row.get("kind") == "free" and row["name"] in position:
             row["position"] = position[row["name"]].tolist()
+            if position[row["name"]][2] > -np.cbrt(0.75 / np.pi * (row.get("volume") or 0.0)):
+                for key in row.keys() - {"name", "position"}:
+                    del row[key]
     for body, row in zip(scene.bodies, values.get("body", []), strict=True):
         name = next(name for name in body.attachments if name in position)
         row["position"] = (body.position + position[name] - body.world(body.attachments[name])).tolist()
@@ -155,7 +161,7 @@ def compare(name: str, links: int = 1) -> dict[str, Any]:
     theirs = np.ravel([pair for _, *pair in rows])
     scale = np.maximum(theirs, LEAST * np.max(theirs))
     status = "ok" if speed < AT_REST else f"MoorDyn moves by {1e3 * speed:.2g} mm/s after {SPAN:g} s"
-    if highest > DRY:
+    if highest > DRY + max(float(np.max(own.positions[:, 2])), 0.0):
         status = f"floats leave the water in MoorDyn, by {highest:.2g} m: the volume of a point stays wet there"
     found = {"scene": name, "links": links, "status": status, "dt_s": dt, "lines": len(rows)}
     found |= {"speed": speed, "largest_n": float(np.max(theirs))}

@@ -24,8 +24,6 @@ from dropper_jax.sea.make import main_period
 SHARED = ("N", "kg", "kg/s", "kg/m")
 #: Keys of a line per link.
 PER_LINK = {"length": 2, "mass": 2, "diameter": 1, "breaking_load": 1}
-#: Effects with parameters per joint, whose number grows with the links.
-JOINTED = ("joint_friction",)
 
 
 def twice_the_links(scene: Scene) -> Scene:
@@ -38,9 +36,8 @@ def twice_the_links(scene: Scene) -> Scene:
         raise SceneError("line.centre_of_mass: compound links have no halves; allowed: lines of simple links")
     if all(line.rigid and line.links == 1 for line in scene.lines):
         raise SceneError("line.links: a single rigid link is the body itself; allowed: lines of several links")
-    for name in JOINTED:
-        if name in scene.effects:
-            raise SceneError(f"effects.{name}: depends on the number of joints. Use a scene without it")
+    if "joint_friction" in scene.effects:
+        raise SceneError("effects.joint_friction: depends on the number of joints. Use a scene without it")
     table = scene.to_dict()
     table["line"] = [_line(line) for line in table["line"]]
     table["effects"] = {name: _effect(name, values) for name, values in table["effects"].items()}
@@ -101,7 +98,7 @@ QUANTITIES = ("mean", "deviation", "window_maximum", "maximum", "minimum", "snap
 #: Steps of the runs relative to that of the scene.
 FINER = (1, 2, 4)
 #: Factor on an estimated error so that the true one rarely exceeds it (Roache, J. Fluids Eng. 116 (1994) 405).
-SAFETY = 1.25
+GRID_SAFETY = 1.25
 #: Relative change of all masses.
 PERTURBED = 1e-8
 #: Relative error of the maximum tension of a line above which it is not resolved.
@@ -297,7 +294,7 @@ def _row(i: int, made: dict[str, list[dict[str, Any]]], chaotic: bool) -> dict[s
         value, chance = first[name]
         step = step_error(*(values[str(n)] for n in FINER), chaotic)
         change = {key: values[key] - value for key in ("links", "twice_damping", "twice_bed") if key in values}
-        links = SAFETY * 2.0 * abs(change["links"]) if "links" in change else None
+        links = GRID_SAFETY * 2.0 * abs(change["links"]) if "links" in change else None
         row[name] = {
             "value": value,
             "step": step,
@@ -316,4 +313,4 @@ def step_error(full: float, half: float, quarter: float, chaotic: bool) -> float
         return max(first, second, abs(full - quarter))
     # allowed orders of the step error; measured values outside are random
     ratio = np.clip(first / second if second > 0 else np.inf, *(2.0**p for p in (0.5, 2.0)))
-    return SAFETY * (abs(full - quarter) + second / (float(ratio) - 1.0))
+    return GRID_SAFETY * (abs(full - quarter) + second / (float(ratio) - 1.0))

@@ -4,13 +4,12 @@ the deck as it is read here.
     python benchmarks/moordyn_rest.py [SCENE ...]
 
 Needs the extra `moordyn`; takes about 20 minutes. Writes results/moordyn_rest.json and prints what it finds. Waves are
-taken out of each scene, a steady current stays. Free points start
-where they rest here, lines by MoorDyn's own search; it runs for 120 s.
+taken out of each scene, a steady current stays. Free points start where they rest here, lines by MoorDyn's own search;
+it runs for 120 s. Floats that are partly above the water are fixed where they rest here.
 """
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -32,44 +31,27 @@ SPAN, AT_REST = 120.0, 1e-3
 PART, LARGEST_STEP = 0.3, 1e-3
 #: More drag, on which a pose at rest in still water does not depend: a spar's heave would fade as 1/t.
 DRAG = 20.0
-#: A difference of end tensions beyond this is measured again with so many times the links.
-CLOSE, FINE = 0.01, 2
-#: Points this high [m] are out of the water: MoorDyn's volume of a point stays wet there, ours does not.
+#: Difference of end tensions above which the worst line is compared alone: times its links, and MoorDyn's time [s].
+CLOSE, FINER, BRIEF = 0.01, (1, 2, 4, 8), 40.0
+#: Points this far [m] above their own rest are out of the water: MoorDyn's volume of a point stays wet, ours does not.
 DRY = 0.1
 #: Tensions below this part of the deck's largest are compared with that part.
 LEAST = 1e-2
 
 
-def calm(name: str, times: int = 1) -> Scene:
-    """A packaged scene without waves and what follows them; in still water with more drag, `times` as many links."""
+def calm(name: str) -> Scene:
+    """A packaged scene without waves and what follows them; in still water with more drag."""
     values = load_scene(name).to_dict()
     values["start"] = {"kind": "static"}
     sea = values.get("sea", {})
     for key in ("waves", "ramp"):
         sea.pop(key, None)
+    for key in ("time", "factor"):  # a current that changes in time is written, and rests, at its speed
+        sea.get("current", {}).pop(key, None)
     values["effects"].pop("sea_following_end", None)
-    if times > 1:
-        _cut_links(values, times)
     if "current" not in sea:
         _more_drag(values)
     return Scene.from_dict(values)
-
-
-def _cut_links(values: dict[str, Any], times: int) -> None:
-    """Every link in `times` equal parts."""
-    links = sum(row["links"] for row in values["line"])
-    for row in values["line"]:
-        for key, part in (("length", 1.0 / times), ("mass", 1.0 / times), ("diameter", 1.0)):
-            row[key] = (part * np.repeat(np.broadcast_to(row[key], row["links"]), times)).tolist()
-        axial = {"EA": 1.0, "damping": float(times)}
-        for key in axial.keys() & row["axial"].keys():
-            value = np.broadcast_to(row["axial"][key], row["links"])
-            row["axial"][key] = (axial[key] * np.repeat(value, times)).tolist()
-        row["links"] *= times
-    for effect in values["effects"].values():
-        for key, value in effect.items():
-            if isinstance(value, list) and len(value) == links:
-                effect[key] = np.repeat(value, times).tolist()
 
 
 def _more_drag(values: Any) -> None:
@@ -89,7 +71,10 @@ def rest_of(scene: Scene) -> Equilibrium:
 
 
 def moved_to(scene: Scene, pose: Equilibrium) -> Scene:
-    """The scene with its free points and bodies where they rest: a buoy's slow sway would outlast MoorDyn's run."""
+    """The scene with its free points and bodies where they rest: a buoy's slow sway would outlast MoorDyn's run.
+
+    Floats that are partly above the water there are fixed, because the volume of a point of MoorDyn's is always wet.
+    """
     values, node, position = scene.to_dict(), 0, {}
     for line in scene.lines:
         position[line.start], position[line.end] = pose.positions[node], pose.positions[node + line.links]
@@ -97,6 +82,9 @@ def moved_to(scene: Scene, pose: Equilibrium) -> Scene:
     for row in values["point"]:
         if row.get("kind") == "free" and row["name"] in position:
             row["position"] = position[row["name"]].tolist()
+            if position[row["name"]][2] > -np.cbrt(0.75 / np.pi * (row.get("volume") or 0.0)):
+                for key in row.keys() - {"name", "position"}:
+                    del row[key]
     for body, row in zip(scene.bodies, values.get("body", []), strict=True):
         name = next(name for name in body.attachments if name in position)
         row["position"] = (body.position + position[name] - body.world(body.attachments[name])).tolist()
@@ -111,8 +99,10 @@ def largest_step(scene: Scene) -> float | None:
     return float(f"{min(PART * min(times), LARGEST_STEP):.2g}")
 
 
-def there(folder: Path, file: str, held: list[float]) -> tuple[list[tuple[int, float, float]], float, float]:
-    """Links and end tensions [N] of every line of MoorDyn's after SPAN, its largest speed [m/s] and height [m]."""
+def there(
+    folder: Path, file: str, held: list[float], span: float = SPAN
+) -> tuple[list[tuple[int, float, float]], float, float]:
+    """Links and end tensions [N] of every line in MoorDyn after `span` [s], its largest speed [m/s] and height [m]."""
     import moordyn
 
     still = [0.0] * len(held)
@@ -120,7 +110,7 @@ def there(folder: Path, file: str, held: list[float]) -> tuple[list[tuple[int, f
         system = moordyn.Create(file)
         try:
             moordyn.Init(system, held, still)
-            moordyn.Step(system, held, still, 0.0, SPAN)
+            moordyn.Step(system, held, still, 0.0, span)
             lines = [moordyn.GetLine(system, i + 1) for i in range(moordyn.GetNumberLines(system))]
             rows, speed, highest = [], 0.0, -np.inf
             for line in lines:
@@ -134,10 +124,34 @@ def there(folder: Path, file: str, held: list[float]) -> tuple[list[tuple[int, f
     return rows, speed, highest
 
 
-def compare(name: str, links: int = 1) -> dict[str, Any]:
+def alone(scene: Scene, pose: Equilibrium, number: int, times: int) -> float:
+    """Largest difference of a line's end tensions, the line alone between its ends' positions with finer links."""
+    line = scene.lines[number]
+    node, link = (sum(one.links + more for one in scene.lines[:number]) for more in (1, 0))
+    kind = {"name": "rope", "mass": line.mass[0] / line.length[0], "diameter": line.diameter[0], "EA": line.EA[0]}
+    kind |= {key: np.broadcast_to(scene.effects["morison_drag"][key], scene.line.links)[link] for key in ("cdn", "cdt")}
+    ends = {"a": pose.positions[node], "b": pose.positions[node + line.links]}
+    row = {"name": "one", "from": "a", "to": "b", "type": "rope", "length": line.total, "links": times * line.links}
+    values = {
+        "run": {"dt": scene.run.dt, "duration": 1.0},
+        "line_type": [{**{key: x if key == "name" else float(x) for key, x in kind.items()}, "damping_ratio": 0.3}],
+        "point": [{"name": name, "position": position.tolist()} for name, position in ends.items()],
+        "line": [row],
+        "sea": scene.to_dict()["sea"],
+        "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}},
+        "start": {"kind": "static"},
+    }
+    single = load_scene(values)
+    with tempfile.TemporaryDirectory() as folder:
+        write_moordyn(single, Path(folder) / "deck.txt", dt=largest_step(single))
+        ((_, *theirs),) = there(Path(folder), "deck.txt", [], BRIEF)[0]
+    return float(np.max(np.abs(rest_of(single).tension[[0, -1]] / theirs - 1.0)))
+
+
+def compare(name: str) -> dict[str, Any]:
     """One scene: a status, and where MoorDyn's deck rests the largest difference of end tensions."""
     try:
-        scene = calm(name, links)
+        scene = calm(name)
         with tempfile.TemporaryDirectory() as where:
             folder, moved = Path(where), moved_points(scene)
             dt = largest_step(scene)
@@ -149,15 +163,15 @@ def compare(name: str, links: int = 1) -> dict[str, Any]:
             rows, speed, highest = there(folder, "deck.txt", held)
             read = rest_of(deck)
     except (SceneError, ArithmeticError, RuntimeError) as error:
-        return {"scene": name, "links": links, "status": str(error)}
+        return {"scene": name, "status": str(error)}
     first = np.cumsum([0, *(count for count, *_ in rows)])
     ends = np.ravel([[a, b - 1] for a, b in zip(first[:-1], first[1:], strict=True)])
     theirs = np.ravel([pair for _, *pair in rows])
     scale = np.maximum(theirs, LEAST * np.max(theirs))
     status = "ok" if speed < AT_REST else f"MoorDyn moves by {1e3 * speed:.2g} mm/s after {SPAN:g} s"
-    if highest > DRY:
+    if highest > DRY + max(float(np.max(own.positions[:, 2])), 0.0):
         status = f"floats leave the water in MoorDyn, by {highest:.2g} m: the volume of a point stays wet there"
-    found = {"scene": name, "links": links, "status": status, "dt_s": dt, "lines": len(rows)}
+    found = {"scene": name, "status": status, "dt_s": dt, "lines": len(rows)}
     found |= {"speed": speed, "largest_n": float(np.max(theirs))}
     for key, links in (("scene_difference", own.tension), ("deck_difference", read.tension)):
         found[key] = float(np.max(np.abs(links[ends] - theirs) / scale))
@@ -168,6 +182,8 @@ def compare(name: str, links: int = 1) -> dict[str, Any]:
         "moordyn_n": theirs[worst],
         "here_n": read.tension[ends][worst],
     }
+    if status == "ok" and found["deck_difference"] > CLOSE:  # goes with finer links if it is the drag at bends
+        found["alone"] = [alone(scene, own, worst // 2, times) for times in FINER]
     return found
 
 
@@ -182,27 +198,16 @@ def deck_of(name: str) -> str:
         return name
 
 
-def measure(name: str) -> list[dict[str, Any]]:
-    """The row of a scene, and one with finer links if its deck differs from MoorDyn's rest."""
-    rows = []
-    for links in (1, FINE):
-        rows.append(compare(name, links))
-        say(rows[-1])
-        if rows[-1]["status"] != "ok" or rows[-1]["deck_difference"] < CLOSE:
-            break  # a difference that goes with finer links is that of the codes' drag on a bent line
-    return rows
-
-
-@command()
-def main() -> None:
-    names = sys.argv[1:] or scene_names()
-    rows = [row for row in stored("moordyn_rest")["rows"] if row["scene"] not in names] if sys.argv[1:] else []
+@command(words=("scenes", list(scene_names())))
+def main(args) -> None:
+    rows = [row for row in stored("moordyn_rest")["rows"] if row["scene"] not in args.scenes]
     decks: dict[str, str] = {}
-    for name in names:
+    for name in args.scenes:
         first = decks.setdefault(deck_of(name), name)
         if first == name:
-            rows += measure(name)
+            rows.append(compare(name))
+            say(rows[-1])
         else:
             rows += [{**row, "scene": name, "same_deck_as": first} for row in rows if row["scene"] == first]
-        rows.sort(key=lambda row: (row["scene"], row.get("links", 1)))
+        rows.sort(key=lambda row: row["scene"])
         store("moordyn_rest", {"schema": 1, "versions": versions("moordyn", "dropper-jax"), "rows": rows})

@@ -17,7 +17,7 @@ import dropper_jax as dj
 from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.data import point_nodes
-from dropper_jax.study.load_errors import LINK_RATIO, load_errors
+from dropper_jax.study.load_errors import load_errors
 
 SPAN, SKIP, BATCHES = 150.0, 30.0, 8
 #: MoorDyn's steps [s]; the second tells the first one's error.
@@ -129,7 +129,7 @@ def _row(name: str, made: dict[str, Any], there: dict[str, Any]) -> dict[str, An
     row: dict[str, Any] = {"name": name}
     for what in ("mean", "deviation", "min", "max"):
         steps = [made[key][name][what] for key in ("1", "2", "4")]
-        links = LINK_RATIO * abs(made["links"][name][what] - steps[0]) if "links" in made else 0.0
+        links = 4.0 / 3.0 * abs(made["links"][name][what] - steps[0]) if "links" in made else 0.0  # second order
         first, second = (there[str(dt)]["rows"] for dt in STEPS)
         row[what] = {
             "here": steps[0],

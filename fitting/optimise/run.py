@@ -255,12 +255,12 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
         runs=len(search.history),
         history=search.history,
         characteristic=CHARACTERISTIC[design.site.run.characteristic],
-        warnings=tuple(design_warnings(residual, 1.0 - price.left)),
+        warnings=tuple(design_warnings(residual, 1.0 - price.left, search.reach)),
     )
 
 
-def design_warnings(residual: float, held: float) -> list[str]:
-    """Reasons to doubt a design's numbers, one line each."""
+def design_warnings(residual: float, held: float, reach: float) -> list[str]:
+    """Reasons to doubt a design's numbers, one line each; `reach` is that of the last steps."""
     found = []
     if residual > RESIDUAL:
         found.append(
@@ -272,6 +272,11 @@ def design_warnings(residual: float, held: float) -> list[str]:
         found.append(
             f"active constraints and bounds balance {max(held, 0.0):.0%} of the objective's slope (an optimum: at "
             f"least {HELD:.0%}): effects of 1 % changes are unreliable. Use more optimise.rounds"
+        )
+    if reach < 0.01:  # such as after the snap of a slack rope
+        found.append(
+            f"derivatives predict changes of up to {reach:.2%} of the variables' ranges only: effects of 1 % changes "
+            "are unreliable. Compare designs by their whole runs"
         )
     return found
 

@@ -102,6 +102,15 @@ def test_a_rope_at_rest_has_no_errors(tmp_path):
     json.dumps(solution.summary())
 
 
+def test_errors_hold_for_links_of_first_order():
+    """Links' masses at their far nodes: the top link carries the whole rope, half a link more than it should."""
+    found, rope = row(hanging(2, nodes="far"), dt=0.1)
+    assert not found["chaotic"]
+    error = abs(rope["mean"]["value"] - 20.0 * 9.81 * (1.0 - rope["at_m"] / 10.0))
+    assert error == pytest.approx(20.0 * 9.81 / 4, rel=1e-6)
+    assert error <= rope["mean"]["error"] <= 1.5 * error
+
+
 def test_a_step_that_fails_is_named():
     scene = hanging(2)
     scene["run"] |= {"integrator": "rk4", "dt": 0.2, "duration": 2.0}

@@ -33,10 +33,11 @@ def test_the_residual_is_that_of_windows_before_they_are_renewed():
 
 
 def test_large_residuals_and_designs_that_are_no_optimum_are_told():
-    assert design_warnings(RESIDUAL, 0.95) == []
-    assert design_warnings(float("nan"), 1.0) == []
-    assert "differed by 3.0% of a limit" in design_warnings(0.03, 1.0)[0]
-    assert "balance 40% of the objective's slope" in design_warnings(0.0, 0.4)[0]
+    assert design_warnings(RESIDUAL, 0.95, 0.01) == []
+    assert design_warnings(float("nan"), 1.0, 0.2) == []
+    assert "differed by 3.0% of a limit" in design_warnings(0.03, 1.0, 0.2)[0]
+    assert "balance 40% of the objective's slope" in design_warnings(0.0, 0.4, 0.2)[0]
+    assert "changes of up to 0.40% of the variables' ranges" in design_warnings(0.0, 1.0, 0.004)[0]
 
 
 def test_runs_abreast_keep_their_order_and_the_first_is_alone():

@@ -31,7 +31,7 @@ from study import collect, command, describe, say, versions
 
 from dropper_jax import Scene
 from dropper_jax.moordyn.writing.writer import write_moordyn
-from dropper_jax.run.weights import end_forces
+from dropper_jax.run.growth import end_forces
 from dropper_jax.statics.static_pose import equilibrium
 
 SETTLED = 20.0  # [s]
@@ -71,22 +71,25 @@ def hanging() -> Scene:
 def in_current() -> Scene:
     """The surging chain in a current of 1 m/s across its plane."""
     table = chain(SURGE).to_dict()
-    table["sea"]["current"] = {"kind": "table", "heights": [0.0, 30.0], "velocities": [[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]]}
+    table["sea"]["current"] = {"kind": "uniform", "speed": 1.0, "direction": 0.5 * np.pi}
     return Scene.from_dict({**table, "name": "chain-in-current"})
 
 
 def bridle() -> Scene:
     """Two chains from the seabed to a float, a third from there to the driven top."""
     table = chain(SMOOTH).to_dict()
+    for values in table["effects"].values():  # one number for the links of all lines
+        values.update(
+            {key: value[0] for key, value in values.items() if isinstance(value, list) and len(value) == LINKS}
+        )
     top = table["line"][0]
     top.update({"name": "pennant", "from": "float", "length": 20.0 / LINKS, "mass": 10.91 * 20.0 / LINKS})
     legs = [copy.deepcopy(top) | {"name": f"leg-{side}", "from": f"anchor-{side}", "to": "float"} for side in "ab"]
     for leg in legs:
         leg.update(length=40.0 / LINKS, mass=10.91 * 40.0 / LINKS)
     float_ = {"name": "float", "position": [14.0, 0.0, -12.0], "kind": "free", "mass": 100.0, "volume": 0.5}
-    anchors = [
-        {"name": f"anchor-{side}", "position": [-10.0, y, -30.0], "kind": "fixed"} for side, y in (("a", -12), ("b", 12))
-    ]
+    sides = (("a", -12.0), ("b", 12.0))
+    anchors = [{"name": f"anchor-{side}", "position": [-10.0, y, -30.0], "kind": "fixed"} for side, y in sides]
     table["point"] = [*anchors, float_, table["point"][1]]
     table["line"] = [top, *legs]
     return Scene.from_dict({**table, "name": "bridle"})

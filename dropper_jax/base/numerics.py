@@ -53,6 +53,7 @@ def inverse_rows(node: jax.Array) -> tuple[Components, Components, Components]:
     scale = 1.0 / dot_components(columns[0], crosses[0])
     return tuple(tuple(c * scale for c in row) for row in crosses)
 
+
 #: Decorator of small functions that programs use many times: traced once per shape, one program where called alone.
 trace_once = partial(jax.jit, inline=True)
 
@@ -120,8 +121,8 @@ def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Arra
     """Spring force beyond its mean over the step, from the force before, the force after and the expected force.
 
     From a spring at rest any motion is ahead of what was expected. The derivative there is that of `after - expected`,
-    not that of a sign determined by rounding. Changes up to `rest` count as zero, those above 4 times as motion; between
-    them the force is blended, since a jump larger than the tolerance of a step cannot be solved.
+    not that of a sign determined by rounding. Changes up to `rest` count as zero, those above 4 times as motion. The
+    force is blended between them: a step cannot solve a jump that is larger than its tolerance.
     """
     change, ahead = after - before, 0.5 * (after - expected)
     smaller = jnp.where(jnp.abs(ahead) <= jnp.abs(change), ahead, change)

@@ -205,16 +205,42 @@ def moordyn_rest(found: Found) -> Rows:
     rows = columns(
         (row for row in found["rows"] if row["status"] == "ok" and "same_deck_as" not in row),
         ("scenes", lambda r: ", ".join([r["scene"], *shared.get(r["scene"], [])])),
-        ("lines", "{lines}"),
+        ("lines", lambda r: f"{r['lines']}" + ("" if r["links"] == 1 else f", {r['links']} times the links")),
         ("largest tension [N]", "{largest_n:.0f}"),
         ("scene against MoorDyn", lambda r: f"{100 * r['scene_difference']:.2g} %"),
         ("its deck, as read here", lambda r: f"{100 * r['deck_difference']:.2g} %"),
-        (
-            "worst line alone, 1, 2, 4, 8 times the links",
-            lambda r: ", ".join(f"{100 * x:.2g} %" for x in r.get("alone", [])),
-        ),
         ("MoorDyn's nodes, at most [mm/s]", lambda r: f"{1e3 * r['speed']:.1g}"),
     )
     few = 4  # names in a cell
     names = {reason: ", ".join(s) if len(s) <= few else f"{len(s)} scenes" for reason, s in other.items()}
-    return rows + [(scenes, reason, *[""] * (len(rows[0]) - 2)) for reason, scenes in names.items()]
+    return rows + [(scenes, reason, "", "", "", "") for reason, scenes in names.items()]
+
+
+@table_of("cabledyn")
+def cabledyn_decks(found: Found) -> Rows:
+    """Six decks in three codes: end tensions at rest, statistics of the top tension, time at equal error."""
+
+    def statistics(deck: Found, key: str) -> str:
+        half = 0.0 if key == "std" else deck["half_link"][1]
+        made = [
+            (deck[code]["statistics"], more) for code, more in (("cabledyn", 0.0), ("moordyn", half), ("ours", half))
+        ]
+        return ", ".join(f"{one['fairlead'][key] + more:.0f}" if one else "-" for one, more in made)
+
+    def cost(deck: Found) -> str:
+        best = [deck[code]["best"] for code in ("cabledyn", "moordyn", "ours")]
+        return ", ".join(milli(one["cpu_per_s"]) if one else "-" for one in best)
+
+    def apart(deck: Found) -> str:
+        pairs = zip(deck["at_rest"]["cabledyn"], deck["at_rest"]["ours"], strict=True)
+        return f"{max(abs(a / b - 1.0) for a, b in pairs):.1e}"
+
+    return columns(
+        found["decks"],
+        ("deck", "{name}"),
+        ("at rest, CableDyn to ours", apart),
+        ("mean [N]", lambda deck: statistics(deck, "mean")),
+        ("standard deviation [N]", lambda deck: statistics(deck, "std")),
+        ("largest [N]", lambda deck: statistics(deck, "max")),
+        ("processor time [ms per s]", cost),
+    )

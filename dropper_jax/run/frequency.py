@@ -90,6 +90,17 @@ class FrequencyResponse:
     basis_error: float
     duration: float
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Lines that do not stay taut in some state, and an inaccurate basis."""
+        loose = [name for name, low in zip(self.lines, np.any(self.slack, axis=0), strict=True) if low]
+        more = f" and {len(loose) - 5} more" if len(loose) > 5 else ""
+        found = [f"lines that go slack: {', '.join(loose[:5])}{more}: not linear here, run in time"] if loose else []
+        # largest error of the basis that stays below that of the linearisation
+        if self.basis_error > 0.02:
+            found.append(f"the shared basis has an error of {100 * self.basis_error:.2g} %: use fewer sea states at once")
+        return tuple(found)
+
     def spectra(self, state: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Frequencies (k,) [rad/s], spectra of end tensions (k, ends) [N^2 s/rad] and of motions (k, points, 3) [m^2
         s/rad] of a sea state; components of equal frequency are added."""
@@ -237,6 +248,7 @@ class _Solved(NamedTuple):
     shift: jax.Array
     damping: jax.Array
     change: jax.Array
+    iterations: jax.Array
 
 
 #: Change of the linearised drag in an iteration, over its size, at which it has converged, and maximum number of
@@ -333,20 +345,25 @@ def _solve_states(
             return (carry[1] > TOLERANCE) & (carry[2] < ITERATIONS)
 
         def correct(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-            drag, _, count = carry
+            drag, _, count, share, before = carry
             after = drag_of(motions(drag))[0]
-            change = jnp.linalg.norm(after - drag) / jnp.maximum(jnp.linalg.norm(after), 1e-300)
-            # half of each correction: drag-limited resonance has D ~ 1/D, for which this is Newton's method
-            return 0.5 * (drag + after), change, count + 1
+            left = after - drag
+            # Aitken's share of the correction: the root of the secant through this residual and the one before
+            turn = left - before
+            share = jnp.where(count > 0, -share * jnp.sum(before * turn) / jnp.maximum(jnp.sum(turn**2), 1e-300), share)
+            share = jnp.clip(share, 0.1, 1.0)
+            change = jnp.linalg.norm(left) / jnp.maximum(jnp.linalg.norm(after), 1e-300)
+            return drag + share * left, change, count + 1, share, left
 
         start = drag_of(jnp.zeros((flow.shape[0], basis.mass.shape[0]), complex))[0]
-        drag, change, _ = jax.lax.while_loop(unfinished, correct, (start, jnp.inf, 0))
+        carry = start, jnp.inf, 0, 0.5, jnp.zeros_like(start)
+        drag, change, count, *_ = jax.lax.while_loop(unfinished, correct, carry)
         q = motions(drag)
         tension = q @ basis.tension.T + (rate * q) @ basis.tension_rate.T + moved_ends
         mean = jnp.linalg.solve(basis.stiffness, basis.motions.T @ drag_of(q)[1].ravel())
         deviation = jnp.sqrt(0.5 * jnp.sum(jnp.abs(tension) ** 2, axis=0))
         moved = (q @ basis.motions.T).reshape(flow.shape)[:, nodes]
-        return _Solved(tension[:, links], moved, deviation, basis.tension @ mean, drag, change)
+        return _Solved(tension[:, links], moved, deviation, basis.tension @ mean, drag, change, count)
 
     return jax.lax.map(solve, waves)
 

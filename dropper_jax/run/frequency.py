@@ -32,7 +32,7 @@ from dropper_jax.effects.seabed import Seabed
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Model, State
-from dropper_jax.model.slots import Displacement
+from dropper_jax.model.slots import Displacement, Prepared
 from dropper_jax.run.arrays import static_pose
 from dropper_jax.run.build import SceneLike, build_model
 from dropper_jax.scene import whole_lines
@@ -240,7 +240,7 @@ class _Reduced(NamedTuple):
 
 class _Solved(NamedTuple):
     """A state: amplitudes at the picked links (c, picked) [N] and nodes (c, picked, 3) [m], standard deviation and mean
-    shift of all tensions (n,) [N], drag (free, 3, 3) [N s/m] and its last relative change."""
+    shift of all tensions (n,) [N], D (2, free, 3, 3) [N s/m], its last relative change, and the iterations."""
 
     tension: jax.Array
     motion: jax.Array
@@ -273,9 +273,28 @@ def _normal_points() -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([far * directions, near * directions]), weights
 
 
-def _linear_drag(model: Model, pose: State, covariance: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """D (free, 3, 3) [N s/m] and the change of the mean force (free, 3) [N] for velocities of this covariance (free, 3,
-    3)."""
+def _dragging(still: Model) -> tuple[Model, Model]:
+    """The model with the effects of the water, without contact, and with those that do not know the waves."""
+    wet = lambda e: e.needs_water or isinstance(e, Prepared)  # noqa: E731
+    groups = ([e for e in still.effects if wet(e) == which and not isinstance(e, Seabed)] for which in (True, False))
+    return tuple(replace(still, effects=tuple(group)) for group in groups)
+
+
+def _covariance(v: jax.Array, flow: jax.Array) -> jax.Array:
+    """Of the velocities (c, free, 3) relative to the water, and of the velocities themselves (2, free, 3, 3)."""
+    each = jnp.stack([v - flow, v])
+    return 0.5 * jnp.einsum("kcni,kcnj->knij", each, each.conj()).real
+
+
+def _linear_drag(dragging: tuple[Model, Model], pose: State, covariance: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """D (2, free, 3, 3) [N s/m] of the water and of the other effects, and the change of the mean force (free, 3) [N],
+    for velocities of this covariance (2, free, 3, 3)."""
+    drag, force = zip(*(_mean_derivative(m, pose, c) for m, c in zip(dragging, covariance, strict=True)), strict=True)
+    return jnp.stack(drag), force[0] + force[1]
+
+
+def _mean_derivative(model: Model, pose: State, covariance: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The same of one model (free, 3, 3), (free, 3)."""
     ends, still = model.ends(pose.t), jnp.zeros_like(pose.r)
 
     def force(v: jax.Array) -> jax.Array:
@@ -320,9 +339,9 @@ def _wave_loads(model: Model, pose: State, waves: Waves) -> tuple[jax.Array, jax
 
 @cached_jit(brief=True)
 def _solve_states(
-    model: Model, smooth: Model, pose: State, basis: _Reduced, links: jax.Array, nodes: jax.Array, waves: Waves
+    model: Model, dragging: tuple[Model, Model], pose: State, basis: _Reduced, links: jax.Array, nodes: jax.Array, waves: Waves
 ) -> _Solved:
-    """All states, one after another; `smooth` is the model without contact, for its drag."""
+    """All states, one after another; `dragging` as in `_dragging`."""
     free = pose.r.shape[0]
 
     def solve(waves: Waves) -> _Solved:
@@ -331,15 +350,15 @@ def _solve_states(
         by_node = basis.motions.reshape(free, 3, -1)
 
         def motions(drag: jax.Array) -> jax.Array:
-            added = jnp.einsum("nia,nij,njb->ab", by_node, drag, by_node)
-            right = force @ basis.motions + jnp.einsum("nia,nij,cnj->ca", by_node, drag, flow)
+            added = jnp.einsum("nia,nij,njb->ab", by_node, drag[0] + drag[1], by_node)
+            right = force @ basis.motions + jnp.einsum("nia,nij,cnj->ca", by_node, drag[0], flow)
             w = waves.omega[:, None, None]
             matrix = basis.stiffness + 1j * w * (basis.damping + added) - w**2 * basis.mass
             return jnp.linalg.solve(matrix, right[..., None])[..., 0]
 
         def drag_of(q: jax.Array) -> tuple[jax.Array, jax.Array]:
-            v = ((rate * q) @ basis.motions.T).reshape(flow.shape) - flow
-            return _linear_drag(smooth, pose, 0.5 * jnp.einsum("cni,cnj->nij", v, v.conj()).real)
+            v = ((rate * q) @ basis.motions.T).reshape(flow.shape)
+            return _linear_drag(dragging, pose, _covariance(v, flow))
 
         def unfinished(carry: tuple[jax.Array, ...]) -> jax.Array:
             return (carry[1] > TOLERANCE) & (carry[2] < ITERATIONS)
@@ -381,18 +400,17 @@ def _solve(
     linear, f, count = linearised_about(still, pose, loads), 3 * still.free_nodes, still.free_nodes
     stiffness, damping, mass = (csc_array(x) for x in (linear.stiffness, linear.damping, linear.mass))
     by_place, by_speed = linear.tension_by_place[:, :f], linear.tension_by_speed[:, :f]
-    smooth = replace(still, effects=tuple(e for e in still.effects if not isinstance(e, Seabed)))
+    dragging = _dragging(still)
     one = lambda i: jax.tree.map(lambda x: x[i], waves)  # noqa: E731
 
     def amplitudes(state: int, drag: np.ndarray, constant: np.ndarray) -> np.ndarray:
         """Displacements (c + 1, 3 free) by the full equations: under a constant force, and per component."""
         own = one(state)
         force, _, flow = (np.asarray(x) for x in _jit_loads(still, pose, own))
-        added = bsr_array((np.asarray(drag), np.arange(count), np.arange(count + 1)), shape=(f, f))
-        right = np.concatenate([np.ravel(constant)[None], force + flow.reshape(-1, f) @ added.T])
-        matrices = (
-            stiffness + 1j * w * (damping + added) - w**2 * mass for w in (0.0, *np.asarray(own.omega).tolist())
-        )
+        water, other = (bsr_array((d, np.arange(count), np.arange(count + 1)), shape=(f, f)) for d in np.asarray(drag))
+        right = np.concatenate([np.ravel(constant)[None], force + flow.reshape(-1, f) @ water.T])
+        added = damping + water + other
+        matrices = (stiffness + 1j * w * added - w**2 * mass for w in (0.0, *np.asarray(own.omega).tolist()))
         return np.array([splu(csc_array(a)).solve(b.astype(complex)) for a, b in zip(matrices, right, strict=True)])
 
     # the basis: responses of the lowest, highest, shortest and longest seas, with the drag of fixed nodes and a tenth
@@ -401,9 +419,8 @@ def _solve(
     found = []
     for state in chosen:
         flow = _jit_loads(still, pose, one(state))[2]
-        spread = 0.5 * jnp.einsum("cni,cnj->nij", flow, flow.conj()).real
-        for share in (1.0, 0.01):
-            x = amplitudes(state, *_jit_drag(smooth, pose, share * spread))
+        for share in (1.0, 0.1):
+            x = amplitudes(state, *_jit_drag(dragging, pose, _covariance(share * flow, 0.0 * flow)))
             found += [x.real, x.imag]
     shapes = np.concatenate(found).T
     inertia = np.mean(waves.omega) * np.sqrt(np.abs(linear.mass.diagonal()))
@@ -415,7 +432,7 @@ def _solve(
     phi = (shapes / scale) @ (right[taken].T / values[taken])
     project = lambda a: phi.T @ (a @ phi)  # noqa: E731
     basis = _Reduced(phi, *(project(a) for a in (stiffness, damping, mass)), by_place @ phi, by_speed @ phi)
-    solved = _solve_states(still, smooth, pose, jax.tree.map(jnp.asarray, basis), links, nodes, waves)
+    solved = _solve_states(still, dragging, pose, jax.tree.map(jnp.asarray, basis), links, nodes, waves)
     errors = []
     for state in chosen:
         x = amplitudes(state, solved.damping[state], np.zeros(f))[1:]

@@ -1,9 +1,9 @@
 """Tensions of `dropper frequency` next to runs in time with the same wave components, of two longlines.
 
-    python benchmarks/frequency_domain.py [--states N] [--rows]     # runs; --rows prints the stored table
+    python benchmarks/frequency_domain.py [--runs N]     # N runs more; then the response, and the table
 
-The components are evenly spaced, so that the variance of a run over one period of their differences has no sampling
-error. A run starts with a ramp of 15 s; the 45 s after it are left out.
+The components are evenly spaced, so that the variance over one period of their differences has no sampling error. Runs
+start with a ramp of 15 s; what comes before `START` is left out, and a trend is removed.
 """
 
 from __future__ import annotations
@@ -13,37 +13,92 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from study import RESULTS, command, show, stored
+from study import Rows, command, markdown, store, stored, table_of
 
 import dropper_jax as dj
+from dropper_jax.scene import whole_lines
 
-FILE = RESULTS / "frequency_domain.json"
 SCENES = Path(dj.__file__).parent / "data" / "scenes"
-#: Significant heights [m] and peak periods [s].
+#: Significant heights [m] and peak periods [s], the first to be run first.
 STATES = (
-    *((0.5, 4.0), (0.5, 6.0), (1.0, 5.0), (1.0, 7.0), (1.5, 6.0), (1.5, 8.0)),
-    *((2.0, 7.0), (2.0, 9.0), (2.5, 8.0), (3.0, 8.0), (3.0, 10.0), (4.0, 10.0)),
+    *((1.0, 6.0), (0.5, 4.0), (2.0, 8.0), (0.5, 6.0), (1.0, 5.0), (1.0, 7.0)),
+    *((2.0, 7.0), (1.5, 6.0), (1.5, 8.0), (3.0, 8.0), (3.0, 10.0), (4.0, 10.0)),
 )
-#: Scene: direction of the waves [rad], line ends that are compared.
-LONGLINES = {"looped-longline": (0.0, ("west-leg", "backbone")), "edulis-longline": (-np.pi / 2, ("west-leg", "backbone"))}
-#: Number of frequencies, end of the ramp and start of the compared part of a run [s].
-COUNT, RAMP, START = 40, 15.0, 60.0
+#: Scene: direction of the waves [rad], start of the compared part of a run [s].
+LONGLINES = {"edulis-longline": (-np.pi / 2, 60.0), "looped-longline": (0.0, 100.0)}
+#: Lines whose ends are compared: those between the anchors.
+LINES = ("west-leg", "backbone", "east-leg")
+#: Number of frequencies and end of the ramp [s].
+COUNT, RAMP = 40, 15.0
 
 
-def scene_in(name: str, direction: float, hs: float, tp: float) -> dict[str, Any]:
-    """Plain values of a scene with the sea of a state."""
+def scene_in(name: str, hs: float, tp: float) -> dj.Scene:
+    """A longline in the sea of a state."""
     scene = tomllib.loads((SCENES / f"{name}.toml").read_text())
-    waves = {"kind": "spectrum", "hs": hs, "tp": tp, "direction": direction, "count": COUNT, "frequencies": "even"}
+    waves = {"kind": "spectrum", "hs": hs, "tp": tp, "count": COUNT, "frequencies": "even"}
     sea = {key: value for key, value in scene["sea"].items() if key != "packaged"}
-    depth = sea.get("depth", 30.0)
-    return {**scene, "name": name, "sea": {**sea, "depth": depth, "ramp": RAMP, "waves": waves}}
+    sea |= {"depth": sea.get("depth", 30.0), "ramp": RAMP, "waves": waves | {"direction": LONGLINES[name][0]}}
+    return dj.load_scene({**scene, "name": name, "sea": sea})
 
 
-def run(name: str, direction: float, hs: float, tp: float) -> dict[str, Any]:
-    """Mean, standard deviation, extremes and slack of each end of a line in time."""
-    again = 2 * np.pi / (3.5 / COUNT * 2 * np.pi / tp)
-    scene = dj.load_scene(scene_in(name, direction, hs, tp))
-    solution = dj.simulate(scene, duration=START + again, save_every=2)
-    inside = solution.t_tension > START
-    tension = solution.tension[inside]
-    return {"status": solution.status, "mean": tension.mean(0), "deviation": tension.std(0), "least": tension.min(0), "most": tension.max(0)}
+def run(name: str, hs: float, tp: float) -> dict[str, Any]:
+    """Mean and standard deviation [N] of each link, over a period of the differences of the components."""
+    start, period = LONGLINES[name][1], COUNT / 3.5 * tp
+    solution = dj.simulate(scene_in(name, hs, tp), duration=start + period, save_every=4)
+    if solution.status != "ok":
+        return {"status": solution.status}
+    inside = solution.t_tension > start
+    return {"status": "ok", **statistics(solution.t_tension[inside], solution.tension[inside])}
+
+
+def statistics(t: np.ndarray, tension: np.ndarray) -> dict[str, np.ndarray]:
+    """Means and standard deviations about a trend (links,) of tensions (times, links)."""
+    trend = np.stack([np.ones_like(t), t - np.mean(t)], axis=1)
+    left = tension - trend @ np.linalg.lstsq(trend, tension, rcond=None)[0]
+    return {"mean": np.mean(tension, axis=0), "deviation": np.std(left, axis=0)}
+
+
+def compare(name: str, runs: dict[str, Any]) -> list[dict[str, Any]]:
+    """Rows of the ends of `LINES` in the states that were run."""
+    states = [tuple(float(x) for x in key.split(":")) for key in runs]
+    found = dj.frequency_response(scene_in(name, *states[0]), states, frequencies=COUNT)
+    lines = {line.name: line.links for line in whole_lines(scene_in(name, *states[0]))}
+    rows = []
+    for i, own in enumerate(runs.values()):
+        for j, (line, point) in enumerate(found.ends):
+            if line in LINES:
+                link = lines[line].start if j % 2 == 0 else lines[line].stop - 1
+                row = {"hs": states[i][0], "tp": states[i][1], "line": line, "point": point, "status": found.status[i]}
+                row |= {"mean": found.mean_tension[i, j], "deviation": found.tension_deviation[i, j]}
+                row |= {"run_mean": own["mean"][link], "run_deviation": own["deviation"][link]}
+                rows.append(row | {"slack": bool(found.slack[i, found.lines.index(line)])})
+    return rows
+
+
+@table_of("frequency_domain")
+def frequency_domain(found: dict[str, Any]) -> Rows:
+    rows = [("scene", "Hs, Tp", "end", "mean [N], run", "deviation [N], run", "difference", "stays taut")]
+    for name, own in found.items():
+        for row in own["rows"]:
+            state = f"{row['hs']:g} m, {row['tp']:g} s"
+            mean, deviation = (f"{row[key]:.0f}, {row[f'run_{key}']:.0f}" for key in ("mean", "deviation"))
+            apart = f"{100.0 * (row['deviation'] / row['run_deviation'] - 1.0):+.1f} %"
+            taut = "no" if row["slack"] else "yes"
+            rows.append((name, state, f"{row['line']} at {row['point']}", mean, deviation, apart, taut))
+    return rows
+
+
+@command(runs=0)
+def main(args) -> None:
+    found = stored("frequency_domain", {})
+    missing = [
+        (n, s) for s in STATES for n in LONGLINES if f"{s[0]:g}:{s[1]:g}" not in found.get(n, {}).get("runs", {})
+    ]
+    for name, state in missing[: args.runs]:
+        own = found.setdefault(name, {"runs": {}})
+        own["runs"][f"{state[0]:g}:{state[1]:g}"] = run(name, *state)
+        store("frequency_domain", found)
+    for name, own in found.items():
+        own["rows"] = compare(name, own["runs"])
+    store("frequency_domain", found)
+    print(markdown(frequency_domain(found)))

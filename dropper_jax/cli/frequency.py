@@ -50,9 +50,7 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.run.frequency import frequency_response
 
     direction = None if args.direction is None else np.radians(args.direction)
-    found = frequency_response(
-        scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration
-    )
+    found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
     if plot:
         from dropper_jax.study import pictures
 
@@ -122,4 +120,4 @@ def _text(found: FrequencyResponse) -> str:
             values = (found.static_tension[j], *(x[i, j] for x in numbers))
             slack = str(int(np.sum(found.slack[i])))
             lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *(f"{x:.5g}" for x in values), slack))
-    return f"{table(lines)}\nmaximum in {found.duration:g} s, Rayleigh distribution of maxima; linear where no line goes slack"
+    return f"{table(lines)}\nmaximum in {found.duration:g} s of Rayleigh-distributed peaks; linear where no line goes slack"

@@ -11,7 +11,7 @@ and tensions shift by the static response to it.
 
 All sea states share one basis of motions: responses solved in full at a few of them. Nodes on the seabed have the
 stiffness of contact and, where they stick, of friction; sliding friction is left out. Inextensible links are springs
-that stretch by 0.01 % under the weight of the line.
+that stretch by 0.01 %.
 
 Source of the linearisation: Krolikowski and Gay (1980), for drag in irregular waves and a current.
 """
@@ -43,7 +43,7 @@ from dropper_jax.statics.modes import linearised_about
 from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
 from dropper_jax.statics.search import Equilibrium, outward
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
-from dropper_jax.statics.system import springy
+from dropper_jax.statics.system import with_axial
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,9 @@ class FrequencyResponse:
         found = [f"lines that go slack: {', '.join(loose[:5])}{more}: not linear here, run in time"] if loose else []
         # largest error of the basis that stays below that of the linearisation
         if self.basis_error > 0.02:
-            found.append(f"the shared basis has an error of {100 * self.basis_error:.2g} %: use fewer sea states at once")
+            found.append(
+                f"the shared basis has an error of {100 * self.basis_error:.2g} %: use fewer sea states at once"
+            )
         return tuple(found)
 
     def spectra(self, state: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -187,7 +189,9 @@ def frequency_response(
 def _tangent_model(model: Model, pose: Equilibrium, loads: jax.Array) -> tuple[Model, Model, Equilibrium]:
     """The model with springs for rigid links, the one without waves whose tangent is used, and the equilibrium."""
     if not model.line.axial.elastic and pose.status == "ok":
-        model = springy(model)
+        # stretch of these springs under the largest static tension: 0.01 %
+        stiffness = jnp.full(pose.tension.shape, jnp.max(jnp.asarray(pose.tension)) / 1e-4)
+        model = with_axial(model, model.line.axial.springs(stiffness))
         pose = equilibrium(model, loads, near=pose.state)
     still, friction = rest(model), outward(model)
     if friction is not None and pose.status == "ok":
@@ -339,7 +343,13 @@ def _wave_loads(model: Model, pose: State, waves: Waves) -> tuple[jax.Array, jax
 
 @cached_jit(brief=True)
 def _solve_states(
-    model: Model, dragging: tuple[Model, Model], pose: State, basis: _Reduced, links: jax.Array, nodes: jax.Array, waves: Waves
+    model: Model,
+    dragging: tuple[Model, Model],
+    pose: State,
+    basis: _Reduced,
+    links: jax.Array,
+    nodes: jax.Array,
+    waves: Waves,
 ) -> _Solved:
     """All states, one after another; `dragging` as in `_dragging`."""
     free = pose.r.shape[0]
@@ -394,8 +404,8 @@ def _solve(
     still: Model, pose: State, loads: jax.Array, waves: Waves, links: np.ndarray, nodes: np.ndarray
 ) -> tuple[_Solved, float]:
     """All states in one basis, and the error of the basis."""
-    from scipy.sparse import bsr_array, csc_array
-    from scipy.sparse.linalg import splu
+    from scipy.sparse import bsr_array, csc_array  # noqa: PLC0415
+    from scipy.sparse.linalg import splu  # noqa: PLC0415
 
     linear, f, count = linearised_about(still, pose, loads), 3 * still.free_nodes, still.free_nodes
     stiffness, damping, mass = (csc_array(x) for x in (linear.stiffness, linear.damping, linear.mass))

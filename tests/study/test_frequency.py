@@ -13,7 +13,7 @@ from dropper_jax.cli import frequency as command
 
 #: Mass [kg] on a line of one link [m], axial stiffness [N], quadratic drag [kg/m], gravity [m/s^2].
 MASS, LENGTH, EA, DRAG, GRAVITY = 200.0, 5.0, 4000.0, 300.0, 9.81
-STATES = ((0.2, 4.0), (1.0, 5.0), (3.0, 9.0))
+STATES = ((0.2, 4.0), (1.0, 5.0), (4.0, 5.0))
 
 
 def hanging_mass(**line):
@@ -57,7 +57,7 @@ def closed_form(omega, amplitude, mass):
 
 @pytest.mark.parametrize("state", range(len(STATES)))
 def test_hanging_mass_with_quadratic_drag_is_the_scalar_fixed_point(response, state):
-    omega, (hs, tp) = response.omega[state], STATES[state]
+    omega, hs = response.omega[state], STATES[state][0]
     # the JONSWAP shape with gamma 2 in even steps of 0.5 to 4 peak frequencies, integrated here on a fine grid
     fine = np.linspace(0.5, 4.0, 40 * 500 + 1)
     middle = 0.5 * (fine[1:] + fine[:-1])
@@ -65,18 +65,20 @@ def test_hanging_mass_with_quadratic_drag_is_the_scalar_fixed_point(response, st
     density = middle**-5.0 * np.exp(-1.25 * middle**-4.0) * 2.0 ** np.exp(-((middle - 1.0) ** 2) / (2 * width**2))
     share = density.reshape(40, 500).sum(1) / density.sum()
     amplitude = hs / 4.0 * np.sqrt(2.0 * share)
-    x, tension = closed_form(omega, amplitude, MASS + 1e-3 * LENGTH)
+    x, tension = closed_form(omega, amplitude, MASS + 0.5e-3 * LENGTH)
     assert response.status[state] == "ok"
     assert response.basis_error < 1e-3
     # the mean over directions is right within 2 %
-    np.testing.assert_allclose(np.abs(response.motion[state, :, 0, 2]), np.abs(x), rtol=0.02, atol=0.01 * np.max(np.abs(x)))
+    np.testing.assert_allclose(
+        np.abs(response.motion[state, :, 0, 2]), np.abs(x), rtol=0.02, atol=0.01 * np.max(np.abs(x))
+    )
     deviation = np.sqrt(0.5 * np.sum(np.abs(tension) ** 2))
     np.testing.assert_allclose(response.tension_deviation[state], deviation, rtol=0.01)
     period = 2 * np.pi * deviation / np.sqrt(0.5 * np.sum(np.abs(omega * tension) ** 2))
     np.testing.assert_allclose(response.tension_period[state], period, rtol=0.01)
     maximum = MASS * GRAVITY + deviation * np.sqrt(2 * np.log(10800.0 / period))
     np.testing.assert_allclose(response.maximum_tension[state], maximum, rtol=0.01)
-    assert response.slack[state, 0] == (MASS * GRAVITY < 3.0 * deviation)
+    assert response.slack[state, 0] == (3.0 * deviation > MASS * GRAVITY)
 
 
 def test_spectra_integrate_to_the_variances(response):
@@ -87,14 +89,15 @@ def test_spectra_integrate_to_the_variances(response):
 
 
 def test_rigid_link_carries_the_inertia_of_its_mass():
-    """Own waves of a scene: the mass follows its end, so that T = m w^2 a, with drag b |v| v beside it."""
-    scene = hanging_mass(law="rigid", EA=None, damping_ratio=None)
-    scene["line_type"] = [{k: v for k, v in scene["line_type"][0].items() if v is not None}]
+    """Own waves of a scene: the mass follows its end, so that T = m w^2 a without drag."""
+    scene = hanging_mass(mass=1.0, law="rigid")
+    del scene["line_type"][0]["EA"], scene["line_type"][0]["damping_ratio"]
     scene["effects"]["quadratic_damping"]["b_q"] = 0.0
     found = dj.frequency_response(scene)
     amplitude = np.abs(found.motion[0, :, 0, 2])
     assert 4.0 * np.sqrt(0.5 * np.sum(amplitude**2)) == pytest.approx(1.0, rel=1e-3)
-    np.testing.assert_allclose(np.abs(found.tension[0, :, 0]), MASS * found.omega[0] ** 2 * amplitude, rtol=1e-3)
+    mass = float(dj.build(scene)[0].node_mass[-1])
+    np.testing.assert_allclose(np.abs(found.tension[0, :, 0]), mass * found.omega[0] ** 2 * amplitude, rtol=1e-3)
 
 
 def called(*words):
@@ -107,15 +110,15 @@ def called(*words):
 def test_command_prints_writes_and_draws(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(command, "read_scene", lambda args: dj.load_scene(hanging_mass()))
     table = tmp_path / "states.csv"
-    table.write_text("hs,tp\n0.2,4\n1,5\n3,9\n")
+    table.write_text("hs,tp\n0.2,4\n1,5\n4,5\n")
     words = ["--table", str(table), "--duration", "3600"]
     assert called(*words, "--json", "--out", str(tmp_path / "o.json"), "--plot", str(tmp_path / "o.png")) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((tmp_path / "o.json").read_text())
     assert (tmp_path / "o.png").stat().st_size > 1000
-    assert [row["slack_lines"] for row in printed["states"]] == [[], ["line"], ["line"]]
+    assert [row["slack_lines"] for row in printed["states"]] == [[], [], ["line"]]
     assert printed["states"][0]["ends"][0]["static_tension_n"] == pytest.approx(MASS * GRAVITY, rel=1e-4)
-    assert called("--sea-states", "0.2:4,1:5,3:9") == 0
+    assert called("--sea-states", "0.2:4,1:5,4:5") == 0
     assert "most probable maximum [N]" in capsys.readouterr().out
 
 

@@ -41,37 +41,36 @@ def scene_in(name: str, hs: float, tp: float) -> dj.Scene:
     return dj.load_scene({**scene, "name": name, "sea": sea})
 
 
-def run(name: str, hs: float, tp: float) -> dict[str, Any]:
-    """Mean and standard deviation [N] of each link, over a period of the differences of the components."""
+def run(name: str, hs: float, tp: float) -> list[dict[str, float]]:
+    """Mean and standard deviation [N] of each end of `LINES`, over a period of the differences of the components."""
     start, period = LONGLINES[name][1], COUNT / 3.5 * tp
-    solution = dj.simulate(scene_in(name, hs, tp), duration=start + period, save_every=4)
-    if solution.status != "ok":
-        return {"status": solution.status}
+    scene = scene_in(name, hs, tp)
+    solution = dj.simulate(scene, duration=start + period, save_every=4, throw=True)
     inside = solution.t_tension > start
-    return {"status": "ok", **statistics(solution.t_tension[inside], solution.tension[inside])}
+    links = [x for line in whole_lines(scene) if line.name in LINES for x in (line.links.start, line.links.stop - 1)]
+    return statistics(solution.t_tension[inside], solution.tension[inside][:, links])
 
 
-def statistics(t: np.ndarray, tension: np.ndarray) -> dict[str, np.ndarray]:
-    """Means and standard deviations about a trend (links,) of tensions (times, links)."""
+def statistics(t: np.ndarray, tension: np.ndarray) -> list[dict[str, float]]:
+    """Means and standard deviations about a trend of tensions (times, ends)."""
     trend = np.stack([np.ones_like(t), t - np.mean(t)], axis=1)
     left = tension - trend @ np.linalg.lstsq(trend, tension, rcond=None)[0]
-    return {"mean": np.mean(tension, axis=0), "deviation": np.std(left, axis=0)}
+    each = zip(np.mean(tension, axis=0), np.std(left, axis=0), strict=True)
+    return [{"run_mean": float(mean), "run_deviation": float(deviation)} for mean, deviation in each]
 
 
 def compare(name: str, runs: dict[str, Any]) -> list[dict[str, Any]]:
     """Rows of the ends of `LINES` in the states that were run."""
     states = [tuple(float(x) for x in key.split(":")) for key in runs]
     found = dj.frequency_response(scene_in(name, *states[0]), states, frequencies=COUNT)
-    lines = {line.name: line.links for line in whole_lines(scene_in(name, *states[0]))}
     rows = []
     for i, own in enumerate(runs.values()):
-        for j, (line, point) in enumerate(found.ends):
-            if line in LINES:
-                link = lines[line].start if j % 2 == 0 else lines[line].stop - 1
-                row = {"hs": states[i][0], "tp": states[i][1], "line": line, "point": point, "status": found.status[i]}
-                row |= {"mean": found.mean_tension[i, j], "deviation": found.tension_deviation[i, j]}
-                row |= {"run_mean": own["mean"][link], "run_deviation": own["deviation"][link]}
-                rows.append(row | {"slack": bool(found.slack[i, found.lines.index(line)])})
+        ends = [j for j, (line, _) in enumerate(found.ends) if line in LINES]
+        for j, in_time in zip(ends, own, strict=True):
+            line, point = found.ends[j]
+            row = {"hs": states[i][0], "tp": states[i][1], "line": line, "point": point, "status": found.status[i]}
+            row |= {"mean": float(found.mean_tension[i, j]), "deviation": float(found.tension_deviation[i, j])}
+            rows.append({**row, **in_time, "slack": bool(found.slack[i, found.lines.index(line)])})
     return rows
 
 

@@ -120,4 +120,5 @@ def _text(found: FrequencyResponse) -> str:
             values = (found.static_tension[j], *(x[i, j] for x in numbers))
             slack = str(int(np.sum(found.slack[i])))
             lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *(f"{x:.5g}" for x in values), slack))
-    return f"{table(lines)}\nmaximum in {found.duration:g} s of Rayleigh-distributed peaks; linear where no line goes slack"
+    note = f"maximum in {found.duration:g} s of Rayleigh-distributed peaks; linear where no line goes slack"
+    return f"{table(lines)}\n{note}"

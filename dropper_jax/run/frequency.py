@@ -4,10 +4,10 @@
 
 K, C, M are those of `dropper_jax.linearised`. F is the exact derivative of all forces by the amplitude of a wave
 component: Froude-Krylov force, added mass, waterline, drag of the mean current, ends that follow the sea. P(v) is the
-force on nodes with velocity v relative to the waves, in the mean current, and u the velocity of the waves. D is the
-stochastic linearisation of its drag (`sqrt(8/pi) b sigma` for `b |v| v`), beyond the part D_0 at rest, which is in C and
-F. S follows from the motion, so D is found by iteration. The mean force of drag also changes, by E[P] - P(0): positions
-and tensions shift by the static response to it.
+force on nodes with velocity v relative to the waves, in the mean current, and u the velocity of the waves. D is its
+stochastic linearisation (`sqrt(8/pi) b sigma` for `b |v| v`) beyond D_0, the part at rest that C and F contain. S
+follows from the motion, so D is found by iteration. The mean force changes by E[P] - P(0), and positions and tensions
+shift by the static response to it.
 
 All sea states share one basis of motions: responses solved in full at a few of them. Nodes on the seabed have the
 stiffness of contact and, where they stick, of friction; sliding friction is left out. Inextensible links are springs

@@ -244,7 +244,7 @@ class _Reduced(NamedTuple):
 
 class _Solved(NamedTuple):
     """A state: amplitudes at the picked links (c, picked) [N] and nodes (c, picked, 3) [m], standard deviation and mean
-    shift of all tensions (n,) [N], D (2, free, 3, 3) [N s/m], its last relative change, and the iterations."""
+    shift of all tensions (n,) [N], D (2, free, 3, 3) [N s/m], and its last relative change."""
 
     tension: jax.Array
     motion: jax.Array
@@ -252,7 +252,6 @@ class _Solved(NamedTuple):
     shift: jax.Array
     damping: jax.Array
     change: jax.Array
-    iterations: jax.Array
 
 
 #: Change of the linearised drag in an iteration, over its size, at which it has converged, and maximum number of
@@ -386,13 +385,13 @@ def _solve_states(
 
         start = drag_of(jnp.zeros((flow.shape[0], basis.mass.shape[0]), complex))[0]
         carry = start, jnp.inf, 0, 0.5, jnp.zeros_like(start)
-        drag, change, count, *_ = jax.lax.while_loop(unfinished, correct, carry)
+        drag, change, *_ = jax.lax.while_loop(unfinished, correct, carry)
         q = motions(drag)
         tension = q @ basis.tension.T + (rate * q) @ basis.tension_rate.T + moved_ends
         mean = jnp.linalg.solve(basis.stiffness, basis.motions.T @ drag_of(q)[1].ravel())
         deviation = jnp.sqrt(0.5 * jnp.sum(jnp.abs(tension) ** 2, axis=0))
         moved = (q @ basis.motions.T).reshape(flow.shape)[:, nodes]
-        return _Solved(tension[:, links], moved, deviation, basis.tension @ mean, drag, change, count)
+        return _Solved(tension[:, links], moved, deviation, basis.tension @ mean, drag, change)
 
     return jax.lax.map(solve, waves)
 

@@ -52,9 +52,7 @@ def run(args: argparse.Namespace) -> int:
     direction = None if args.direction is None else np.radians(args.direction)
     found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
     if plot:
-        from dropper_jax.study import pictures
-
-        pictures.tension_spectra(scene.name, found, picture(plot, "frequency"))
+        _draw(scene.name, found, picture(plot, "frequency"))
     print_warnings(found.warnings)
     failed = next((status for status in found.status if status != "ok"), None)
     message = "" if failed is None else "the linearised drag of a sea state still changes"
@@ -122,3 +120,24 @@ def _text(found: FrequencyResponse) -> str:
             lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *(f"{x:.5g}" for x in values), slack))
     note = f"maximum in {found.duration:g} s of Rayleigh-distributed peaks; linear where no line goes slack"
     return f"{table(lines)}\n{note}"
+
+
+def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
+    """Spectra of the tensions at the ends with the largest deviations, in the sea state with the maximum tension."""
+    from dropper_jax.plots import style
+    from dropper_jax.study.pictures import marks, title
+
+    state = int(np.argmax(np.max(found.maximum_tension, axis=1)))
+    omega, tension, _ = found.spectra(state)
+    with style.plot_style():
+        figure = style.new_figure(7.0, 4.4)
+        axes = figure.subplots()
+        # the six ends with the largest deviations
+        for i, end in enumerate(np.argsort(-found.tension_deviation[state])[:6]):
+            line, point = found.ends[end]
+            axes.plot(omega, tension[:, end] / 1e6, label=f"{line} at {point}", **marks(i))
+        axes.set(xlabel="frequency [rad/s]", ylabel="spectrum of the tension [kN$^2$ s/rad]", ylim=(0.0, None))
+        figure.legend(loc="outside right upper")
+        hs, tp = found.sea_states[state]
+        title(figure, f"{name}: tension in waves of {hs:.3g} m and {tp:.3g} s")
+        style.save(figure, path)

@@ -1,45 +1,26 @@
-"""Motions and tensions of a whole scene in irregular waves, in the frequency domain about its static pose.
-
-    (K + i w (C + D) - w^2 M) x = F + D u,    D = E[-dP/dv] - D_0,    v ~ N(0, S),    S = E[v v'],  v = i w x - u
-
-K, C, M are those of `dropper_jax.linearised`. F is the exact derivative of all forces by the amplitude of a wave
-component: Froude-Krylov force, added mass, waterline, drag of the mean current, ends that follow the sea. P(v) is the
-force on nodes with velocity v relative to the waves, in the mean current, and u the velocity of the waves. D is its
-stochastic linearisation (`sqrt(8/pi) b sigma` for `b |v| v`) beyond D_0, the part at rest that C and F contain. S
-follows from the motion, so D is found by iteration. The mean force changes by E[P] - P(0), and positions and tensions
-shift by the static response to it.
-
-All sea states share one basis of motions: responses solved in full at a few of them. Nodes on the seabed have the
-stiffness of contact and, where they stick, of friction; sliding friction is left out. Inextensible links are springs
-that stretch by 0.01 %.
-
-Source of the linearisation: Krolikowski and Gay (1980), for drag in irregular waves and a current.
-"""
+"""Motions and tensions of a scene in irregular waves, in the frequency domain (see `statics.frequency`)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.effects.seabed import Seabed
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.model import Model, State
-from dropper_jax.model.slots import Displacement, Prepared
+from dropper_jax.model import Model
+from dropper_jax.model.slots import Displacement
 from dropper_jax.run.arrays import static_pose
 from dropper_jax.run.build import SceneLike, build_model
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, wave_components, waves_on
 from dropper_jax.sea.spec import WaveSpec
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.modes import linearised_about
+from dropper_jax.statics.frequency import TOLERANCE, solve_states
 from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
 from dropper_jax.statics.search import Equilibrium, outward
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
@@ -131,7 +112,7 @@ def frequency_response(
 
     Args:
         scene: packaged name, TOML file, plain values or a `Scene`.
-        sea_states: significant heights [m] and peak periods [s] (states, 2); None: the waves of the scene, as they are.
+        sea_states: significant heights [m] and peak periods [s] (states, 2); None: the waves of the scene, unchanged.
         direction: of these states' waves [rad], from x towards y; None: that of the scene, or 0.
         frequencies: number of frequencies of these states, evenly spaced from 0.5 to 4 peak frequencies.
         duration: of the most probable maximum [s], three hours.
@@ -145,10 +126,13 @@ def frequency_response(
         raise SceneError("sea: missing; needed: the depth of the water, and waves")
     model = build_model(scene, "float64")
     for effect in model.having(Displacement):
-        if not effect.needs_sea or (sea_states is not None and effect.name == "vessel_motion"):
-            why = "has factors at the frequencies of the scene's own waves" if effect.needs_sea else "is not a sea"
-            raise SceneError(f"effects.{effect.name}: its motion {why}. Use a run in time")
-    states, waves = _waves(scene, model, sea_states, direction, frequencies)
+        if not effect.needs_sea:
+            raise SceneError(f"effects.{effect.name}: its motion does not come from the sea. Use a run in time")
+    if sea_states is not None and model.effect("vessel_motion") is not None:
+        raise SceneError(
+            "vessel: has factors at the frequencies of the scene's own waves only. Use it without sea states"
+        )
+    states, waves = _waves(scene, sea_states, direction, frequencies)
     loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
     model, still, pose = _tangent_model(model, static_pose(scene, model), loads)
     if pose.status != "ok":
@@ -158,13 +142,14 @@ def frequency_response(
     ends = [(line.name, list(line.stops.values())[at]) for line in lines for at in (0, -1)]
     points = [i for i, point in enumerate(scene.points) if point.is_free]
     nodes = np.array([model.geometry.node_of_point(i) for i in points], int)
-    solved, error = _solve(still, pose.state, loads, waves, links, nodes)
+    solved, error = solve_states(still, pose.state, loads, waves, links, nodes)
     static, tension, motion = np.asarray(pose.tension), np.asarray(solved.tension), np.asarray(solved.motion)
     mean, deviation, omega = static + np.asarray(solved.shift), np.asarray(solved.deviation), np.asarray(waves.omega)
     rate = np.sqrt(0.5 * np.sum(np.abs(omega[:, :, None] * tension) ** 2, axis=1))
     period = 2.0 * np.pi * deviation[:, links] / np.maximum(rate, 1e-300)
     peak = np.sqrt(2.0 * np.log(np.maximum(duration / np.maximum(period, 1e-300), 1.0)))
-    low = mean < SLACK * deviation
+    # standard deviations below which a mean tension is taken as one that does not stay positive
+    low = mean < 3.0 * deviation
     return FrequencyResponse(
         status=tuple("ok" if change <= TOLERANCE else "not_converged" for change in np.asarray(solved.change)),
         sea_states=states,
@@ -200,253 +185,33 @@ def _tangent_model(model: Model, pose: Equilibrium, loads: jax.Array) -> tuple[M
 
 
 def _waves(
-    scene: Scene, model: Model, sea_states: ArrayLike | None, direction: float | None, frequencies: int
+    scene: Scene, sea_states: ArrayLike | None, direction: float | None, frequencies: int
 ) -> tuple[np.ndarray, Waves]:
     """Height and period of each state, and its waves, with a leading axis of the states."""
-    spec, own = scene.sea, model.sea.waves
+    spec = scene.sea
+    current = None if spec.current is None or spec.wave_current == "none" else make_current(spec.current)
+
+    def waves_of(given: WaveSpec) -> Waves:
+        drawn = wave_components(given, spec.depth, spec.gravity)
+        action, approximate = spec.wave_current == "action", spec.dispersion == "fenton"
+        return waves_on(
+            drawn, spec.depth, spec.gravity, current=current, conserve_action=action, approximate=approximate
+        )
+
     if sea_states is None:
-        if not isinstance(own, Waves) or own.size < 2:
+        own = None if spec.waves is None else waves_of(spec.waves)
+        if own is None or own.size < 2:
             raise SceneError("sea.waves: is not an irregular linear sea. Use sea states, or kind 'spectrum'")
         peak = own.omega[jnp.argmax(own.amplitude)]
         return np.array([[own.significant_height, 2 * np.pi / peak]]), jax.tree.map(lambda x: x[None], own)
     states = np.atleast_2d(np.asarray(sea_states, float))
     if states.shape[1] != 2 or not np.all(np.isfinite(states) & (states > 0.0)):
         raise SceneError("sea_states: need rows of a significant height [m] and a peak period [s]; allowed: above 0")
-    base = spec.waves if spec.waves is not None and spec.waves.kind == "spectrum" else WaveSpec(kind="spectrum")
     if direction is None:
         direction = 0.0 if spec.waves is None else float(np.mean(spec.waves.direction))
+    base = WaveSpec(kind="spectrum") if spec.waves is None else replace(spec.waves, kind="spectrum")
     base = replace(base, frequencies="even", count=frequencies, direction=direction)
-    current = None if spec.current is None or spec.wave_current == "none" else make_current(spec.current)
-
-    def of_state(state: jax.Array) -> Waves:
-        drawn = wave_components(replace(base, hs=state[0], tp=state[1]), spec.depth, spec.gravity)
-        action, approximate = spec.wave_current == "action", spec.dispersion == "fenton"
-        return waves_on(
-            drawn, spec.depth, spec.gravity, current=current, conserve_action=action, approximate=approximate
-        )
-
-    waves = jax.jit(jax.vmap(of_state))(jnp.asarray(states))
+    waves = jax.jit(jax.vmap(lambda x: waves_of(replace(base, hs=x[0], tp=x[1]))))(jnp.asarray(states))
     if not np.all(np.isfinite(waves.wave_number)):
         raise SceneError("sea.wave_current: the current stops waves of these states. Use longer waves")
     return states, waves
-
-
-class _Reduced(NamedTuple):
-    """The matrices (m, m) along the motions (3 free, m) of the basis, and tensions (n, m) by displacement and speed."""
-
-    motions: jax.Array
-    stiffness: jax.Array
-    damping: jax.Array
-    mass: jax.Array
-    tension: jax.Array
-    tension_rate: jax.Array
-
-
-class _Solved(NamedTuple):
-    """A state: amplitudes at the picked links (c, picked) [N] and nodes (c, picked, 3) [m], standard deviation and mean
-    shift of all tensions (n,) [N], D (2, free, 3, 3) [N s/m], and its last relative change."""
-
-    tension: jax.Array
-    motion: jax.Array
-    deviation: jax.Array
-    shift: jax.Array
-    damping: jax.Array
-    change: jax.Array
-
-
-#: Change of the linearised drag in an iteration, over its size, at which it has converged, and maximum number of
-#: iterations.
-TOLERANCE, ITERATIONS = 1e-3, 60
-#: Singular values of the responses that span the basis, relative to the largest one.
-BASIS = 1e-4
-#: Standard deviations below which a mean tension is taken as one that will not stay positive.
-SLACK = 3.0
-
-
-def _normal_points() -> tuple[np.ndarray, np.ndarray]:
-    """Points (k, 3) and weights (k,) of means over a standard normal vector: two radii, exact for powers up to 3, and
-    directions on a spiral, whose mean of |cos| is right within 2 %."""
-    mean, count = 2.0 * np.sqrt(2.0 / np.pi), 48
-    far, near = np.roots([1.0, -mean / (3.0 - mean**2), mean**2 / (3.0 - mean**2) - 3.0])
-    share = (mean - near) / (far - near)
-    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
-    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
-    directions = np.stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z], axis=1)
-    weights = np.repeat([share / count, (1.0 - share) / count], count)
-    return np.concatenate([far * directions, near * directions]), weights
-
-
-def _dragging(still: Model) -> tuple[Model, Model]:
-    """The model with the effects of the water, without contact, and with those that do not know the waves."""
-    wet = lambda e: e.needs_water or isinstance(e, Prepared)  # noqa: E731
-    groups = ([e for e in still.effects if wet(e) == which and not isinstance(e, Seabed)] for which in (True, False))
-    return tuple(replace(still, effects=tuple(group)) for group in groups)
-
-
-def _covariance(v: jax.Array, flow: jax.Array) -> jax.Array:
-    """Of the velocities (c, free, 3) relative to the water, and of the velocities themselves (2, free, 3, 3)."""
-    each = jnp.stack([v - flow, v])
-    return 0.5 * jnp.einsum("kcni,kcnj->knij", each, each.conj()).real
-
-
-def _linear_drag(dragging: tuple[Model, Model], pose: State, covariance: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """D (2, free, 3, 3) [N s/m] of the water and of the other effects, and the change of the mean force (free, 3) [N],
-    for velocities of this covariance (2, free, 3, 3)."""
-    drag, force = zip(*(_mean_derivative(m, pose, c) for m, c in zip(dragging, covariance, strict=True)), strict=True)
-    return jnp.stack(drag), force[0] + force[1]
-
-
-def _mean_derivative(model: Model, pose: State, covariance: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The same of one model (free, 3, 3), (free, 3)."""
-    ends, still = model.ends(pose.t), jnp.zeros_like(pose.r)
-
-    def force(v: jax.Array) -> jax.Array:
-        return model.force(model.instant(pose.r, v, pose.t, ends))
-
-    def derivative(v: jax.Array) -> tuple[jax.Array, jax.Array]:
-        axes = jnp.broadcast_to(jnp.eye(3)[:, None], (3, *v.shape))
-        value, columns = jax.vmap(lambda axis: jax.jvp(force, (v,), (axis,)), out_axes=(None, 2))(axes)
-        return value, -columns
-
-    # the root of a covariance of plane motion needs a small one in the third direction
-    size = jnp.trace(covariance, axis1=1, axis2=2)[:, None, None]
-    root = jnp.linalg.cholesky(covariance + (1e-9 * size + 1e-12) * jnp.eye(3))
-    points, weights = _normal_points()
-    value, drag = jax.vmap(lambda x: derivative(jnp.einsum("nij,j->ni", root, x)))(jnp.asarray(points))
-    value_0, drag_0 = derivative(still)
-    mean = lambda x: jnp.tensordot(jnp.asarray(weights), x, 1)  # noqa: E731
-    return mean(drag) - drag_0, mean(value) - value_0
-
-
-def _wave_loads(model: Model, pose: State, waves: Waves) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Complex amplitudes by component: forces (c, 3 free) [N], tensions from moving ends (c, n) [N], and velocities of
-    the water (c, free, 3) [m/s]."""
-    still = jnp.zeros_like(pose.r)
-
-    def of(amplitude: jax.Array, phase: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        sea = replace(model.sea, waves=replace(waves, amplitude=amplitude, phase=phase, ramp=None))
-        moved = replace(model, sea=sea)
-        k = moved.instant(pose.r, still, pose.t)
-        tension = moved.line.axial.tension(k.links, k.link_velocities, moved.line.length)
-        direction = moved.line.axial.direction(k.links, k.links, k.links, moved.line.length)
-        inertia = moved.inertia(k, still, moved.end_acceleration(pose.t))
-        force = moved.force(k) + moved.tension_force(tension, direction) - inertia
-        return force.ravel(), tension, sea.at(pose.r, pose.t).velocity
-
-    zero = jnp.zeros_like(waves.amplitude)
-    # a quarter period later by the phase: Re(H exp(i w t)) there is -Im(H)
-    real, later = (jax.jacfwd(lambda a, e=e: of(a, zero + e))(zero) for e in (0.0, -0.5 * jnp.pi))
-    size = waves.amplitude * jnp.exp(-1j * waves.phase)
-    return tuple(jnp.moveaxis((a - 1j * b) * size, -1, 0) for a, b in zip(real, later, strict=True))
-
-
-@cached_jit(brief=True)
-def _solve_states(
-    model: Model,
-    dragging: tuple[Model, Model],
-    pose: State,
-    basis: _Reduced,
-    links: jax.Array,
-    nodes: jax.Array,
-    waves: Waves,
-) -> _Solved:
-    """All states, one after another; `dragging` as in `_dragging`."""
-    free = pose.r.shape[0]
-
-    def solve(waves: Waves) -> _Solved:
-        force, moved_ends, flow = _wave_loads(model, pose, waves)
-        rate = 1j * waves.omega[:, None]
-        by_node = basis.motions.reshape(free, 3, -1)
-
-        def motions(drag: jax.Array) -> jax.Array:
-            added = jnp.einsum("nia,nij,njb->ab", by_node, drag[0] + drag[1], by_node)
-            right = force @ basis.motions + jnp.einsum("nia,nij,cnj->ca", by_node, drag[0], flow)
-            w = waves.omega[:, None, None]
-            matrix = basis.stiffness + 1j * w * (basis.damping + added) - w**2 * basis.mass
-            return jnp.linalg.solve(matrix, right[..., None])[..., 0]
-
-        def drag_of(q: jax.Array) -> tuple[jax.Array, jax.Array]:
-            v = ((rate * q) @ basis.motions.T).reshape(flow.shape)
-            return _linear_drag(dragging, pose, _covariance(v, flow))
-
-        def unfinished(carry: tuple[jax.Array, ...]) -> jax.Array:
-            return (carry[1] > TOLERANCE) & (carry[2] < ITERATIONS)
-
-        def correct(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-            drag, _, count, share, before = carry
-            after = drag_of(motions(drag))[0]
-            left = after - drag
-            # Aitken's share of the correction: the root of the secant through this residual and the one before
-            turn = left - before
-            share = jnp.where(count > 0, -share * jnp.sum(before * turn) / jnp.maximum(jnp.sum(turn**2), 1e-300), share)
-            share = jnp.clip(share, 0.1, 1.0)
-            change = jnp.linalg.norm(left) / jnp.maximum(jnp.linalg.norm(after), 1e-300)
-            return drag + share * left, change, count + 1, share, left
-
-        start = drag_of(jnp.zeros((flow.shape[0], basis.mass.shape[0]), complex))[0]
-        carry = start, jnp.inf, 0, 0.5, jnp.zeros_like(start)
-        drag, change, *_ = jax.lax.while_loop(unfinished, correct, carry)
-        q = motions(drag)
-        tension = q @ basis.tension.T + (rate * q) @ basis.tension_rate.T + moved_ends
-        mean = jnp.linalg.solve(basis.stiffness, basis.motions.T @ drag_of(q)[1].ravel())
-        deviation = jnp.sqrt(0.5 * jnp.sum(jnp.abs(tension) ** 2, axis=0))
-        moved = (q @ basis.motions.T).reshape(flow.shape)[:, nodes]
-        return _Solved(tension[:, links], moved, deviation, basis.tension @ mean, drag, change)
-
-    return jax.lax.map(solve, waves)
-
-
-_jit_loads, _jit_drag = cached_jit(brief=True)(_wave_loads), cached_jit(brief=True)(_linear_drag)
-
-
-def _solve(
-    still: Model, pose: State, loads: jax.Array, waves: Waves, links: np.ndarray, nodes: np.ndarray
-) -> tuple[_Solved, float]:
-    """All states in one basis, and the error of the basis."""
-    from scipy.sparse import bsr_array, csc_array  # noqa: PLC0415
-    from scipy.sparse.linalg import splu  # noqa: PLC0415
-
-    linear, f, count = linearised_about(still, pose, loads), 3 * still.free_nodes, still.free_nodes
-    stiffness, damping, mass = (csc_array(x) for x in (linear.stiffness, linear.damping, linear.mass))
-    by_place, by_speed = linear.tension_by_place[:, :f], linear.tension_by_speed[:, :f]
-    dragging = _dragging(still)
-    one = lambda i: jax.tree.map(lambda x: x[i], waves)  # noqa: E731
-
-    def amplitudes(state: int, drag: np.ndarray, constant: np.ndarray) -> np.ndarray:
-        """Displacements (c + 1, 3 free) by the full equations: under a constant force, and per component."""
-        own = one(state)
-        force, _, flow = (np.asarray(x) for x in _jit_loads(still, pose, own))
-        water, other = (bsr_array((d, np.arange(count), np.arange(count + 1)), shape=(f, f)) for d in np.asarray(drag))
-        right = np.concatenate([np.ravel(constant)[None], force + flow.reshape(-1, f) @ water.T])
-        added = damping + water + other
-        matrices = (stiffness + 1j * w * added - w**2 * mass for w in (0.0, *np.asarray(own.omega).tolist()))
-        return np.array([splu(csc_array(a)).solve(b.astype(complex)) for a, b in zip(matrices, right, strict=True)])
-
-    # the basis: responses of the lowest, highest, shortest and longest seas, with the drag of fixed nodes and a tenth
-    height, length = np.linalg.norm(waves.amplitude, axis=1), -np.mean(waves.omega, axis=1)
-    chosen = np.unique([pick(x) for x in (height, length) for pick in (np.argmin, np.argmax)])
-    found = []
-    for state in chosen:
-        flow = _jit_loads(still, pose, one(state))[2]
-        for share in (1.0, 0.1):
-            x = amplitudes(state, *_jit_drag(dragging, pose, _covariance(share * flow, 0.0 * flow)))
-            found += [x.real, x.imag]
-    shapes = np.concatenate(found).T
-    inertia = np.mean(waves.omega) * np.sqrt(np.abs(linear.mass.diagonal()))
-    stretch = 1.0 / np.sqrt(np.maximum(np.linalg.norm(by_place, axis=1), 1e-300))
-    size = np.concatenate([inertia[:, None] * shapes, stretch[:, None] * (by_place @ shapes)])
-    scale = np.maximum(np.linalg.norm(size, axis=0), 1e-300)
-    _, values, right = np.linalg.svd(size / scale, full_matrices=False)
-    taken = values > BASIS * values[0]
-    phi = (shapes / scale) @ (right[taken].T / values[taken])
-    project = lambda a: phi.T @ (a @ phi)  # noqa: E731
-    basis = _Reduced(phi, *(project(a) for a in (stiffness, damping, mass)), by_place @ phi, by_speed @ phi)
-    solved = _solve_states(still, dragging, pose, jax.tree.map(jnp.asarray, basis), links, nodes, waves)
-    errors = []
-    for state in chosen:
-        x = amplitudes(state, solved.damping[state], np.zeros(f))[1:]
-        tension = x @ by_place.T + 1j * np.asarray(one(state).omega)[:, None] * (x @ by_speed.T)
-        tension = tension + np.asarray(_jit_loads(still, pose, one(state))[1])
-        exact, own = np.sqrt(0.5 * np.sum(np.abs(tension) ** 2, axis=0)), np.asarray(solved.deviation[state])
-        errors.append(np.max(np.abs(own - exact)) / np.max(exact))
-    return solved, float(max(errors))

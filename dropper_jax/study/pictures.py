@@ -15,7 +15,6 @@ from dropper_jax import plots
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.plots import style, view
-from dropper_jax.run.frequency import FrequencyResponse
 from dropper_jax.scene import line_slices
 from dropper_jax.statics import Equilibrium
 from dropper_jax.statics.modes import Modes
@@ -338,22 +337,4 @@ def offsets(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path
     handles, labels = restoring.get_legend_handles_labels()
     figure.legend(handles, labels, title="direction [deg]", loc="outside right upper")
     title(figure, f"{name}: restoring force and tension over the offset")
-    return style.save(figure, path)
-
-
-@style.plot_style()
-def tension_spectra(name: str, found: FrequencyResponse, path: str | Path) -> Path:
-    """Spectra of the tensions at the ends with the largest deviations, in the sea state with the maximum tension."""
-    state = int(np.argmax(np.max(found.maximum_tension, axis=1)))
-    omega, tension, _ = found.spectra(state)
-    figure = style.new_figure(7.0, 4.4)
-    axes = figure.subplots()
-    # the six ends with the largest deviations
-    for i, end in enumerate(np.argsort(-found.tension_deviation[state])[:6]):
-        line, point = found.ends[end]
-        axes.plot(omega, tension[:, end] / 1e6, label=f"{line} at {point}", **marks(i))
-    axes.set(xlabel="frequency [rad/s]", ylabel="spectrum of the tension [kN$^2$ s/rad]", ylim=(0.0, None))
-    figure.legend(loc="outside right upper")
-    hs, tp = found.sea_states[state]
-    title(figure, f"{name}: tension in waves of {hs:.3g} m and {tp:.3g} s")
     return style.save(figure, path)

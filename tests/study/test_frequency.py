@@ -144,5 +144,5 @@ def test_scenes_without_irregular_waves_are_rejected():
     with pytest.raises(dj.SceneError, match="sea.waves: is not an irregular linear sea"):
         dj.frequency_response(scene)
     scene["effects"] = {"weight": {}, "end_motion": {"point": "top", "amplitude": [0.0, 0.0, 1.0], "period": 5.0}}
-    with pytest.raises(dj.SceneError, match="effects.end_motion: its motion is not a sea"):
+    with pytest.raises(dj.SceneError, match="effects.end_motion: its motion does not come from the sea"):
         dj.frequency_response(scene, STATES)

@@ -76,15 +76,16 @@ def compare(name: str, runs: dict[str, Any]) -> list[dict[str, Any]]:
 
 @table_of("frequency_domain")
 def frequency_domain(found: dict[str, Any]) -> Rows:
-    rows = [("scene", "Hs, Tp", "end", "mean [N], run", "deviation [N], run", "difference", "lines that go slack")]
+    """Ranges of the differences of all ends, a row per sea state."""
+    rows = [
+        ("scene", "Hs, Tp", "lines that go slack", "deviations of tension against the run", "means against the run")
+    ]
     for name, own in found.items():
-        for row in own["rows"]:
-            state = f"{row['hs']:g} m, {row['tp']:g} s"
-            mean, deviation = (f"{row[key]:.0f}, {row[f'run_{key}']:.0f}" for key in ("mean", "deviation"))
-            apart = f"{100.0 * (row['deviation'] / row['run_deviation'] - 1.0):+.1f} %"
-            rows.append(
-                (name, state, f"{row['line']} at {row['point']}", mean, deviation, apart, str(row["slack_lines"]))
-            )
+        for hs, tp in dict.fromkeys((row["hs"], row["tp"]) for row in own["rows"]):
+            ends = [row for row in own["rows"] if (row["hs"], row["tp"]) == (hs, tp)]
+            apart = [[100.0 * (row[key] / row[f"run_{key}"] - 1.0) for row in ends] for key in ("deviation", "mean")]
+            ranges = (f"{min(values):+.1f} to {max(values):+.1f} %" for values in apart)
+            rows.append((f"`{name}`", f"{hs:g} m, {tp:g} s", str(ends[0]["slack_lines"]), *ranges))
     return rows
 
 

@@ -33,7 +33,7 @@ from dropper_jax.sea.waves import Waves
 from dropper_jax.statics.modes import linearised_about
 
 
-class _Reduced(NamedTuple):
+class _Basis(NamedTuple):
     """The matrices (m, m) along the motions (3 free, m) of the basis, and tensions (n, m) by displacement and speed."""
 
     motions: jax.Array
@@ -143,7 +143,7 @@ def _batch(
     model: Model,
     dragging: tuple[Model, Model],
     pose: State,
-    basis: _Reduced,
+    basis: _Basis,
     links: jax.Array,
     nodes: jax.Array,
     waves: Waves,
@@ -152,15 +152,15 @@ def _batch(
     free = pose.r.shape[0]
 
     def solve(waves: Waves) -> _Solved:
-        force, moved_ends, flow = _wave_loads(model, pose, waves)
+        force, end_tension, flow = _wave_loads(model, pose, waves)
         rate = 1j * waves.omega[:, None]
         by_node = basis.motions.reshape(free, 3, -1)
 
         def motions(drag: jax.Array) -> jax.Array:
-            added = jnp.einsum("nia,nij,njb->ab", by_node, drag[0] + drag[1], by_node)
+            extra = jnp.einsum("nia,nij,njb->ab", by_node, drag[0] + drag[1], by_node)
             right = force @ basis.motions + jnp.einsum("nia,nij,cnj->ca", by_node, drag[0], flow)
             w = waves.omega[:, None, None]
-            matrix = basis.stiffness + 1j * w * (basis.damping + added) - w**2 * basis.mass
+            matrix = basis.stiffness + 1j * w * (basis.damping + extra) - w**2 * basis.mass
             return jnp.linalg.solve(matrix, right[..., None])[..., 0]
 
         def drag_of(q: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -185,7 +185,7 @@ def _batch(
         carry = start, jnp.inf, 0, 0.5, jnp.zeros_like(start)
         drag, change, *_ = jax.lax.while_loop(unfinished, correct, carry)
         q = motions(drag)
-        tension = q @ basis.tension.T + (rate * q) @ basis.tension_rate.T + moved_ends
+        tension = q @ basis.tension.T + (rate * q) @ basis.tension_rate.T + end_tension
         mean = jnp.linalg.solve(basis.stiffness, basis.motions.T @ drag_of(q)[1].ravel())
         deviation = jnp.sqrt(0.5 * jnp.sum(jnp.abs(tension) ** 2, axis=0))
         moved = (q @ basis.motions.T).reshape(flow.shape)[:, nodes]
@@ -212,7 +212,7 @@ def solve_states(
 
     linear, f, count = linearised_about(still, pose, loads), 3 * still.free_nodes, still.free_nodes
     stiffness, damping, mass = (csc_array(x) for x in (linear.stiffness, linear.damping, linear.mass))
-    by_place, by_speed = linear.tension_by_place[:, :f], linear.tension_by_speed[:, :f]
+    by_position, by_speed = linear.tension_by_place[:, :f], linear.tension_by_speed[:, :f]
     dragging = _dragging(still)
     one = lambda i: jax.tree.map(lambda x: x[i], waves)  # noqa: E731
 
@@ -222,8 +222,8 @@ def solve_states(
         force, _, flow = (np.asarray(x) for x in _jit_loads(still, pose, own))
         water, other = (bsr_array((d, np.arange(count), np.arange(count + 1)), shape=(f, f)) for d in np.asarray(drag))
         right = np.concatenate([np.ravel(constant)[None], force + flow.reshape(-1, f) @ water.T])
-        added = damping + water + other
-        matrices = (stiffness + 1j * w * added - w**2 * mass for w in (0.0, *np.asarray(own.omega).tolist()))
+        total = damping + water + other
+        matrices = (stiffness + 1j * w * total - w**2 * mass for w in (0.0, *np.asarray(own.omega).tolist()))
         return np.array([splu(csc_array(a)).solve(b.astype(complex)) for a, b in zip(matrices, right, strict=True)])
 
     # the basis: responses of the lowest, highest, shortest and longest seas, with the drag of fixed nodes and a tenth
@@ -237,20 +237,20 @@ def solve_states(
             found += [x.real, x.imag]
     shapes = np.concatenate(found).T
     inertia = np.mean(waves.omega) * np.sqrt(np.abs(linear.mass.diagonal()))
-    stretch = 1.0 / np.sqrt(np.maximum(np.linalg.norm(by_place, axis=1), 1e-300))
-    size = np.concatenate([inertia[:, None] * shapes, stretch[:, None] * (by_place @ shapes)])
+    stretch = 1.0 / np.sqrt(np.maximum(np.linalg.norm(by_position, axis=1), 1e-300))
+    size = np.concatenate([inertia[:, None] * shapes, stretch[:, None] * (by_position @ shapes)])
     scale = np.maximum(np.linalg.norm(size, axis=0), 1e-300)
     _, values, right = np.linalg.svd(size / scale, full_matrices=False)
     # singular values of the responses that span the basis, relative to the largest one
     taken = values > 1e-4 * values[0]
     phi = (shapes / scale) @ (right[taken].T / values[taken])
     project = lambda a: phi.T @ (a @ phi)  # noqa: E731
-    basis = _Reduced(phi, *(project(a) for a in (stiffness, damping, mass)), by_place @ phi, by_speed @ phi)
+    basis = _Basis(phi, *(project(a) for a in (stiffness, damping, mass)), by_position @ phi, by_speed @ phi)
     solved = _batch(still, dragging, pose, jax.tree.map(jnp.asarray, basis), links, nodes, waves)
     errors = []
     for state in chosen:
         x = amplitudes(state, solved.damping[state], np.zeros(f))[1:]
-        tension = x @ by_place.T + 1j * np.asarray(one(state).omega)[:, None] * (x @ by_speed.T)
+        tension = x @ by_position.T + 1j * np.asarray(one(state).omega)[:, None] * (x @ by_speed.T)
         tension = tension + np.asarray(_jit_loads(still, pose, one(state))[1])
         exact, own = np.sqrt(0.5 * np.sum(np.abs(tension) ** 2, axis=0)), np.asarray(solved.deviation[state])
         errors.append(np.max(np.abs(own - exact)) / np.max(exact))

@@ -36,6 +36,7 @@ PUBLIC = {
     "controlled_steps": "stepping.controlled",
     "coupled_lines": "run.coupled_lines",
     "equilibrium": "run.build",
+    "frequency_response": "run.frequency",
     "from_angles": "run.build",
     "initial_state": "run.build",
     "integrate": "stepping.integrate",

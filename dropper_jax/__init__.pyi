@@ -29,6 +29,7 @@ from dropper_jax.run.build import initial_state as initial_state
 from dropper_jax.run.build import linearised as linearised
 from dropper_jax.run.coupled import Coupled as Coupled
 from dropper_jax.run.coupled_lines import coupled_lines as coupled_lines
+from dropper_jax.run.frequency import frequency_response as frequency_response
 from dropper_jax.run.simulate import Solution as Solution
 from dropper_jax.run.simulate import simulate as simulate
 from dropper_jax.scene.data import SceneData as SceneData

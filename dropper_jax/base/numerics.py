@@ -135,8 +135,8 @@ def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Arra
 
 def never_more(damper: jax.Array, spring: jax.Array) -> jax.Array:
     """Force that a damper adds to a spring force `spring` >= 0: at most as much again, and at most all of it
-    removed."""
-    return jnp.clip(damper, -spring, spring)
+    removed. Without a spring force the damper has no force, and no derivative either."""
+    return jnp.where(spring > 0.0, jnp.clip(damper, -spring, spring), 0.0)
 
 
 #: pi/2 in three parts by the number of bytes of the type. The first two are so short that products with whole numbers

@@ -1,0 +1,143 @@
+"""`dropper frequency SCENE`: tensions and motions in irregular waves, in the frequency domain."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.options import add_examples, add_scene, number, positive_integer, read_scene
+from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, print_warnings, table
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+
+if TYPE_CHECKING:
+    from dropper_jax.run.frequency import FrequencyResponse
+
+help = "tensions and motions in irregular waves in the frequency domain, with linearised drag, for many sea states"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(
+        parser,
+        "frequency looped-longline --sea-states 1:6,2:8",
+        "frequency edulis-longline --sea-states 0.5:5 --direction 90 --plot spectra.png",
+    )
+    add_scene(parser)
+    states = parser.add_mutually_exclusive_group()
+    states.add_argument(
+        "--sea-states", metavar="HS:TP,...", help="heights [m] and peak periods [s] (default: the waves of the scene)"
+    )
+    states.add_argument("--table", metavar="FILE.csv", help="the same from columns `hs` and `tp`")
+    parser.add_argument("--direction", type=number, metavar="DEG", help="of these waves, from x towards y")
+    parser.add_argument("--frequencies", type=positive_integer, default=40, help="frequencies of these states (40)")
+    parser.add_argument(
+        "--duration", type=number, default=10800.0, metavar="S", help="of the most probable maximum [s] (10800)"
+    )
+    add_plot(parser, "the spectra of tension of the state with the maximum tension")
+    add_out(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    states, plot, out = _sea_states(args), plot_folder(args.plot), out_file(args.out)
+    if not 0.0 < args.duration < np.inf:
+        raise SceneError(f"--duration: {args.duration:g} is out of range; allowed: above 0 s")
+    scene = read_scene(args)
+
+    from dropper_jax.run.frequency import frequency_response
+
+    direction = None if args.direction is None else np.radians(args.direction)
+    found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
+    if plot:
+        _draw(scene.name, found, picture(plot, "frequency"))
+    print_warnings(found.warnings)
+    failed = next((status for status in found.status if status != "ok"), None)
+    message = "" if failed is None else "the linearised drag of a sea state still changes"
+    head = done_object() if failed is None else failure_object(failed, message)
+    plain = {**head, "scene": scene.name, "duration_s": found.duration, "basis_error": found.basis_error}
+    deliver(args.json, {**plain, "warnings": found.warnings, "states": _rows(found)}, _text(found), out)
+    if failed:
+        print_line(f"error: {failed}: {message}")
+    return FAILED if failed else OK
+
+
+def _sea_states(args: argparse.Namespace) -> np.ndarray | None:
+    """Heights and periods (states, 2) of the options; None for the waves of the scene."""
+    if args.sea_states is None and args.table is None:
+        return None
+    option = "--table" if args.sea_states is None else "--sea-states"
+    try:
+        if args.sea_states is None:
+            with Path(args.table).open(newline="", encoding="utf-8") as file:
+                pairs = [(row["hs"], row["tp"]) for row in csv.DictReader(file)]
+        else:
+            pairs = [part.split(":") for part in args.sea_states.split(",")]
+        found = np.array([(float(hs), float(tp)) for hs, tp in pairs]).reshape(-1, 2)
+    except OSError as error:
+        raise SceneError(f"{option}: {args.table}: {error.strerror}") from None
+    except (KeyError, TypeError, ValueError):
+        wanted = "columns `hs` and `tp` of numbers" if option == "--table" else "HS:TP,..., for example 1:6,2:8"
+        raise SceneError(f"{option}: needs {wanted}") from None
+    if not found.size or not np.all(np.isfinite(found) & (found > 0.0)):
+        raise SceneError(f"{option}: a height or period is missing or not positive; allowed: above 0 m and 0 s")
+    return found
+
+
+def _rows(found: FrequencyResponse) -> list[dict[str, Any]]:
+    """A row per sea state; with spectra if there is one state."""
+    rows = []
+    for i, (hs, tp) in enumerate(found.sea_states):
+        numbers = zip(
+            found.ends,
+            found.static_tension,
+            *(x[i] for x in (found.mean_tension, found.tension_deviation, found.tension_period, found.maximum_tension)),
+            strict=True,
+        )
+        keys = ("static_tension_n", "mean_tension_n", "tension_deviation_n", "tension_period_s", "maximum_tension_n")
+        ends = [{"line": end[0], "point": end[1], **dict(zip(keys, own, strict=True))} for end, *own in numbers]
+        motion = dict(zip(found.points, 4.0 * found.motion_deviation[i], strict=True))
+        row = {"hs_m": hs, "tp_s": tp, "status": found.status[i], "ends": ends, "significant_motion_m": motion}
+        rows.append(row | {"slack_lines": [name for name, low in zip(found.lines, found.slack[i], strict=True) if low]})
+    if len(rows) == 1:
+        omega, tension, motion = found.spectra()
+        rows[0] |= {"omega_rad_per_s": omega, "tension_spectrum": tension, "motion_spectrum": motion}
+    return rows
+
+
+def _text(found: FrequencyResponse) -> str:
+    """The ends of one state, or the end with the maximum tension of each state."""
+    one = len(found.status) == 1
+    heads = ("hs [m]", "tp [s]", "line", "point", "static [N]", "mean [N]", "deviation [N]", "period [s]")
+    lines = [(*heads, "most probable maximum [N]", "lines that go slack")]
+    for i, (hs, tp) in enumerate(found.sea_states):
+        for j in range(len(found.ends)) if one else [int(np.argmax(found.maximum_tension[i]))]:
+            numbers = (found.mean_tension, found.tension_deviation, found.tension_period, found.maximum_tension)
+            values = (found.static_tension[j], *(x[i, j] for x in numbers))
+            slack = str(int(np.sum(found.slack[i])))
+            lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *(f"{x:.5g}" for x in values), slack))
+    note = f"maximum in {found.duration:g} s of Rayleigh-distributed peaks; linear where no line goes slack"
+    return f"{table(lines)}\n{note}"
+
+
+def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
+    """Spectra of the tensions at the ends with the largest deviations, in the sea state with the maximum tension."""
+    from dropper_jax.plots import style
+    from dropper_jax.study.pictures import marks, title
+
+    state = int(np.argmax(np.max(found.maximum_tension, axis=1)))
+    omega, tension, _ = found.spectra(state)
+    with style.plot_style():
+        figure = style.new_figure(7.0, 4.4)
+        axes = figure.subplots()
+        # the six ends with the largest deviations
+        for i, end in enumerate(np.argsort(-found.tension_deviation[state])[:6]):
+            line, point = found.ends[end]
+            axes.plot(omega, tension[:, end] / 1e6, label=f"{line} at {point}", **marks(i))
+        axes.set(xlabel="frequency [rad/s]", ylabel="spectrum of the tension [kN$^2$ s/rad]", ylim=(0.0, None))
+        figure.legend(loc="outside right upper")
+        hs, tp = found.sea_states[state]
+        title(figure, f"{name}: tension in waves of {hs:.3g} m and {tp:.3g} s")
+        style.save(figure, path)

@@ -251,8 +251,8 @@ def page(found: dict[str, Any]) -> str:
         f"# Season: {found['site']}",
         f"{verdict} Visits: {found['visits']}, floats moved: {found['handled']}. A float lifts "
         f"{found['lift_n']:.0f} N. The required reserve is {found['wanted_reserve']:g}, and floats carry at least "
-        f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels and "
-        "currents.",
+        f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
+        "and currents.",
         "\n".join(f"- {flag}" for flag in found["flags"]),
         table([*head, "to sinking [m]", "to lifting [m]"], rows),
         "![Floats and their bounds](season.png)",

@@ -297,5 +297,6 @@ def draw(found: dict[str, Any], path: Path) -> Path:
     lower.invert_yaxis()
     lower.set_ylabel("backbone, depth [m]")
     lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
+    lower.set_xlim(-0.4, len(months) - 0.6)  # half a name of a month on either side
     lower.set_xticks(list(at), [row["month"] for row in months], rotation=30 if len(months) > 6 else 0)
     return style.save(figure, path)

@@ -24,7 +24,7 @@ WORDS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(parser, "check my-longline.toml", "check paper-case-1 --set sea.waves.height=4 --json")
+    add_examples(parser, "check my-longline.toml", "check paper-case-1 --set sea.waves.amplitude=2 --json")
     add_scene(parser)
     add_run_values(parser, OVERRIDES)
     add_out(parser)

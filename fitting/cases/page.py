@@ -76,7 +76,7 @@ def page(found: dict[str, Any]) -> str:
             [_anchor_cells(anchor, storms) for anchor in found["anchors"]],
         ),
         _quantities(found, storms),
-        "## Place",
+        "## Excursion and depth",
         "\n".join(_position_lines(found, storms)),
         "## Fatigue",
         table(
@@ -112,7 +112,7 @@ def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
         _number(row["load_error_n"], ".0f"),
         _step(part["step"]),
         f"{row['at_rest_n']:.0f}",
-        f"**{row['utilisation']:.2f}**" + _plus(row["utilisation_error"]),
+        f"{row['utilisation']:.2f}" + _plus(row["utilisation_error"]),
         _label(storms[row["case"]]),
     ]
 
@@ -140,7 +140,7 @@ def _anchor_cells(anchor: dict[str, Any], storms: dict[int, Any]) -> list[str]:
     row = anchor["worst"]
     if row is None:
         return [anchor["point"], *["-"] * 6]
-    used = "not given" if row["utilisation"] is None else f"**{row['utilisation']:.2f}**"
+    used = "not given" if row["utilisation"] is None else f"{row['utilisation']:.2f}"
     allowed = anchor["allowed_uplift_deg"]
     return [
         anchor["point"],
@@ -240,10 +240,10 @@ def draw_utilisation(found: dict[str, Any], path: Path) -> Path:
         share = 0.0 if step is None else step.get("relative", 0.0)
         error = np.hypot(worst["utilisation_error"] or 0.0, share * worst["utilisation"])
         axes.errorbar(worst["utilisation"], y, xerr=error, color=style.DARK, capsize=3, lw=1, zorder=4)
-        for broken, colour in ((False, style.CYCLE[0]), (True, style.CYCLE[1])):
+        for broken in sorted({state != "intact" for state in states.values()}):
             used = [c["utilisation"] for c in cases if (states[c["case"]] != "intact") == broken]
             label = ("a line breaks" if broken else "intact") if i == 0 else None
-            axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=colour, zorder=3, label=label)
+            axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=style.CYCLE[broken], zorder=3, label=label)
     axes.axvline(1.0, color=style.ALERT, lw=1, ls="--")
     axes.set_yticks(range(len(rows)), [row[0] for row in reversed(rows)])
     axes.grid(False, axis="y")

@@ -76,7 +76,7 @@ def _file(site: str) -> str:
 def _list(site: Any, as_json: bool) -> int:
     names = [storm.name for storm in site.storms]
     found = {"schema": 1, "status": "ok", "site": site.name, "cases": names, "runs": len(site.cases)}
-    lines = [*(f"{i}  {label}" for i, label in enumerate(names)), f"\n{len(names)} cases, {len(site.cases)} runs"]
+    lines = [*(f"{i}  {label}" for i, label in enumerate(names)), f"\ncases: {len(names)}, runs: {len(site.cases)}"]
     return print_result(as_json, found, "\n".join(lines))
 
 

@@ -50,12 +50,12 @@ def text(found: dict[str, Any]) -> str:
     pairs = [
         (
             row["month"],
-            f"{row['floats']} floats ({row['least']} to {row['most']}), {row['need_n']:.0f} N to carry, backbone "
-            f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f} m deep",
+            f"floats: {row['floats']} (needed: {row['least']}, at most {row['most']}), {row['need_n']:.0f} N to carry, "
+            f"backbone {row['shallowest_m']:.2f} to {row['deepest_m']:.2f} m deep",
         )
         for row in found["months"]
     ]
     flags = "\n".join(f"- {flag}" for flag in found["flags"])
     verdict = "the schedule holds" if found["holds"] else "the schedule does not hold"
-    last = f"{verdict}: {found['visits']} visits, {found['handled']} floats handled"
+    last = f"{verdict}; visits: {found['visits']}, floats moved: {found['handled']}"
     return "\n\n".join(part for part in (listing(pairs), flags, last) if part)

@@ -77,7 +77,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fit", action="store_true", help="with --trace: also fit the varied inputs to it, like `dropper fit`"
     )
     add_convention(parser)
-    parser.add_argument("--chunk", type=int, help="cases advanced together on a device (default: 64; with --trace 8)")
+    parser.add_argument(
+        "--chunk", type=int, help="cases of a device at a time (default: 64; of a system of lines 1; with --trace 8)"
+    )
     parser.add_argument("--devices", type=int, help="devices of this machine (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the chunks")
     parser.add_argument(
@@ -106,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
     options = {
         "seeds": args.seeds,
         "quantities": args.quantities.split(",") if args.quantities else [] if args.trace else None,
-        "chunk": args.chunk or (8 if args.trace else 64),
+        "chunk": args.chunk or (8 if args.trace else None),
         "scheduler": args.scheduler,
         "mix_versions": args.mix_versions,
         "listed": args.paired,

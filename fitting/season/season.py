@@ -101,7 +101,7 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
         plan = schedule(low, high, site.season.start)
         again = False
         for i, (row, count) in enumerate(zip(rows, plan, strict=True)):
-            say(0.5 + 0.5 * i / len(rows), f"{row['month']}: {count} floats")
+            say(0.5 + 0.5 * i / len(rows), f"{row['month']}: equilibria, floats: {count}")
             row |= _lying(site, row, names, count, all_waters, known)
             if row["sinking_m"] is not None and row["sinking_m"] < 0.0 and low[i] <= high[i]:
                 low[i], again = max(low[i], count + 1), True
@@ -195,15 +195,15 @@ def _flags(row: dict[str, Any]) -> list[str]:
     month, flags = row["month"], []
     if row["least"] > row["most"]:
         flags.append(
-            f"{month}: at least {row['least']} floats against sinking, at most {row['most']} against rising: no number "
-            "satisfies both. Use smaller floats, a smaller reserve or least_share"
+            f"{month}: the reserve needs floats: {row['least']}, and `least_share` allows {row['most']} at most. Use "
+            "smaller floats (volume), a smaller reserve or a smaller least_share"
         )
     bad = [pose for pose in row["poses"] if pose["status"] != "ok"]
     if bad:
         flags.append(f"{month}: no equilibrium at level {bad[0]['level_m']:+g} m: its depths are unknown")
     for key, what in (("sinking_m", "too deep"), ("lifting_m", "too high")):
         if row[key] is not None and row[key] < 0.0:
-            flags.append(f"{month}: the backbone lies {-row[key]:.2g} m {what} on {row['floats']} floats")
+            flags.append(f"{month}: the backbone lies {-row[key]:.2g} m {what} (floats: {row['floats']})")
     return flags
 
 
@@ -237,7 +237,7 @@ def page(found: dict[str, Any]) -> str:
             f"{row['wet_weight_n']:.0f}",
             f"{row['need_n']:.0f}",
             f"{row['least']} to {row['most']}",
-            f"**{row['floats']}**",
+            str(row["floats"]),
             f"{row['change']:+d}" if row["change"] else "-",
             "-" if row["reserve"] is None else f"{row['reserve']:.2f}",
             f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
@@ -249,8 +249,8 @@ def page(found: dict[str, Any]) -> str:
     head = ["month", "wet weight [N]", "to carry [N]", "allowed", "floats", "change", "reserve", "backbone [m]"]
     parts = [
         f"# Season: {found['site']}",
-        f"{verdict} {found['visits']} visits, {found['handled']} floats handled. A float lifts {found['lift_n']:.0f} N;"
-        f" wanted are a reserve of {found['wanted_reserve']:g} and floats that carry at least "
+        f"{verdict} Visits: {found['visits']}, floats moved: {found['handled']}. A float lifts "
+        f"{found['lift_n']:.0f} N. The required reserve is {found['wanted_reserve']:g}, and floats carry at least "
         f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
         "and currents.",
         "\n".join(f"- {flag}" for flag in found["flags"]),
@@ -280,16 +280,23 @@ def draw(found: dict[str, Any], path: Path) -> Path:
     figure = style.new_figure(7.5, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
     most = max(max(row["floats"], row["least"]) for row in months)
-    top = [min(row["most"], int(1.5 * most) + 1) for row in months]
+    top = [max(row["least"], min(row["most"], int(1.5 * most) + 1)) for row in months]
     upper.fill_between(at, [row["least"] for row in months], top, step="mid", color="#E3E5E8", label="allowed")
     upper.step(at, [row["floats"] for row in months], where="mid", color=style.FIRST, lw=2, label="floats")
     upper.set_ylabel("floats")
     upper.set_ylim(0.0, None)
+    upper.locator_params(axis="y", integer=True)
     upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
-    for key, colour in (("shallowest_m", style.CYCLE[5]), ("deepest_m", style.DARK)):
+    for key, margin, sign, colour in (
+        ("shallowest_m", "lifting_m", -1, style.CYCLE[5]),
+        ("deepest_m", "sinking_m", 1, style.DARK),
+    ):
         lower.plot(at, [row[key] for row in months], "o-", ms=3.5, color=colour, label=key.removesuffix("_m"))
+        if months[0][margin] is not None:
+            lower.axhline(months[0][key] + sign * months[0][margin], color=colour, lw=1, ls="--", label="its limit")
     lower.invert_yaxis()
     lower.set_ylabel("backbone, depth [m]")
-    lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
+    lower.set_xlim(-0.4, len(months) - 0.6)  # half a name of a month on either side
     lower.set_xticks(list(at), [row["month"] for row in months], rotation=30 if len(months) > 6 else 0)
     return style.save(figure, path)

@@ -143,7 +143,7 @@ def make_plan(
     seeds: int = 0,
     quantities: Sequence[str] | None = None,
     traces: bool = False,
-    chunk: int = 64,
+    chunk: int | None = None,
     listed: bool = False,
     **settings: Any,
 ) -> Plan:
@@ -162,7 +162,7 @@ def make_plan(
         vary[SEED] = np.arange(seeds) + _first_seed(scene)
     if not vary:
         raise SceneError("vary: nothing is varied; needed: --vary name=lo:hi:n or --seeds K")
-    if chunk < 1:
+    if chunk is not None and chunk < 1:
         raise SceneError(f"chunk: {chunk}; allowed: a whole number >= 1")
     names = tuple(QUANTITIES) if quantities is None else tuple(quantities)
     for name in names:
@@ -174,6 +174,8 @@ def make_plan(
     # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
     base = scene.with_values({path: values[0].item() for path, values in zip(paths, vary.values(), strict=True)})
     axes = tuple(_axis(base, path, values) for path, values in zip(paths, vary.values(), strict=True))
+    if chunk is None:  # cases of a system run one after another, so that larger chunks gain nothing
+        chunk = 1 if build_model(base).geometry.branched else 64
     found = Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
     if any(quantity.signal == PERIOD for quantity in found.named_quantities):
         raise SceneError(

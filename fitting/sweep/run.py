@@ -67,7 +67,7 @@ def sweep(
     seeds: int = 0,
     quantities: Sequence[str] | None = None,
     traces: bool = False,
-    chunk: int = 64,
+    chunk: int | None = None,
     scheduler: Scheduler | None = None,
     progress: Progress | None = None,
     mix_versions: bool = False,
@@ -83,7 +83,8 @@ def sweep(
         seeds: number of realisations of a random sea.
         quantities: names from `QUANTITIES`, default all.
         traces: also store positions and tensions at every saved time.
-        chunk: cases advanced together on a device; about 64 keep 7 links in the cache of a core.
+        chunk: cases that a device runs before they are stored. Those of a single line advance together; default 64,
+            which keep 7 links in the cache of a core. Those of a system run one after another; default 1.
         scheduler: a Dask client or the address of a scheduler; its workers run the chunks.
         progress: called with the fraction done and a line of text.
         mix_versions: resume a part that was made with other versions of JAX or of this package.

@@ -172,6 +172,9 @@ def test_help_of_a_command_ends_with_two_examples_that_it_accepts(entry, capsys)
         args = vars(commands.parse(words[1:]))
         scenes = args.get("scenes") or [args.get("scene")]
         assert all(is_packaged(scene) or scene.endswith(".toml") for scene in scenes if scene)
+        if args.get("set") and is_packaged(args["scene"]):
+            assert main(["scenes", args["scene"], *(word for value in args["set"] for word in ("--set", value))]) == 0
+            capsys.readouterr()
 
 
 def test_only_the_command_that_is_asked_for_is_imported():

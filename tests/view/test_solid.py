@@ -41,13 +41,14 @@ def seen_in_browser(page, probe, tmp_path, options, after=500, every=None):
     timer = f"setTimeout(look, {after})" if every is None else f"setInterval(look, {every})"
     write = f"""<script>{{ const look = () => {{
       const out = document.getElementById("seen") || document.createElement("pre"); out.id = "seen";
+      out.style.position = "absolute";  // takes no room from the views
       out.textContent = JSON.stringify({probe}); document.body.append(out); }}; {timer}; }}</script></body>"""
     file = tmp_path / "page.html"
     file.write_text(page[: page.rindex("</body>")] + write, encoding="utf-8")
     common = ["--headless", "--no-sandbox", f"--virtual-time-budget={after + 5500}", "--window-size=900,600"]
     command = [BROWSER, *common, *options, f"--user-data-dir={tmp_path}/profile", "--dump-dom", file.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=90)
-    found = re.findall(r'<pre id="seen">(.*?)</pre>', done.stdout, re.S)
+    found = re.findall(r'<pre id="seen"[^>]*>(.*?)</pre>', done.stdout, re.S)
     assert found, done.stderr[-500:]
     return json.loads(html.unescape(found[-1]))
 
@@ -152,6 +153,33 @@ def test_a_view_fits_the_lines_is_to_scale_from_the_side_and_pinches(page, tmp_p
 
 
 @needs_browser
+def test_a_ruler_shows_the_distance_of_two_nodes_and_a_link_gives_the_view_again(page, solution, tmp_path):
+    probe = """(() => {
+      const view = (name) => document.querySelector(`[data-view=${name}]`).click();
+      byId("ruler").checked = true; state.now = 1; view("front");
+      const edge = canvas.getBoundingClientRect();
+      for (const node of [2, 10]) for (const act of ["pointerdown", "pointerup"]) {
+        const [x, y] = state.points[node].map((v) => v / ratio());
+        canvas.dispatchEvent(new PointerEvent(act, { clientX: edge.left + x, clientY: edge.top + y, bubbles: true })); }
+      const nodes = [...picked.ends], distance = document.body.dataset.ruler, untouched = picked.link;
+      view("free"); Object.assign(eye, { turn: 0.3, zoom: 2, shift: [30, -20] }); state.now = 2.5;
+      pick({ link: 5, node: 6 }); share();
+      view("top"); state.now = 0; pick(null); follow();
+      return { nodes, distance, untouched, hash: location.hash, eye, now: state.now, picked: picked.link };
+    })()"""
+    seen = seen_in_browser(page, probe, tmp_path, WITHOUT)
+    one, other = solution.positions[10][seen["nodes"]]
+    size, *parts = map(float, re.findall(r"-?[\d.]+", seen["distance"]))
+    assert size == pytest.approx(np.linalg.norm(other - one), rel=1e-3)
+    np.testing.assert_allclose(parts, other - one, atol=0.0051)
+    assert seen["untouched"] is None
+    assert "part=backbone+2" in seen["hash"]
+    assert (seen["now"], seen["picked"], seen["eye"]["even"]) == (2.5, 5, False)
+    assert (seen["eye"]["turn"], seen["eye"]["zoom"]) == (0.3, 2)
+    np.testing.assert_allclose(seen["eye"]["shift"], [30, -20], atol=0.1)
+
+
+@needs_browser
 def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline, tmp_path):
     other = longline(0.0)
     other.tension[:] *= 3.0
@@ -161,13 +189,16 @@ def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline
     probe = """(() => { const [a, b] = [...document.querySelectorAll("iframe")].map((f) => f.contentWindow);
       const both = (key) => [a, b].map((w) => w.document.body.dataset[key]);
       const shown = [a, b].map((w) => w.getComputedStyle(w.document.querySelector("footer")).visibility);
-      return { clocks: both("time"), turns: both("turn"), shown }; })()"""
+      const other = a.document.getElementById("part-other").textContent;
+      return { clocks: both("time"), turns: both("turn"), shown, other }; })()"""
     act = """<script>const waiting = setInterval(() => {
       const views = [...document.querySelectorAll("iframe")].map((f) => f.contentWindow);
       if (!views.every((w) => w.document.body && w.document.body.dataset.ready)) return;
-      clearInterval(waiting); views[0].eval("eye.turn = 0.5; state.now = 2.5; draw()"); /* late */
+      clearInterval(waiting); views[0].eval("eye.turn = 0.5; state.now = 2.5; pick({ link: 5, node: 6 })"); /* late */
       }, 100);</script></body>"""
     both_moved = {"clocks": ["2.5000", "2.5000"], "turns": ["0.500", "0.500"], "shown": ["visible", "hidden"]}
+    # three times 1000 N (1 + 0.3 sin + 0.1 5/17), which is between 729.4 and 1329.4 N
+    both_moved["other"] = "other run 2.19 kN to 3.99 kN, up to 2.66 kN apart"
     assert seen_in_browser(both.replace("</body>", act), probe, tmp_path, WITH, 30000, 200) == both_moved
     # a view that comes later is shown what was done, and its own beginning moves nothing
     again = """setTimeout(() => {

@@ -14,6 +14,9 @@ function tell_other() {
 addEventListener("message", ({ data }) => {
   if (!data || data.of === window.name || window.parent === window) return;
   if (data.asks && pair.acted) send({ dropper: seen_here() });
+  const link = run.labels.indexOf(data.wants);
+  if (link >= 0) send({ curve: data.wants, time, tension: tension_of(link) });
+  if (data.curve && picked.link !== null && data.curve === run.labels[picked.link]) compare(data);
   if (!data.dropper) return;
   const { now, playing, speed, checks, ...view } = data.dropper;
   pair.quiet = true;

@@ -1,5 +1,5 @@
 // A click on a part: its tension over time in a panel, and the trail of its nearer node. Names, and numbers for people.
-const picked = { link: null, node: null };
+const picked = { link: null, node: null, other: null, ends: [] };  // other: the same part of the other run; ends: of the ruler
 const KILO = Math.max(Math.abs(run.range[0]), Math.abs(run.range[1])) >= 5000;
 function plain(value, digits = 3) {  // no powers of ten: 12345 is 12300, 0.00123 is 0.00123
   if (!Number.isFinite(value)) return "-";
@@ -24,6 +24,7 @@ function nearest(points, x, y, reach) {  // link and node under a place on the s
 }
 function pick(found) {
   picked.link = found ? found.link : null; picked.node = found ? found.node : picked.node;
+  picked.other = null; byId("part-other").textContent = "";
   byId("part").hidden = !found;
   if (found) {
     let [least, largest, sum] = [Infinity, -Infinity, 0];
@@ -33,8 +34,56 @@ function pick(found) {
     byId("part-name").textContent = run.parts[found.link];
     byId("part-range").textContent = `${force(least)} to ${force(largest)}, mean ${force(sum / run.frames)}`;
     document.body.dataset.picked = run.labels[found.link];
+    if (window.parent !== window) send({ wants: run.labels[found.link] });
   } else delete document.body.dataset.picked;
   draw();
+}
+const tension_of = (link) => Float32Array.from(time, (_, k) => tension[k * links + link]);
+function other_at(t) {  // tension of the picked part in the other run
+  const [a, b, w] = locate(picked.other.time, t);
+  return (1 - w) * picked.other.tension[a] + w * picked.other.tension[b];
+}
+function compare(other) {  // the picked part in the other run: its range, and the largest difference from this run
+  picked.other = other;
+  const apart = Math.max(...tension_of(picked.link).map((v, k) => Math.abs(v - other_at(time[k]))));
+  const [least, largest] = [Math.min(...other.tension), Math.max(...other.tension)];
+  Object.assign(picked, { least: Math.min(picked.least, least), largest: Math.max(picked.largest, largest) });
+  byId("part-other").textContent = `other run ${force(least)} to ${force(largest)}, up to ${force(apart)} apart`;
+  draw();
+}
+function ruler({ points, r }) {  // between the nodes of the last two clicks
+  pen.strokeStyle = pen.fillStyle = "#7b2d8b"; pen.lineWidth = 2 * ratio();
+  for (const node of picked.ends) { pen.beginPath(); pen.arc(...points[node].slice(0, 2), 5 * ratio(), 0, 7); pen.stroke(); }
+  if (picked.ends.length < 2) return;
+  const [a, b] = picked.ends, [p, q] = [points[a], points[b]], [x, y, z] = [0, 1, 2].map((i) => r[3 * b + i] - r[3 * a + i]);
+  pen.setLineDash([6 * ratio(), 4 * ratio()]); path([p, q]); pen.stroke(); pen.setLineDash([]);
+  const text = `${plain(Math.hypot(x, y, z), 4)} m (${[x, y, z].map((v) => v.toFixed(2)).join(", ")})`;
+  pen.font = `bold ${12 * ratio()}px system-ui, sans-serif`;
+  const [left, top, wide] = [(p[0] + q[0]) / 2 + 6 * ratio(), (p[1] + q[1]) / 2, pen.measureText(text).width + 8 * ratio()];
+  pen.fillStyle = "rgba(255,255,255,0.85)"; pen.fillRect(left, top - 13 * ratio(), wide, 17 * ratio());
+  pen.fillStyle = "#7b2d8b"; pen.fillText(text, left + 4 * ratio(), top); document.body.dataset.ruler = text;
+}
+// the address of a view: run, time, camera (shift in units of the picture's smaller side) and part
+const SHARED = ["turn", "rise", "zoom"];
+const smaller = () => Math.min(canvas.width, canvas.height);
+function share() {
+  const page = window.parent.location, words = new URLSearchParams({ run: run.name, t: state.now.toFixed(3) });
+  for (const key of SHARED) words.set(key, eye[key].toFixed(4));
+  words.set("shift", eye.shift.map((v) => (v / smaller()).toFixed(4)).join(" ")); words.set("even", Number(eye.even));
+  if (picked.link !== null) words.set("part", run.labels[picked.link]);
+  page.hash = words;
+  const says = (text) => { byId("share").textContent = text; setTimeout(() => { byId("share").textContent = "link"; }, 2000); };
+  if (!navigator.clipboard) { says("see address"); return; }
+  navigator.clipboard.writeText(String(page)).then(() => says("copied"), () => says("see address"));
+}
+function follow() {
+  const words = new URLSearchParams(window.parent.location.hash.slice(1)), number = (key) => Number(words.get(key));
+  if (!words.has("t")) return;
+  state.now = Math.min(end, Math.max(start, number("t")));
+  for (const key of SHARED) if (words.has(key)) eye[key] = number(key);
+  eye.shift = (words.get("shift") || "0 0").split(" ").map((v) => Number(v) * smaller()); eye.even = words.get("even") === "1";
+  const link = window.name === "second" ? -1 : run.labels.indexOf(words.get("part"));
+  if (link >= 0) pick({ link, node: run.first[link] }); else draw();
 }
 function trace() {  // tension of the picked link over time, least and largest of every column of pixels
   if (picked.link === null) return;
@@ -46,14 +95,20 @@ function trace() {  // tension of the picked link over time, least and largest o
     ink.strokeStyle = "#dcdfe3"; ink.beginPath(); ink.moveTo(left, y(v)); ink.lineTo(w, y(v)); ink.stroke();
     ink.fillStyle = "#5f6368"; ink.fillText(force(v), left - 3 * ratio(), y(v) + 4 * ratio());
   }
-  ink.textAlign = "left"; ink.strokeStyle = "#0072b2"; ink.lineWidth = 1.1 * ratio(); ink.beginPath();
-  let column = null, low = 0, high = 0;
-  for (let k = 0; k < run.frames; k++) {
-    const v = tension[k * links + link], at = Math.round(x(time[k]));
-    if (at === column) { low = Math.min(low, v); high = Math.max(high, v); } else { [column, low, high] = [at, v, v]; }
-    ink.lineTo(at, y(high)); if (low !== high) ink.lineTo(at, y(low));
-  }
-  ink.stroke();
+  ink.textAlign = "left"; ink.lineWidth = 1.1 * ratio();
+  const curve = (times, values, colour) => {
+    ink.strokeStyle = colour; ink.beginPath();
+    let column = null, low = 0, high = 0;
+    values.forEach((v, k) => {
+      if (times[k] < start || times[k] > end) return;
+      const at = Math.round(x(times[k]));
+      if (at === column) { low = Math.min(low, v); high = Math.max(high, v); } else { [column, low, high] = [at, v, v]; }
+      ink.lineTo(at, y(high)); if (low !== high) ink.lineTo(at, y(low));
+    });
+    ink.stroke();
+  };
+  if (picked.other) curve(picked.other.time, picked.other.tension, "#d55e00");
+  curve(time, tension_of(link), "#0072b2");
   ink.strokeStyle = "#b00020"; ink.beginPath(); ink.moveTo(x(state.now), top); ink.lineTo(x(state.now), h - foot); ink.stroke();
   ink.fillStyle = "#5f6368"; ink.fillText(`${clock(start, 0)} s`, left, h - 2); ink.textAlign = "right"; ink.fillText(`${clock(end, 0)} s`, w - 2, h - 2);
   ink.textAlign = "left"; ink.fillText(force(tension[locate(time, state.now)[0] * links + link]), Math.min(x(state.now) + 4, w - 60 * ratio()), top + 9 * ratio());
@@ -64,8 +119,9 @@ function save(name, blob) {
   setTimeout(() => URL.revokeObjectURL(place), 1000);
 }
 function save_curve() {
-  const rows = Array.from(time, (t, k) => `${t},${tension[k * links + picked.link]}`);
-  save(`${run.parts[picked.link]}.csv`, new Blob([["time_s,tension_n", ...rows, ""].join("\n")], { type: "text/csv" }));
+  const both = picked.other !== null, rows = Array.from(time, (t, k) => `${t},${tension[k * links + picked.link]}${both ? `,${other_at(t)}` : ""}`);
+  const head = `time_s,tension_n${both ? ",tension_other_run_n" : ""}`;
+  save(`${run.parts[picked.link]}.csv`, new Blob([[head, ...rows, ""].join("\n")], { type: "text/csv" }));
 }
 function save_picture() {  // the canvas with title, time and colour bar, which are elements of their own on the page
   const sheet = document.createElement("canvas"), ink = sheet.getContext("2d"), w = sheet.width = canvas.width, u = ratio();

@@ -262,9 +262,11 @@ function fit() {  // zoom and shift with which the lines, over the whole run, fi
   if (bodies) for (const z of [low[2], high[2]]) see([middle[0], middle[1], z]);
   eye.zoom = Math.min(30, 0.76 * w / Math.max(box[2] - box[0], 1), 0.7 * h / Math.max(box[3] - box[1], 1));
   eye.shift = [eye.zoom * (w / 2 - (box[0] + box[2]) / 2), eye.zoom * (h / 2 - (box[1] + box[3]) / 2) + 0.03 * h];
+  state.fitted = JSON.stringify(eye);
 }
 function draw() {
   const [w, h] = measure();
+  if (!w || !h) return;
   pen.clearRect(0, 0, w, h);
   const frame = locate(time, state.now), wet = water && byId("water").checked;
   if (solids) {
@@ -283,6 +285,7 @@ function draw() {
     if (bodies) bodies.shapes.forEach((one) => solid(one, frame, true));
   }
   if (byId("names").checked) names(drawn.points);
+  if (byId("ruler").checked) ruler(drawn);
   state.points = drawn.points;
   tell(drawn); trace(); tell_other();
   byId("clock").textContent = `${clock(state.now)} / ${clock(end)} s`;
@@ -322,7 +325,9 @@ canvas.addEventListener("pointerdown", (e) => { if (e.isTrusted) canvas.setPoint
 canvas.addEventListener("pointerup", (e) => {  // a press that did not drag
   if (!state.from || !state.points || Math.hypot(e.clientX - state.from[0], e.clientY - state.from[1]) > 4) return;
   const edge = canvas.getBoundingClientRect();
-  pick(nearest(state.points, (e.clientX - edge.left) * ratio(), (e.clientY - edge.top) * ratio(), 9 * ratio()));
+  const found = nearest(state.points, (e.clientX - edge.left) * ratio(), (e.clientY - edge.top) * ratio(), 9 * ratio());
+  if (!byId("ruler").checked) pick(found);
+  else if (found) { picked.ends = [...picked.ends, found.node].slice(-2); draw(); }
 });
 canvas.addEventListener("pointermove", (e) => {
   state.mouse = [e.offsetX, e.offsetY];
@@ -348,9 +353,10 @@ byId("play").addEventListener("click", () => play(!state.playing));
 byId("scrub").addEventListener("input", (e) => { state.now = Number(e.target.value); draw(); });
 byId("fit").addEventListener("click", () => { fit(); draw(); });
 byId("save").addEventListener("click", save_picture);
+byId("share").addEventListener("click", share);
 byId("part-save").addEventListener("click", save_curve);
 byId("part-close").addEventListener("click", () => pick(null));
-for (const id of ["trail", "water", "names"]) byId(id).addEventListener("change", draw);
+for (const id of ["trail", "water", "names", "ruler"]) byId(id).addEventListener("change", draw);
 for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => look(button.dataset.view));
 addEventListener("keydown", (e) => {
   if (["INPUT", "SELECT", "BUTTON"].includes(e.target.tagName)) return;
@@ -360,7 +366,8 @@ addEventListener("keydown", (e) => {
   if (e.key === "ArrowRight") { state.now = Math.min(end, state.now + step); draw(); }
   if (e.key === "ArrowLeft") { state.now = Math.max(start, state.now - step); draw(); }
 });
-addEventListener("resize", draw);
+addEventListener("resize", () => { if (JSON.stringify(eye) === state.fitted) fit(); draw(); });
+addEventListener("hashchange", follow);
 
 byId("name").textContent = run.name;
 byId("how").textContent = [run.how, ...run.notes].join("; ");
@@ -381,4 +388,4 @@ for (let y = 0; y < 160; y++) { bar.fillStyle = colour(run.range[1] + (y / 159) 
 bar.fillStyle = "#ffffff"; bar.fillRect(0, 80, 5, 1);
 if (run.bed) state.cell = run.bed.x[1] - run.bed.x[0];
 if (window.name === "second") document.body.classList.add("led");  // of two runs the first has the controls
-fit(); draw();
+fit(); draw(); follow();

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import json
 import os
 import signal
@@ -92,6 +93,28 @@ def test_quantities_by_name_are_those_of_single_runs(tmp_path):
     np.testing.assert_allclose(case["anchor.top.horizontal.max"], across.max(), rtol=0.02)
     np.testing.assert_allclose(case["z.bob.final"], run.positions[-1, 2, 2], rtol=1e-9)
     assert case["tension.l.fairlead.max"].attrs["units"] == "N"
+
+
+def test_cases_of_a_system_run_one_by_one_and_are_those_of_single_runs(tmp_path):
+    plain = {key: SCENE[key] for key in ("name", "effects")}
+    plain["run"] = {"dt": 0.01, "duration": 0.2}
+    points = {"top": [0.0, 0.0, 0.0], "middle": [0.5, 0.0, -0.5], "end": [1.0, 0.0, 0.0]}
+    plain["point"] = [
+        {"name": name, "position": position, **({"kind": "free", "mass": 2.0} if name == "middle" else {})}
+        for name, position in points.items()
+    ]
+    rope = {"links": 2, "length": 0.75, "mass": 1.0, "axial": {"law": "elastic", "EA": 1e4}}
+    plain["line"] = [{"name": to, "from": "middle", "to": to, **rope} for to in ("top", "end")]
+    values = [[0.1, 0.4], [1.0, 2.0, 4.0]]
+    result = sweep(plain, {"b_l": values[0], "point.middle.mass": values[1]}, tmp_path / "system.zarr")
+    assert (result.plan.chunk, result.counts["ok"], result.fallbacks.operations) == (1, 6, set())
+    with open_sweep(result.path) as found:
+        for case in itertools.product(*values):
+            changes = {"effects.linear_damping.b_l": case[0], "point.middle.mass": case[1]}
+            run = dj.simulate(dj.load_scene(plain).with_values(changes))
+            one = found.sel({"b_l": case[0], found.tension_max.dims[1]: case[1]})
+            np.testing.assert_allclose(one.tension_max, run.tension[1:].max(), rtol=1e-9)
+            np.testing.assert_allclose(one.energy_final, run.kinetic[-1] + run.potential[-1], rtol=1e-9)
 
 
 def test_plain_xarray_reads_inputs_as_coordinates(whole):

@@ -1,10 +1,11 @@
 """Damping by gradient descent from ten times off, beside Gauss-Newton: path, time and error of each.
 
-    python benchmarks/descent.py [--picture]
+    python benchmarks/descent.py [--picture] [--droppers 0:5]
 
 A synthetic trace of the lab dropper (scenario A, 16 s, 60 Hz, 5 mrad). Every method has the same windows, joined at a
 gap weight that its own evidence chooses, and the same exact derivatives. Processor times are those of a second fit,
-whose programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws what is stored.
+whose programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws what is stored. `--droppers` compares the
+methods on these seeds of `random_droppers.py` instead, from five times off; every row is stored when it is there.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from typing import Any
 
 import matplotlib.style
 import numpy as np
-from study import command, describe, store, stored
+from random_droppers import draw as draw_rig
+from study import command, describe, say, store, stored
 
 import dropper_jax as dj
 from dropper_jax.plots import style
@@ -67,6 +69,31 @@ def measure() -> dict[str, Any]:
     }
 
 
+def dropper(seed: int) -> dict[str, Any]:
+    """Descents compared with Gauss-Newton: distance of estimates [standard errors], ratios of errors and of times."""
+    rig = draw_rig(seed)
+
+    def timed(label: str) -> tuple[Any, float]:
+        begun = time.process_time()
+        result = fit([rig.trace], rig.scene, start=rig.start, **METHODS[label])
+        return result, time.process_time() - begun
+
+    timed("Gauss-Newton")  # compiles what all methods use
+    usual, seconds = timed("Gauss-Newton")
+    error = np.array(usual.uncertainty.std_error)
+    row = {"seed": seed, "links": rig.trace.links, "peak": rig.peak, "status": usual.status, "processor_s": seconds}
+    for label in ("L-BFGS (optax)", "Adam (optax)"):
+        result, own = timed(label)
+        row[label] = {
+            "status": result.status,
+            "same_gap_weight": result.solution.gap_weight == usual.solution.gap_weight,
+            "apart": float(np.max(np.abs(result.values - usual.values) / error)),
+            "error_ratios": (result.uncertainty.std_error / error).tolist(),
+            "times": own / seconds,
+        }
+    return row
+
+
 def draw(found: dict[str, Any]) -> None:
     """Distance to the truth, coefficient by coefficient, along the way of every method."""
     truth = np.array(found["truth"])
@@ -86,8 +113,16 @@ def draw(found: dict[str, Any]) -> None:
         style.save(figure, PICTURE)
 
 
-@command(picture=False)
+@command(picture=False, droppers="")
 def main(args):
+    if args.droppers:
+        for seed in range(*map(int, args.droppers.split(":"))):
+            found = stored("descent")
+            row = dropper(seed)
+            say(row)
+            others = [r for r in found.get("droppers", []) if r["seed"] != seed]
+            store("descent", {**found, "droppers": sorted([*others, row], key=lambda r: r["seed"])})
+        return
     if not args.picture:
-        store("descent", measure())
+        store("descent", {**stored("descent"), **measure()})
     draw(stored("descent"))

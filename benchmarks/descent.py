@@ -1,16 +1,17 @@
 """Damping by gradient descent from ten times off, beside Gauss-Newton: path, time and error of each.
 
-    python benchmarks/descent.py [--picture] [--droppers 0:5]
+    python benchmarks/descent.py [--picture] [--droppers 0:5 [--adam]]
 
 A synthetic trace of the lab dropper (scenario A, 16 s, 60 Hz, 5 mrad). Every method has the same windows, joined at a
 gap weight that its own evidence chooses, and the same exact derivatives. Processor times are those of a second fit,
 whose programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws what is stored. `--droppers` compares the
-methods on these seeds of `random_droppers.py` instead, from five times off; every row is stored when it is there.
+methods on these seeds of `random_droppers.py` instead, from five times off; every row is stored at once.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ METHODS: dict[str, dict[str, Any]] = {
     "Adam (optax)": {"method": "gradient", "optimizer": "adam"},
     "Gauss-Newton, dense": {},
 }
+DESCENTS = ("L-BFGS (optax)", "Adam (optax)")
 
 
 def measure() -> dict[str, Any]:
@@ -69,7 +71,7 @@ def measure() -> dict[str, Any]:
     }
 
 
-def dropper(seed: int) -> dict[str, Any]:
+def dropper(seed: int, labels: Sequence[str]) -> dict[str, Any]:
     """Descents compared with Gauss-Newton: distance of estimates [standard errors], ratios of errors and of times."""
     rig = draw_rig(seed)
 
@@ -82,7 +84,7 @@ def dropper(seed: int) -> dict[str, Any]:
     usual, seconds = timed("Gauss-Newton")
     error = np.array(usual.uncertainty.std_error)
     row = {"seed": seed, "links": rig.trace.links, "peak": rig.peak, "status": usual.status, "processor_s": seconds}
-    for label in ("L-BFGS (optax)", "Adam (optax)"):
+    for label in labels:
         result, own = timed(label)
         row[label] = {
             "status": result.status,
@@ -113,12 +115,12 @@ def draw(found: dict[str, Any]) -> None:
         style.save(figure, PICTURE)
 
 
-@command(picture=False, droppers="")
+@command(picture=False, droppers="", adam=False)
 def main(args):
     if args.droppers:
         for seed in range(*map(int, args.droppers.split(":"))):
             found = stored("descent")
-            row = dropper(seed)
+            row = dropper(seed, DESCENTS if args.adam else DESCENTS[:1])
             say(row)
             others = [r for r in found.get("droppers", []) if r["seed"] != seed]
             store("descent", {**found, "droppers": sorted([*others, row], key=lambda r: r["seed"])})

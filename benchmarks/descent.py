@@ -1,6 +1,6 @@
 """Damping by gradient descent from ten times off, beside Gauss-Newton: path, time and error of each.
 
-    python benchmarks/descent.py [--picture] [--droppers 0:5 [--adam]]
+    python benchmarks/descent.py [--picture] [--only METHOD ...] [--droppers 0:5 [--adam]]
 
 A synthetic trace of the lab dropper (scenario A, 16 s, 60 Hz, 5 mrad). Every method has the same windows, joined at a
 gap weight that its own evidence chooses, and the same exact derivatives. Processor times are those of a second fit,
@@ -36,15 +36,16 @@ METHODS: dict[str, dict[str, Any]] = {
 DESCENTS = ("L-BFGS (optax)", "Adam (optax)")
 
 
-def measure() -> dict[str, Any]:
-    """Fit by every method; each compiles its own programs, and the time of that stands apart."""
+def measure(only: Sequence[str]) -> dict[str, Any]:
+    """Fit by these methods; each compiles its own programs, and the time of that stands apart."""
     scene = dj.load_scene(SCENE)
     names = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
     truth = [scene.value(name) for name in names]
     trace = observe(simulate_truth(scene, DURATION, 60.0), Camera(rate=60.0, angle_noise=NOISE), seed=0)
     wrong = scene.with_values({name: TIMES_OFF * value for name, value in zip(names, truth, strict=True)})
     rows = []
-    for label, settings in METHODS.items():
+    for label in only:
+        settings = METHODS[label]
         rig = wrong.with_values({"run.solver": "dense"}) if label.endswith("dense") else wrong
         fit(trace, rig, ["b_l", "b_q"], **settings)  # compiles
         begun = time.process_time()
@@ -115,7 +116,7 @@ def draw(found: dict[str, Any]) -> None:
         style.save(figure, PICTURE)
 
 
-@command(picture=False, droppers="", adam=False)
+@command(picture=False, only=list(METHODS), droppers="", adam=False)
 def main(args):
     if args.droppers:
         for seed in range(*map(int, args.droppers.split(":"))):
@@ -126,5 +127,7 @@ def main(args):
             store("descent", {**found, "droppers": sorted([*others, row], key=lambda r: r["seed"])})
         return
     if not args.picture:
-        store("descent", {**stored("descent"), **measure()})
+        known, found = stored("descent"), measure(args.only)
+        rows = {row["method"]: row for row in [*known["rows"], *found["rows"]]}
+        store("descent", {**known, **found, "rows": [rows[label] for label in METHODS]})
     draw(stored("descent"))

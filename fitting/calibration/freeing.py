@@ -139,10 +139,10 @@ def free_by_advice(
     # one candidate may explain the poses at rest at the expense of the motion, so that no second one converges with it.
     # Correlated noise leaves a chi-square of up to 10
     if not wrong and is_model_wrong(at.prepared, at.solution, 20.0):
-        grouped = _groups(begin, fit, simulator, method, progress)
+        simulator = _groups(begin, fit, simulator, method, progress)
         if len(begin.names) > first:
-            at, simulator, first = begin, grouped, len(begin.names)
-    for candidate in at.names[first:]:
+            at = begin
+    for candidate in at.names[len(begin.names) :]:
         at = _reconsider(at, candidate, fit, simulator)
     if method == "windows":
         return at

@@ -87,7 +87,7 @@ def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter])
     named = [
         ("rate of the clock", [CLOCK]),
         ("lengths of links", ["line.0.length"]),
-        ("place of the second end", end),
+        ("position of the second end", end),
         ("markers", [MARKER] if line.links > 1 else []),
         ("roll of the camera", [CAMERA]),
         ("inertia", body),

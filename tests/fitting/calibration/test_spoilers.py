@@ -256,7 +256,7 @@ def test_groups_try_lengths_before_the_end_that_they_can_replace():
     """The end cannot replace lengths: with lengths tried first, wrong lengths and a wrong end are told apart."""
     model, _ = dj.build("dropper-release-a")
     names = [group.name for group in groups(model, [], [])]
-    assert names.index("lengths of links") < names.index("place of the second end")
+    assert names.index("lengths of links") < names.index("position of the second end")
 
 
 def test_a_candidate_that_gains_less_than_its_parameters_cost_is_not_tried():

@@ -169,15 +169,14 @@ class Trials:
         simulator = self.prepared.simulator.view_of(every)
         return replace(self.prepared, parameters=every, known=known, simulator=simulator, begin=values)
 
-    def fit(
-        self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts, evaluations: int = 12
-    ) -> Solution:
-        """A short fit of the windows that are not scored; trials start near their end."""
+    def fit(self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts) -> Solution:
+        """A short fit of the windows that are not scored."""
         at = self.with_parameters(parameters, values)
         problem = replace(at.problem(self.loss), windows=self.windows)
         if problem.rest is not None:
             problem = replace(problem, rest=problem.rest.with_noise(at.noise, at.simulator, values))
-        return fit_windows(problem, values, starts, iterations=evaluations)
+        # maximum evaluations of a trial, which starts near its end
+        return fit_windows(problem, values, starts, iterations=12)
 
     def score(self, solution: Solution) -> np.ndarray:
         """Logarithms of the RMS errors [rad] of the windows of all scored stretches."""
@@ -276,22 +275,20 @@ def free_groups(
     }
     values = start | values
 
-    def try_free(free: Sequence[Group], starts: Starts, evaluations: int = 12) -> Solution:
+    def try_free(free: Sequence[Group], starts: Starts) -> Solution:
         held = [p for group in found if group not in free for p in group.instead]
         plain = [p for p in prepared.parameters if p.name not in names] + [
             p for p in shared if p in held or not any(p in group.instead for group in found)
         ]
         every = [*plain, *(p for group in free for p in group.parameters)]
-        return trials.fit(every, np.array([values[p.name] for p in every]), starts, evaluations)
+        return trials.fit(every, np.array([values[p.name] for p in every]), starts)
 
     progress(0.55, "testing what may be wrong: everything free")
-    best = try_free(found, base.starts, 4)
-    # weighted by its own misfit, which is smaller; after 4 evaluations it changes by less than 1 %, as parameters move
-    # along directions that the traces leave open
-    for evaluations in (4, 12):
+    best = try_free(found, base.starts)
+    for _ in range(2):  # weighted by its own misfit, which is smaller
         values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
         trials.weigh(best.errors, trials.claimed.weight, trials.claimed.run, memory_of(best))
-        best = try_free(found, best.starts, evaluations)
+        best = try_free(found, best.starts)
     score = least = float(np.mean(trials.score(best)))
     if not score < first - np.log1p(NEEDED):
         return None

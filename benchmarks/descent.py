@@ -1,21 +1,24 @@
 """Damping by gradient descent from ten times off, beside Gauss-Newton: path, time and error of each.
 
-    python benchmarks/descent.py [--picture]
+    python benchmarks/descent.py [--picture] [--only METHOD ...] [--droppers 0:5 [--adam]]
 
 A synthetic trace of the lab dropper (scenario A, 16 s, 60 Hz, 5 mrad). Every method has the same windows, joined at a
 gap weight that its own evidence chooses, and the same exact derivatives. Processor times are those of a second fit,
-whose programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws what is stored.
+whose programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws what is stored. `--droppers` compares the
+methods on these seeds of `random_droppers.py` instead, from five times off; every row is stored at once.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib.style
 import numpy as np
-from study import command, describe, store, stored
+from random_droppers import draw as draw_rig
+from study import command, describe, say, store, stored
 
 import dropper_jax as dj
 from dropper_jax.plots import style
@@ -30,17 +33,19 @@ METHODS: dict[str, dict[str, Any]] = {
     "Adam (optax)": {"method": "gradient", "optimizer": "adam"},
     "Gauss-Newton, dense": {},
 }
+DESCENTS = ("L-BFGS (optax)", "Adam (optax)")
 
 
-def measure() -> dict[str, Any]:
-    """Fit by every method; each compiles its own programs, and the time of that stands apart."""
+def measure(only: Sequence[str]) -> dict[str, Any]:
+    """Fit by these methods; each compiles its own programs, and the time of that stands apart."""
     scene = dj.load_scene(SCENE)
     names = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
     truth = [scene.value(name) for name in names]
     trace = observe(simulate_truth(scene, DURATION, 60.0), Camera(rate=60.0, angle_noise=NOISE), seed=0)
     wrong = scene.with_values({name: TIMES_OFF * value for name, value in zip(names, truth, strict=True)})
     rows = []
-    for label, settings in METHODS.items():
+    for label in only:
+        settings = METHODS[label]
         rig = wrong.with_values({"run.solver": "dense"}) if label.endswith("dense") else wrong
         fit(trace, rig, ["b_l", "b_q"], **settings)  # compiles
         begun = time.process_time()
@@ -67,6 +72,31 @@ def measure() -> dict[str, Any]:
     }
 
 
+def dropper(seed: int, labels: Sequence[str]) -> dict[str, Any]:
+    """Descents compared with Gauss-Newton: distance of estimates [standard errors], ratios of errors and of times."""
+    rig = draw_rig(seed)
+
+    def timed(label: str) -> tuple[Any, float]:
+        begun = time.process_time()
+        result = fit([rig.trace], rig.scene, start=rig.start, **METHODS[label])
+        return result, time.process_time() - begun
+
+    timed("Gauss-Newton")  # compiles what all methods use
+    usual, seconds = timed("Gauss-Newton")
+    error = np.array(usual.uncertainty.std_error)
+    row = {"seed": seed, "links": rig.trace.links, "peak": rig.peak, "status": usual.status, "processor_s": seconds}
+    for label in labels:
+        result, own = timed(label)
+        row[label] = {
+            "status": result.status,
+            "same_gap_weight": result.solution.gap_weight == usual.solution.gap_weight,
+            "apart": float(np.max(np.abs(result.values - usual.values) / error)),
+            "error_ratios": (result.uncertainty.std_error / error).tolist(),
+            "times": own / seconds,
+        }
+    return row
+
+
 def draw(found: dict[str, Any]) -> None:
     """Distance to the truth, coefficient by coefficient, along the way of every method."""
     truth = np.array(found["truth"])
@@ -86,8 +116,18 @@ def draw(found: dict[str, Any]) -> None:
         style.save(figure, PICTURE)
 
 
-@command(picture=False)
+@command(picture=False, only=list(METHODS), droppers="", adam=False)
 def main(args):
+    if args.droppers:
+        for seed in range(*map(int, args.droppers.split(":"))):
+            found = stored("descent")
+            row = dropper(seed, DESCENTS if args.adam else DESCENTS[:1])
+            say(row)
+            others = [r for r in found.get("droppers", []) if r["seed"] != seed]
+            store("descent", {**found, "droppers": sorted([*others, row], key=lambda r: r["seed"])})
+        return
     if not args.picture:
-        store("descent", measure())
+        known, found = stored("descent"), measure(args.only)
+        rows = {row["method"]: row for row in [*known["rows"], *found["rows"]]}
+        store("descent", {**known, **found, "rows": [rows[label] for label in METHODS]})
     draw(stored("descent"))

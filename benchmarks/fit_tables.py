@@ -54,6 +54,33 @@ def descent(found: Found) -> Rows:
     return [*rows, ("truth", "", "", *(f"{value:g}" for value in found["truth"]), "")]
 
 
+@table_of("descent")
+def descent_droppers(found: Found) -> Rows:
+    """Gradient descent compared with Gauss-Newton on random droppers."""
+
+    def extremes(values: list[float], form: str) -> str:
+        return joined([min(values), max(values)], form, " to ")
+
+    def judged(label: str) -> Found:
+        some = [row[label] for row in found["droppers"] if label in row]
+        return {
+            "optimizer": label,
+            "droppers": len(some),
+            "apart": max(row["apart"] for row in some),
+            "errors": extremes([ratio for row in some for ratio in row["error_ratios"]], "{:.3f}"),
+            "times": extremes([row["times"] for row in some], "{:.2g}"),
+        }
+
+    return columns(
+        map(judged, ("L-BFGS (optax)", "Adam (optax)")),
+        ("optimizer", "{optimizer}"),
+        ("droppers", "{droppers}"),
+        ("maximum distance from Gauss-Newton's estimates [standard errors]", "{apart:.3f}"),
+        ("standard errors relative to Gauss-Newton's", "{errors}"),
+        ("processor time relative to Gauss-Newton's", "{times}"),
+    )
+
+
 @table_of("measured_single_pendulum", "measured_double_pendulum")
 def calibration_held_out(single: Found, double: Found) -> Rows:
     """Errors on the held-out windows of both rigs [mrad]."""
@@ -177,7 +204,7 @@ def _kind_of(name: str) -> str:
     """A first name without its numbers."""
     if "lost frames" in name:
         return "lost frames"
-    return re.sub(r" (\d|\(.*\))", "", name).replace("place of", "position of") or "nothing"
+    return re.sub(r" (\d|\(.*\))", "", name) or "nothing"
 
 
 def _rightly_named(row: Found) -> bool:

@@ -103,7 +103,7 @@ def kinds(model: Model) -> Iterator[tuple[str, list[str]]]:
     yield "lengths of links", ["line.0.length"]
     if model.end_held:
         index = int(model.geometry.held_points[-1])
-        yield "place of the second end", [f"point.{index}.position.0", f"point.{index}.position.2"]
+        yield "position of the second end", [f"point.{index}.position.0", f"point.{index}.position.2"]
     yield "roll of the camera", [CAMERA]
     if line.links > 1:
         for j in range(line.links):

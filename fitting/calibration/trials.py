@@ -62,14 +62,14 @@ class Group:
     instead: tuple[Parameter, ...] = ()
 
 
-def is_model_wrong(prepared: Prepared, solution: Solution) -> bool:
+def is_model_wrong(prepared: Prepared, solution: Solution, limit: float = WRONG) -> bool:
     """Whether a fit leaves a smooth misfit far above the noise claimed by the traces."""
     expected = prepared.windows.weight
     if solution.windows.weight.shape != expected.shape or not np.isfinite(solution.cost):
         return False
     residual = solution.errors * expected
     chi2 = float(np.sum(solution.weights * residual**2)) / degrees_of_freedom(solution)
-    return chi2 > WRONG and lag_one(residual, expected > 0)[0] > SMOOTH
+    return chi2 > limit and lag_one(residual, expected > 0)[0] > SMOOTH
 
 
 def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter]) -> list[Group]:
@@ -83,9 +83,11 @@ def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter])
     end = [f"point.{point}.position.0", f"point.{point}.position.2"] if model.end_held else []
     # for one link the inertia represents both
     body = ["line.0.inertia", "line.0.centre_of_mass"] if line.compound else ["line.0.mass"] if line.links > 1 else []
+    # lengths before the end that they replace: the end has too few numbers to replace them
     named = [
         ("rate of the clock", [CLOCK]),
-        ("geometry", ["line.0.length", *end]),
+        ("lengths of links", ["line.0.length"]),
+        ("position of the second end", end),
         ("markers", [MARKER] if line.links > 1 else []),
         ("roll of the camera", [CAMERA]),
         ("inertia", body),

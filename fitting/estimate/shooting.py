@@ -143,7 +143,7 @@ def fit_shooting(
     # if gaps are much smaller than a weight allows, the weight has no effect
     # gap weights larger than this multiple of the gaps' own size are skipped
     schedule = [w for i, w in enumerate(schedule) if w < 5.0 * wide or i == len(schedule) - 1]
-    if continuity == "estimate" and begin.problem.memory == 1 and begin.problem.descent is None:
+    if continuity == "estimate" and begin.problem.memory == 1:
         found_at_once = follow_linear_model(begin, schedule, iterations, finer, progress)
         if found_at_once is not None:
             return found_at_once

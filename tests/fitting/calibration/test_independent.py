@@ -210,6 +210,8 @@ def test_gradient_descent_ends_at_the_defaults_estimate_gap_weight_and_errors(tw
     error = joined.uncertainty.std_error
     assert result.status == "ok"
     assert result.solution.gap_weight == joined.solution.gap_weight
+    weights = [{row.get("gap_weight") for row in each.solution.history} for each in (result, joined)]
+    assert weights[0] == weights[1]  # chosen by the linear model of the motion
     assert np.all(np.abs(result.values - joined.values) < 0.1 * error)
     np.testing.assert_allclose(result.uncertainty.std_error, error, rtol=0.05)
     np.testing.assert_allclose(result.solution.problem.noise.factor, joined.solution.problem.noise.factor, rtol=0.02)

@@ -1,19 +1,25 @@
 """What spoils traces of another simulator (`conftest`), told by its name: noises, clocks, markers, outliers, frames."""
 
 import copy
+import importlib.util
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+import dropper_jax as dj
 from fitting import Convention, Trace, fit, prepare
 from fitting.calibration.advice import Candidate, advise, wide
 from fitting.calibration.fit import estimate, summarise
 from fitting.calibration.freeing import promising
 from fitting.calibration.result import window_length
+from fitting.calibration.trials import groups
 from fitting.estimate.loss import StudentT
+
+BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 
 
 @pytest.fixture(scope="module")
@@ -227,6 +233,30 @@ def test_a_model_that_is_wrong_as_a_whole_is_freed_in_groups_that_halve_the_held
     assert freed.held_out[0].windows.count == plain.held_out[0].windows.count
     assert freed.held_out[0].rms < 0.5 * plain.held_out[0].rms
     assert freed[two.FREE[1]] == pytest.approx(two.QUADRATIC, rel=0.1)
+
+
+@pytest.mark.check
+def test_two_errors_are_both_named_where_a_third_candidate_hides_them(monkeypatch):
+    """Wrong lengths and a rolled camera: the second end explains the poses at rest at the expense of the motion."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))  # its modules import one another, as scripts do
+    spec = importlib.util.spec_from_file_location("spoilers", BENCHMARKS / "spoilers.py")
+    study = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(study)
+    _, trace = study.draw("lengths and roll", 16)
+    options = {"rest": [(0.0, study.BEGIN - 0.1)], "window": study.WINDOW}
+    result = fit(trace, study.scene(), study.FREE, auto_free=True, **options)
+    assert result.status == "ok"
+    names = {candidate.name.split(" (")[0] for candidate in result.freed}
+    assert names == {"lengths of links", "roll of the camera"}
+    assert np.all(np.abs(result.values[:2] - study.TRUTH) < 3 * result.uncertainty.std_error[:2])
+    assert np.all(result.uncertainty.std_error[:2] < 0.02 * study.TRUTH)
+
+
+def test_groups_try_lengths_before_the_end_that_they_can_replace():
+    """The end cannot replace lengths: with lengths tried first, wrong lengths and a wrong end are told apart."""
+    model, _ = dj.build("dropper-release-a")
+    names = [group.name for group in groups(model, [], [])]
+    assert names.index("lengths of links") < names.index("position of the second end")
 
 
 def test_a_candidate_that_gains_less_than_its_parameters_cost_is_not_tried():

@@ -17,7 +17,7 @@ from dropper_jax.run.arrays import static_pose
 from dropper_jax.run.build import SceneLike, build_model
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, wave_components, waves_on
-from dropper_jax.sea.spec import WaveSpec
+from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from dropper_jax.sea.waves import Waves
 from dropper_jax.statics.frequency import TOLERANCE, solve_states
 from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
@@ -131,7 +131,7 @@ def frequency_response(
         raise SceneError(
             "vessel: has factors at the frequencies of the scene's own waves only. Use it without sea states"
         )
-    states, waves = _waves(scene, sea_states, direction, frequencies)
+    states, waves = _waves(scene.sea, sea_states, direction, frequencies)
     loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
     model, still, pose = _tangent_model(model, static_pose(scene, model), loads)
     if pose.status != "ok":
@@ -184,10 +184,9 @@ def _tangent_model(model: Model, pose: Equilibrium, loads: jax.Array) -> tuple[M
 
 
 def _waves(
-    scene: Scene, sea_states: ArrayLike | None, direction: float | None, frequencies: int
+    spec: SeaSpec, sea_states: ArrayLike | None, direction: float | None, frequencies: int
 ) -> tuple[np.ndarray, Waves]:
     """Height and period of each state, and its waves, with a leading axis of the states."""
-    spec = scene.sea
     current = None if spec.current is None or spec.wave_current == "none" else make_current(spec.current)
 
     def waves_of(given: WaveSpec) -> Waves:

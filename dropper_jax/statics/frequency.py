@@ -77,8 +77,9 @@ def _dragging(still: Model) -> tuple[Model, Model]:
     """The model with the effects of the water, without contact, and with those that do not know the waves."""
     bed, prepared = ({e.name for e in still.having(kind)} for kind in (Seabed, Prepared))
     effects = [e for e in still.effects if e.name not in bed]
-    groups = ([e for e in effects if (e.needs_water or e.name in prepared) == wet] for wet in (True, False))
-    return tuple(replace(still, effects=tuple(group)) for group in groups)
+    wet = tuple(e for e in effects if e.needs_water or e.name in prepared)
+    other = tuple(e for e in effects if not (e.needs_water or e.name in prepared))
+    return replace(still, effects=wet), replace(still, effects=other)
 
 
 def _covariance(v: jax.Array, flow: jax.Array) -> jax.Array:

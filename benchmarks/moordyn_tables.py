@@ -205,15 +205,19 @@ def moordyn_rest(found: Found) -> Rows:
     rows = columns(
         (row for row in found["rows"] if row["status"] == "ok" and "same_deck_as" not in row),
         ("scenes", lambda r: ", ".join([r["scene"], *shared.get(r["scene"], [])])),
-        ("lines", lambda r: f"{r['lines']}" + ("" if r["links"] == 1 else f", {r['links']} times the links")),
+        ("lines", "{lines}"),
         ("largest tension [N]", "{largest_n:.0f}"),
         ("scene against MoorDyn", lambda r: f"{100 * r['scene_difference']:.2g} %"),
         ("its deck, as read here", lambda r: f"{100 * r['deck_difference']:.2g} %"),
+        (
+            "worst line alone, 1, 2, 4, 8 times the links",
+            lambda r: ", ".join(f"{100 * x:.2g} %" for x in r.get("alone", [])),
+        ),
         ("MoorDyn's nodes, at most [mm/s]", lambda r: f"{1e3 * r['speed']:.1g}"),
     )
     few = 4  # names in a cell
     names = {reason: ", ".join(s) if len(s) <= few else f"{len(s)} scenes" for reason, s in other.items()}
-    return rows + [(scenes, reason, "", "", "", "") for reason, scenes in names.items()]
+    return rows + [(scenes, reason, *[""] * (len(rows[0]) - 2)) for reason, scenes in names.items()]
 
 
 @table_of("cabledyn")

@@ -168,7 +168,7 @@ def _batch(
             v = ((rate * q) @ basis.motions.T).reshape(flow.shape)
             return _linear_drag(dragging, pose, _covariance(v, flow))
 
-        def unfinished(carry: tuple[jax.Array, ...]) -> jax.Array:
+        def keep_iterating(carry: tuple[jax.Array, ...]) -> jax.Array:
             return (carry[1] > TOLERANCE) & (carry[2] < 60)
 
         def correct(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
@@ -184,7 +184,7 @@ def _batch(
 
         start = drag_of(jnp.zeros((flow.shape[0], basis.mass.shape[0]), complex))[0]
         carry = start, jnp.inf, 0, 0.5, jnp.zeros_like(start)
-        drag, change, *_ = jax.lax.while_loop(unfinished, correct, carry)
+        drag, change, *_ = jax.lax.while_loop(keep_iterating, correct, carry)
         q = motions(drag)
         tension = q @ basis.tension.T + (rate * q) @ basis.tension_rate.T + end_tension
         mean = jnp.linalg.solve(basis.stiffness, basis.motions.T @ drag_of(q)[1].ravel())

@@ -16,11 +16,6 @@ from dropper_jax.model import Graph, Kinematics, ModelView
 #
 # Bars are pieces p of four positions (..., 4, 3): the ends of the first axis and of the second.
 
-#: Rounding of the nearest point for parallel axes, relative to the square of their lengths. Parallel axes meet at their
-#: middles, and the contact point moves smoothly (over 0.3 degrees) as they turn away from parallel.
-SPREAD = 1e-5
-
-
 class Nearest(NamedTuple):
     """Nearest points of two axes.
 
@@ -115,7 +110,9 @@ class Bars:
         other = effect.bar_radius[bar] if len(bar) else jnp.zeros(0, length.dtype)
         self.reach = jnp.concatenate([radius[first] + radius[second], radius[link] + other])
         square = jnp.concatenate([length[first] ** 2 + length[second] ** 2, length[link] ** 2 + dot(across, across)])
-        self.spread = 0.5 * SPREAD * jax.lax.stop_gradient(square)
+        # rounding of the nearest point for parallel axes, relative to the square of their lengths: they meet at their
+        # middles, and the contact point moves smoothly (over 0.3 degrees) as they turn away from parallel
+        self.spread = 0.5e-5 * jax.lax.stop_gradient(square)
         self.pairs, self.offset, self.shares = len(first), None, None
         if not len(bar):
             return

@@ -16,6 +16,7 @@ from dropper_jax.model import Graph, Kinematics, ModelView
 #
 # Bars are pieces p of four positions (..., 4, 3): the ends of the first axis and of the second.
 
+
 class Nearest(NamedTuple):
     """Nearest points of two axes.
 

@@ -12,7 +12,7 @@ import dropper_jax as dj
 from dropper_jax.backend import export_cache
 from dropper_jax.backend.compile_cache import Entries
 from dropper_jax.backend.export_cache import PREFIX, Constants, Traces
-from dropper_jax.base.numerics import dot, inverse_rows
+from dropper_jax.base.numerics import components, inverse_rows
 from dropper_jax.base.plain_form import NoPlainForm, read, to_plain, tree_read, tree_written
 from dropper_jax.run.build import build_model
 from dropper_jax.stepping.integrate import advance_some, begin
@@ -85,7 +85,7 @@ OTHERS = [
     pytest.param(lambda patch: {"values": ([MATRICES],)}, id="tree"),
     pytest.param(lambda patch: {"settings": {"capacity": 3}}, id="static argument"),
     pytest.param(lambda patch: {"settings": {"capacity": 3.0}}, id="kind of static argument"),
-    pytest.param(lambda patch: {"function": dot}, id="function"),
+    pytest.param(lambda patch: {"function": components}, id="function"),
     pytest.param(lambda patch: patch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=false"), id="flags"),
     pytest.param(lambda patch: patch.setattr(jax, "__version__", "9.9.9"), id="JAX"),
     pytest.param(lambda patch: patch.setattr(export_cache, "_sources_digest", lambda: "0"), id="sources"),

@@ -285,7 +285,7 @@ def free_groups(
     score = least = float(np.mean(trials.score(best)))
     if not score < first - np.log1p(NEEDED):
         return None
-    free, needed = list(found), {}
+    free, needed, fixed = list(found), {}, {}
     for group in found:
         progress(0.6, f"testing what may be wrong: without {group.name}")
         values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
@@ -296,8 +296,26 @@ def free_groups(
         if now < least + np.log1p(NEEDED):
             free.remove(group)
             best, least = less, min(least, now)
+            fixed[group] = least
         else:
             needed[group.name] = float(np.exp(now - least))
+    # what was fixed while others held the fit far from its minimum is tried once more, the best first
+    late = [group for group, then in fixed.items() if least < then - np.log1p(NEEDED)]
+    while late:
+        values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
+        values |= {p.name: start[p.name] for group in late for p in group.parameters}
+        scores = {}
+        for group in late:
+            progress(0.7, f"testing what may be wrong: with {group.name}")
+            more = try_free([*free, group], best.starts)
+            scores[group] = float(np.mean(trials.score(more))), more
+        group = min(late, key=lambda group: scores[group][0])
+        now, more = scores[group]
+        if not now < least - np.log1p(NEEDED):
+            break
+        needed[group.name] = float(np.exp(least - now))
+        late.remove(group)
+        free, best, least = [*free, group], more, now
     if not free:
         return None
     whole = Starts(*(part.copy() for part in solution.starts))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.load.scene import Scene, load_scene
+from dropper_jax.load.scene import load_scene
 from dropper_jax.model import Model
 from dropper_jax.model.slots import Displacement
 from dropper_jax.run.arrays import static_pose

@@ -24,6 +24,7 @@ from scipy.special import chdtrc
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
+from fitting.calibration.law_fits import OF_JOINTS, PARTS
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.normal_equations import prior_of, solve_spd
 from fitting.estimate.problem import Solution
@@ -33,6 +34,11 @@ from fitting.estimate.simulator import Simulator
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.priors import rig_priors
 from fitting.parameters.target import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
+
+#: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
+#: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for
+#: clocks.
+SHARE, TURNED, CLOCKS = 0.1, 0.05, 0.01
 
 #: Gain in log likelihood below which a candidate is not suggested.
 WORTH = 6.0
@@ -244,3 +250,58 @@ def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Para
     freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
     moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
     return tuple(np.array([move.get(p.name, 0.0) for p in parameters]) for move in moves)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Numbers that are freed together, and those that replace them when they are fixed again."""
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    instead: tuple[Parameter, ...] = ()
+
+
+def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter]) -> list[Group]:
+    """What may be wrong in a model; groups that others are more likely to replace come first and are fixed first.
+
+    Args:
+        free: parameters that are already free.
+        shared: friction that was free as one number for all joints; separate joints replace it.
+    """
+    line, point = model.line, int(model.geometry.held_points[-1])
+    end = [f"point.{point}.position.0", f"point.{point}.position.2"] if model.end_held else []
+    # for one link the inertia represents both
+    body = ["line.0.inertia", "line.0.centre_of_mass"] if line.compound else ["line.0.mass"] if line.links > 1 else []
+    # lengths before the end that they replace: the end has too few numbers to replace them
+    named = [
+        ("rate of the clock", [CLOCK]),
+        ("lengths of links", ["line.0.length"]),
+        ("position of the second end", end),
+        ("markers", [MARKER] if line.links > 1 else []),
+        ("roll of the camera", [CAMERA]),
+        ("inertia", body),
+        *((f"{part} drag", [PARTS[part]]) for part in ("linear", "quadratic")),
+        *((f"{part} friction of each joint".replace("joint viscous", "viscous"), [PARTS[part]]) for part in OF_JOINTS),
+    ]
+    known, found = {p.name for p in free} - {p.name for p in shared}, []
+    for name, paths in named:
+        own = [q for path in paths for q in _existing(model, path) if q.name not in known]
+        instead = tuple(p for p in shared if p.name in paths)
+        if own and (len(own) > 1 or not instead):
+            found.append(Group(name, tuple(_with_width(model, q) for q in own), instead))
+    return found
+
+
+def _existing(model: Model, path: str) -> tuple[Parameter, ...]:
+    try:
+        return resolve(model, [path])
+    except SceneError:
+        return ()  # the scene has no such number
+
+
+def _with_width(model: Model, p: Parameter) -> Parameter:
+    """A parameter with the default prior of its kind if none is given; coefficients have none."""
+    lengths = SHARE * float(np.mean(np.asarray(model.line.length)))
+    widths = {"lines": SHARE * abs(p.value), "points": lengths, "camera": TURNED, "clock": CLOCKS}
+    width = widths.get(p.where.section, 0.0)
+    return replace(p, prior=(p.value, width)) if width > 0 else p

@@ -10,16 +10,14 @@ Then one group after another is fixed again, and stays fixed unless this makes t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.read import ScenePath
-from dropper_jax.model import Model
 from dropper_jax.run.build import build
-from fitting.calibration.advice import Candidate, joint_information, wide
+from fitting.calibration.advice import Candidate, Group, groups, joint_information, wide
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
 from fitting.calibration.prepared import Prepared, fitted_parts
 from fitting.calibration.result import score_held_out, window_length
@@ -35,7 +33,7 @@ from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.priors import rig_priors
-from fitting.parameters.target import CAMERA, CLOCK, MARKER, all_joints
+from fitting.parameters.target import all_joints
 
 #: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:
 #: the misfit is ten times the noise, and smooth. A misfit at 6 Hz, sampled 60 times a second, correlates by 0.81.
@@ -47,19 +45,6 @@ NEEDED = 0.05
 #: Minimum fraction of a number's information that must be its own; below it the number duplicates others. The second
 #: value is added to the diagonal of numbers that do the same.
 MODEL_ERROR, RIDGE = 2e-4, 1e-12
-#: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
-#: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for
-#: clocks.
-SHARE, TURNED, CLOCKS = 0.1, 0.05, 0.01
-
-
-@dataclass(frozen=True)
-class Group:
-    """Numbers that are freed together, and those that replace them when they are fixed again."""
-
-    name: str
-    parameters: tuple[Parameter, ...]
-    instead: tuple[Parameter, ...] = ()
 
 
 def is_model_wrong(prepared: Prepared, solution: Solution, limit: float = WRONG) -> bool:
@@ -70,52 +55,6 @@ def is_model_wrong(prepared: Prepared, solution: Solution, limit: float = WRONG)
     residual = solution.errors * expected
     chi2 = float(np.sum(solution.weights * residual**2)) / degrees_of_freedom(solution)
     return chi2 > limit and lag_one(residual, expected > 0)[0] > SMOOTH
-
-
-def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter]) -> list[Group]:
-    """What may be wrong in a model; groups that others are more likely to replace come first and are fixed first.
-
-    Args:
-        free: parameters that are already free.
-        shared: friction that was free as one number for all joints; separate joints replace it.
-    """
-    line, point = model.line, int(model.geometry.held_points[-1])
-    end = [f"point.{point}.position.0", f"point.{point}.position.2"] if model.end_held else []
-    # for one link the inertia represents both
-    body = ["line.0.inertia", "line.0.centre_of_mass"] if line.compound else ["line.0.mass"] if line.links > 1 else []
-    # lengths before the end that they replace: the end has too few numbers to replace them
-    named = [
-        ("rate of the clock", [CLOCK]),
-        ("lengths of links", ["line.0.length"]),
-        ("position of the second end", end),
-        ("markers", [MARKER] if line.links > 1 else []),
-        ("roll of the camera", [CAMERA]),
-        ("inertia", body),
-        *((f"{part} drag", [PARTS[part]]) for part in ("linear", "quadratic")),
-        *((f"{part} friction of each joint".replace("joint viscous", "viscous"), [PARTS[part]]) for part in OF_JOINTS),
-    ]
-    known, found = {p.name for p in free} - {p.name for p in shared}, []
-    for name, paths in named:
-        own = [q for path in paths for q in _existing(model, path) if q.name not in known]
-        instead = tuple(p for p in shared if p.name in paths)
-        if own and (len(own) > 1 or not instead):
-            found.append(Group(name, tuple(_with_width(model, q) for q in own), instead))
-    return found
-
-
-def _existing(model: Model, path: str) -> tuple[Parameter, ...]:
-    try:
-        return resolve(model, [path])
-    except SceneError:
-        return ()  # the scene has no such number
-
-
-def _with_width(model: Model, p: Parameter) -> Parameter:
-    """A parameter with the default prior of its kind if none is given; coefficients have none."""
-    lengths = SHARE * float(np.mean(np.asarray(model.line.length)))
-    widths = {"lines": SHARE * abs(p.value), "points": lengths, "camera": TURNED, "clock": CLOCKS}
-    width = widths.get(p.where.section, 0.0)
-    return replace(p, prior=(p.value, width)) if width > 0 else p
 
 
 class Trials:

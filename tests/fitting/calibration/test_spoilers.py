@@ -12,11 +12,10 @@ from scipy.interpolate import CubicSpline
 
 import dropper_jax as dj
 from fitting import Convention, Trace, fit, prepare
-from fitting.calibration.advice import Candidate, advise, wide
+from fitting.calibration.advice import Candidate, advise, groups, wide
 from fitting.calibration.fit import estimate, summarise
 from fitting.calibration.freeing import promising
 from fitting.calibration.result import window_length
-from fitting.calibration.trials import groups
 from fitting.estimate.loss import StudentT
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"

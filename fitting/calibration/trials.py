@@ -4,7 +4,8 @@ If the misfit is smooth and far above the noise everywhere, score tests find not
 misfit, and a single number reduces it only slightly. All groups are therefore freed at once: geometry, inertia,
 markers, camera, clock and parts of the damping law. Their priors are as wide as the usual errors of such numbers, and
 three fifths of every run are fitted. The score is the error on the other two fifths, with only their starts fitted.
-Then one group after another is fixed again, and stays fixed unless this makes the score worse.
+Then one group after another is fixed again, and stays fixed unless this makes the score worse. Groups that were fixed
+while the fit was still far from its minimum are tried once more at the end.
 """
 
 from __future__ import annotations

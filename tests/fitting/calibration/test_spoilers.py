@@ -1,7 +1,7 @@
 """What spoils traces of another simulator (`conftest`), told by its name: noises, clocks, markers, outliers, frames."""
 
 import copy
-import importlib.util
+import importlib
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -238,9 +238,7 @@ def test_a_model_that_is_wrong_as_a_whole_is_freed_in_groups_that_halve_the_held
 def test_two_errors_are_both_named_where_a_third_candidate_hides_them(monkeypatch):
     """Wrong lengths and a rolled camera: the second end explains the poses at rest at the expense of the motion."""
     monkeypatch.syspath_prepend(str(BENCHMARKS))  # its modules import one another, as scripts do
-    spec = importlib.util.spec_from_file_location("spoilers", BENCHMARKS / "spoilers.py")
-    study = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(study)
+    study = importlib.import_module("spoilers")
     _, trace = study.draw("lengths and roll", 16)
     options = {"rest": [(0.0, study.BEGIN - 0.1)], "window": study.WINDOW}
     result = fit(trace, study.scene(), study.FREE, auto_free=True, **options)

@@ -239,7 +239,7 @@ def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(law, ef
 
 @pytest.mark.check
 def test_a_pendulum_whose_windows_leave_laws_open_is_decided_where_they_are_joined():
-    """Linear drag of one link, simulated with a finer step by another scheme, 3 mrad of noise (2 are decided before)."""
+    """Linear drag of one link, simulated with a finer step by another scheme, 3 mrad of noise."""
     scene = {
         "run": {"dt": 1 / 480, "duration": 12.0, "save_every": 8},
         "point": [

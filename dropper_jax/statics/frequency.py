@@ -37,6 +37,7 @@ class _Basis(NamedTuple):
     """The matrices (m, m) along the motions (3 free, m) of the basis, and tensions (n, m) by displacement and speed."""
 
     motions: jax.Array
+    soft: jax.Array
     stiffness: jax.Array
     damping: jax.Array
     mass: jax.Array
@@ -187,7 +188,7 @@ def _batch(
         drag, change, *_ = jax.lax.while_loop(keep_iterating, correct, carry)
         q = motions(drag)
         tension = q @ basis.tension.T + (rate * q) @ basis.tension_rate.T + end_tension
-        mean = jnp.linalg.solve(basis.stiffness, basis.motions.T @ drag_of(q)[1].ravel())
+        mean = jnp.linalg.solve(basis.soft, basis.motions.T @ drag_of(q)[1].ravel())
         deviation = jnp.sqrt(0.5 * jnp.sum(jnp.abs(tension) ** 2, axis=0))
         moved = (q @ basis.motions.T).reshape(flow.shape)[:, nodes]
         return _Solved(tension[:, links], moved, deviation, basis.tension @ mean, drag, change)
@@ -213,6 +214,8 @@ def solve_states(
 
     linear, f, count = linearised_about(still, pose, loads), 3 * still.free_nodes, still.free_nodes
     stiffness, damping, mass = (csc_array(x) for x in (linear.stiffness, linear.damping, linear.mass))
+    # static shifts with a stiffness of 1e-6 of the inertia: a slack line on the bed has none across itself
+    soft = stiffness + 1e-6 * float(np.min(waves.omega)) ** 2 * mass
     by_position, by_speed = linear.tension_by_place[:, :f], linear.tension_by_speed[:, :f]
     dragging = _dragging(still)
     one = lambda i: jax.tree.map(lambda x: x[i], waves)  # noqa: E731
@@ -224,7 +227,7 @@ def solve_states(
         water, other = (bsr_array((d, np.arange(count), np.arange(count + 1)), shape=(f, f)) for d in np.asarray(drag))
         right = np.concatenate([np.ravel(constant)[None], force + flow.reshape(-1, f) @ water.T])
         total = damping + water + other
-        matrices = (stiffness + 1j * w * total - w**2 * mass for w in (0.0, *np.asarray(own.omega).tolist()))
+        matrices = (soft + 0j * mass, *(stiffness + 1j * w * total - w**2 * mass for w in np.asarray(own.omega).tolist()))
         return np.array([splu(csc_array(a)).solve(b.astype(complex)) for a, b in zip(matrices, right, strict=True)])
 
     # the basis: responses of the lowest, highest, shortest and longest seas, with the drag of fixed nodes and a tenth
@@ -246,7 +249,7 @@ def solve_states(
     taken = values > 1e-4 * values[0]
     phi = (shapes / scale) @ (right[taken].T / values[taken])
     project = lambda a: phi.T @ (a @ phi)  # noqa: E731
-    basis = _Basis(phi, *(project(a) for a in (stiffness, damping, mass)), by_position @ phi, by_speed @ phi)
+    basis = _Basis(phi, *(project(a) for a in (soft, stiffness, damping, mass)), by_position @ phi, by_speed @ phi)
     solved = _batch(still, dragging, pose, jax.tree.map(jnp.asarray, basis), links, nodes, waves)
     errors = []
     for state in chosen:

@@ -146,3 +146,24 @@ def test_scenes_without_irregular_waves_are_rejected():
     scene["effects"] = {"weight": {}, "end_motion": {"point": "top", "amplitude": [0.0, 0.0, 1.0], "period": 5.0}}
     with pytest.raises(dj.SceneError, match="effects.end_motion: its motion does not come from the sea"):
         dj.frequency_response(scene, STATES)
+
+
+def test_slack_chain_on_the_seabed_is_flagged_not_an_error():
+    """A float over a chain that is longer than the depth: what lies on the bed has no stiffness across itself."""
+    chain = {"name": "chain", "mass": 10.0, "diameter": 0.04, "damping_ratio": 0.1, "EA": 1e7, "cdn": 1.4}
+    scene = {
+        "name": "slack mooring",
+        "run": {"dt": 0.02, "duration": 1.0},
+        "line_type": [chain],
+        "point": [
+            {"name": "anchor", "position": [0.0, 0.0, -10.0]},
+            {"name": "float", "kind": "free", "position": [3.0, 0.0, -2.0], "mass": 20.0, "volume": 0.12},
+        ],
+        "line": [{"name": "leg", "from": "anchor", "to": "float", "type": "chain", "length": 14.0, "links": 7}],
+        "sea": {"depth": 10.0, "waves": {"kind": "spectrum", "hs": 0.3, "tp": 5.0, "count": 10}},
+        "effects": {"weight": {}, "buoyancy": {}, "seabed": {}, "morison_drag": {}, "morison_inertia": {}},
+    }
+    found = dj.frequency_response(scene)
+    assert found.slack.all()
+    assert np.isfinite(found.mean_tension).all()
+    assert np.isfinite(found.tension_deviation).all()

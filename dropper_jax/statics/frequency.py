@@ -227,7 +227,10 @@ def solve_states(
         water, other = (bsr_array((d, np.arange(count), np.arange(count + 1)), shape=(f, f)) for d in np.asarray(drag))
         right = np.concatenate([np.ravel(constant)[None], force + flow.reshape(-1, f) @ water.T])
         total = damping + water + other
-        matrices = (soft + 0j * mass, *(stiffness + 1j * w * total - w**2 * mass for w in np.asarray(own.omega).tolist()))
+        matrices = (
+            soft + 0j * mass,
+            *(stiffness + 1j * w * total - w**2 * mass for w in np.asarray(own.omega).tolist()),
+        )
         return np.array([splu(csc_array(a)).solve(b.astype(complex)) for a, b in zip(matrices, right, strict=True)])
 
     # the basis: responses of the lowest, highest, shortest and longest seas, with the drag of fixed nodes and a tenth

@@ -67,10 +67,10 @@ class Video:
             raise SceneError(f"{self.path.name}: no such video; allowed: an existing file")
         cv2 = opencv()
         capture = self._open()
-        good, frame = capture.read()
+        _, frame = capture.read()  # of a damaged film it may be None beside True
         rate, self.announced = capture.get(cv2.CAP_PROP_FPS), int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT)))
         capture.release()
-        if not good:
+        if frame is None:
             raise SceneError(
                 f"{self.path.name}: has no frame that can be read; allowed: a video such as MP4, AVI or MOV"
             )
@@ -94,8 +94,8 @@ class Video:
                 if not capture.grab():
                     return
                 if i >= first:
-                    good, frame = capture.retrieve()
-                    if not good:
+                    _, frame = capture.retrieve()
+                    if frame is None:
                         return
                     yield frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
         finally:

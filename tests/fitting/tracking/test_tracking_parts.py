@@ -7,6 +7,7 @@ from fitting.tracking.detection import Circles, MarkerAppearance, detect, learn_
 from fitting.tracking.flattening import angle_errors, four_quadrant
 from fitting.tracking.identity import Follower
 from fitting.tracking.ordering import Chain, follow_unnamed, order
+from fitting.tracking.video import Video
 
 
 def thesis_angle(x0, y0, x1, y1):
@@ -154,3 +155,14 @@ def test_a_bridged_node_stays_on_its_links():
 def test_a_look_without_markers_has_no_answer():
     assert learn_appearance(np.full((100, 100), 80, np.uint8), 3).answer == 0.0
     assert len(detect(np.full((100, 100), 80, np.uint8), MarkerAppearance(5.0, True, 50.0))) == 0
+
+
+def test_frame_that_a_damaged_film_does_not_have_ends_the_film():
+    """OpenCV may call such a frame good and give none."""
+
+    class Damaged:
+        grab, retrieve, release = (lambda self: True), (lambda self: (True, None)), (lambda self: None)
+
+    video = object.__new__(Video)
+    video._open = Damaged
+    assert list(video.frames()) == []

@@ -67,7 +67,7 @@ class Video:
             raise SceneError(f"{self.path.name}: no such video; allowed: an existing file")
         cv2 = opencv()
         capture = self._open()
-        _, frame = capture.read()  # of a damaged film it may be None beside True
+        _, frame = capture.read()  # of a damaged film it may be None though called good
         rate, self.announced = capture.get(cv2.CAP_PROP_FPS), int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT)))
         capture.release()
         if frame is None:

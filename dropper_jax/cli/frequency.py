@@ -54,8 +54,12 @@ def run(args: argparse.Namespace) -> int:
     if plot:
         _draw(scene.name, found, picture(plot, "frequency"))
     print_warnings(found.warnings)
-    failed = next((status for status in found.status if status != "ok"), None)
-    message = "" if failed is None else "the linearised drag of a sea state still changes"
+    failures = {  # the worst first
+        "not_converged": "the linearised drag still changes",
+        "not_linear": "lines go slack, so that tensions may be tens of per cent off; run these states in time",
+    }
+    failed = next((status for status in failures if status in found.status), None)
+    message = "" if failed is None else f"{failures[failed]} (sea states: {found.status.count(failed)})"
     head = done_object() if failed is None else failure_object(failed, message)
     plain = {**head, "scene": scene.name, "duration_s": found.duration, "basis_error": found.basis_error}
     deliver(args.json, {**plain, "warnings": found.warnings, "states": _rows(found)}, _text(found), out)

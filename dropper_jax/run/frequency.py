@@ -31,7 +31,8 @@ class FrequencyResponse:
     """Response of a scene in sea states, at the ends of its lines and its free points.
 
     Attributes:
-        status: `ok`, or `not_converged` if the linearised drag was still changing, per state.
+        status: per state `ok`, `not_linear` if a line goes slack (its numbers are kept), or `not_converged` if the
+            linearised drag was still changing.
         sea_states: significant height [m] and peak period [s] (states, 2).
         omega: frequencies of the waves (states, c) [rad/s].
         ends: line and point of each end of a line.
@@ -149,8 +150,10 @@ def frequency_response(
     peak = np.sqrt(2.0 * np.log(np.maximum(duration / np.maximum(period, 1e-300), 1.0)))
     # standard deviations below which a mean tension is taken as one that does not stay positive
     low = mean < 3.0 * deviation
+    slack = np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
+    words = np.where(np.any(slack, axis=1), "not_linear", "ok")
     return FrequencyResponse(
-        status=tuple("ok" if change <= TOLERANCE else "not_converged" for change in np.asarray(solved.change)),
+        status=tuple(np.where(np.asarray(solved.change) <= TOLERANCE, words, "not_converged").tolist()),
         sea_states=states,
         omega=omega,
         ends=tuple(ends),
@@ -164,7 +167,7 @@ def frequency_response(
         motion_deviation=np.sqrt(0.5 * np.sum(np.abs(motion) ** 2, axis=1)),
         tension=tension,
         motion=motion,
-        slack=np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1),
+        slack=slack,
         basis_error=error,
         duration=duration,
     )

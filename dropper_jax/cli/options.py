@@ -12,6 +12,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import leftovers, references_of, refuse_pipe
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.cli.output import print_line
+from dropper_jax.integrators import SCHEMES
 from dropper_jax.load.packaged import find_scene, folder_of
 
 if TYPE_CHECKING:
@@ -185,22 +186,6 @@ def positive_integer(text: str) -> int:
     return int(text)
 
 
-#: Names of the integrators, whose modules need JAX and are not imported for a help text.
-SCHEMES = (
-    "energy_momentum",
-    "rattle",
-    "theta",
-    "theta_midpoint",
-    "semi_implicit_euler",
-    "rk2",
-    "rk4",
-    "energy_momentum_4",
-    "rattle_4",
-    "generalized_alpha",
-    "tsit5",
-    "dop853",
-    "thesis_angles",
-)
 #: Signals and statistics of `dropper_jax.run.quantities`, which imports JAX.
 SIGNALS = ("tension", "anchor", "angle", "offset", "excursion", "depth", "x", "y", "z", "period", "energy")
 STATISTICS = ("max", "min", "mean", "final", "start", "std", "fatigue", "peak")

@@ -1,56 +1,53 @@
-"""The time integrators, one file each."""
+"""The time integrators, one file each, imported when one of them is first needed: a help text needs no JAX."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from dropper_jax.integrators.dop853 import Dop853
-from dropper_jax.integrators.energy_momentum import EnergyMomentum
-from dropper_jax.integrators.energy_momentum_4 import EnergyMomentum4
-from dropper_jax.integrators.generalized_alpha import GeneralizedAlpha
-from dropper_jax.integrators.rattle import Rattle
-from dropper_jax.integrators.rattle_4 import Rattle4
-from dropper_jax.integrators.rk2 import RK2
-from dropper_jax.integrators.rk4 import RK4
-from dropper_jax.integrators.semi_implicit_euler import SemiImplicitEuler
-from dropper_jax.integrators.thesis_angles import ThesisAngles
-from dropper_jax.integrators.theta import Theta
-from dropper_jax.integrators.theta_midpoint import ThetaMidpoint
-from dropper_jax.integrators.tsit5 import Tsit5
+if TYPE_CHECKING:
+    from dropper_jax.residual import Integrator
 
-INTEGRATORS = {
-    cls.name: cls
-    for cls in (
-        EnergyMomentum,
-        Rattle,
-        Theta,
-        ThetaMidpoint,
-        SemiImplicitEuler,
-        RK2,
-        RK4,
-        EnergyMomentum4,
-        Rattle4,
-        GeneralizedAlpha,
-        Tsit5,
-        Dop853,
-        ThesisAngles,
-    )
+#: Class of each scheme, in the module of the scheme's name.
+SCHEMES = {
+    "energy_momentum": "EnergyMomentum",
+    "rattle": "Rattle",
+    "theta": "Theta",
+    "theta_midpoint": "ThetaMidpoint",
+    "semi_implicit_euler": "SemiImplicitEuler",
+    "rk2": "RK2",
+    "rk4": "RK4",
+    "energy_momentum_4": "EnergyMomentum4",
+    "rattle_4": "Rattle4",
+    "generalized_alpha": "GeneralizedAlpha",
+    "tsit5": "Tsit5",
+    "dop853": "Dop853",
+    "thesis_angles": "ThesisAngles",
 }
 
+#: Class of each scheme by name.
+INTEGRATORS: dict[str, type[Integrator]]
+#: Keys that `[run]` may contain in addition to its own; each scheme checks its own range.
+OPTIONS: dict[str, Mapping[str, Any]]
 
-def _options() -> dict[str, Mapping[str, Any]]:
+__all__ = ["INTEGRATORS", "OPTIONS", "SCHEMES"]
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    schemes = {scheme: getattr(import_module(f"{__name__}.{scheme}"), cls) for scheme, cls in SCHEMES.items()}
+    globals().update(INTEGRATORS=schemes, OPTIONS=_options(schemes))
+    return globals()[name]
+
+
+def _options(schemes: Mapping[str, type[Integrator]]) -> dict[str, Mapping[str, Any]]:
     """Meaning and widest range of every option of a scheme, by name."""
     found: dict[str, Mapping[str, Any]] = {}
-    for scheme in INTEGRATORS.values():
+    for scheme in schemes.values():
         for name, one in scheme.options().items():
             other = found.get(name, one)
             low, high = min(one["low"], other["low"]), max(one["high"], other["high"])
             found[name] = {**one, "low": low, "high": high, "open_low": one["open_low"] and other["open_low"]}
     return found
-
-
-#: Keys that `[run]` may contain in addition to its own; each scheme checks its own range.
-OPTIONS = _options()
-
-__all__ = ["INTEGRATORS", "OPTIONS"]

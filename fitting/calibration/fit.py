@@ -47,6 +47,7 @@ def fit(
     unit: str | None = None,
     huber: float | None = None,
     student: bool = False,
+    robust: str | None = None,
     continuity: str = "estimate",
     iterations: int = 40,
     static_start: bool = False,
@@ -83,6 +84,7 @@ def fit(
         zero, sign, unit: angle convention of the traces; default from the files, otherwise inferred from the scene.
         huber: threshold of a robust loss in standard deviations, such as 3; default least squares.
         student: Student's t loss with 4 degrees of freedom, started from the end of Huber's; for traces with outliers.
+        robust: the same losses by name, `huber` (threshold 3) or `student`.
         continuity: for `shooting`: `estimate`, `tight` or `exact`.
         iterations: maximum Gauss-Newton iterations over separate windows.
         static_start: every run starts from the scene's `[start]` and is released at t = 0 of its clock; free names such
@@ -131,7 +133,7 @@ def fit(
         progress=progress,
     )
     asked.profile_names(prepared.scene, prepared.parameters)  # rejects unknown names before anything is fitted
-    loss = loss_of(huber, student)
+    loss = loss_of(huber, student, robust)
     sound = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
     if method == "gradient" and not auto_free:  # the descent is separate: it only takes the windows of the other fit
         sound = replace(sound, begin=prepared.begin, starts=sound.starts_from_samples())

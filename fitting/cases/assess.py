@@ -14,6 +14,7 @@ from fitting.cases.flags import FINAL_SEEDS, characteristic, flags_of
 from fitting.cases.one import Found
 from fitting.cases.run import Runs
 from fitting.site import Anchor, Part, Site, Storm
+from fitting.site.sections import CASE_KINDS
 
 
 def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -73,7 +74,7 @@ def _labels(site: Site, storm: Storm) -> dict[str, Any]:
         "sea_state": storm.sea_state.name,
         "direction_deg": float(np.degrees(storm.direction)),
         "current": storm.current_name,
-        "level_m": storm.level,
+        **{kind.column: value for kind, value in zip(CASE_KINDS.values(), storm.kinds, strict=True)},
         "month": storm.month,
         "state": storm.state,
         "break_s": None if storm.broken is None else site.break_time,

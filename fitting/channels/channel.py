@@ -173,6 +173,8 @@ class Channel(ABC):
     of_tension: ClassVar[bool] = False
     #: Whether values that differ by whole turns are equal.
     turns: ClassVar[bool] = False
+    #: Whether it is a single number, in one column.
+    scalar: ClassVar[bool] = True
     #: Keys of its table in addition to those of all channels.
     KEYS: ClassVar[tuple[str, ...]] = ()
 

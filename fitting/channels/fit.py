@@ -127,6 +127,7 @@ def fit_channels(
     integrator: str | None = None,
     huber: float | None = None,
     student: bool = False,
+    robust: str | None = None,
     iterations: int = 40,
     check_step: bool = True,
     profile: Sequence[str] | bool = False,
@@ -148,7 +149,7 @@ def fit_channels(
         start, bounds, priors: by name: start value; (low, high); (mean, standard deviation).
         dt: time step [s]; default: the scene's.
         integrator: scheme; default: the scene's.
-        huber, student: robust losses, as for `fit`.
+        huber, student, robust: robust losses, as for `fit`.
         iterations: maximum evaluations of each descent.
         check_step: whether half the step is tried, to report (and correct) the shift of the estimates by the step.
         profile, bootstrap, posterior: intervals by these methods too, as for `fit`.
@@ -166,7 +167,7 @@ def fit_channels(
     scene = scene.with_values({key: value for key, value in changed.items() if value is not None})
     problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
     asked.profile_names(scene, problem.parameters)  # rejects unknown names before anything runs
-    loss = loss_of(huber, student)
+    loss = loss_of(huber, student, robust)
     progress(0.0, "first run")
     point = first_point(problem, initial_loss(loss))
     point = settle_noise(point, iterations, lambda share, text: progress(0.7 * share, text))

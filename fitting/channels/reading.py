@@ -36,18 +36,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, check_keys, read_list, read_table, read_text
+from dropper_jax.base.read import Plain, check_keys, read_integer, read_list, read_table, read_text
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import in_si
-from fitting.channels.channel import Data, Run, Sensor
+from fitting.channels.channel import CameraSpec, Channel, Context, Data, Run, Sensor, Where
 from fitting.channels.sensors import (
+    Angle,
+    Depth,
+    Pixel,
+    Position,
+    Tension,
     check_once,
     columns_of,
     name_of,
     number_of,
     read_camera,
-    read_sensor,
     tables_of,
     unit_of,
 )
@@ -55,6 +59,12 @@ from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
 #: Minimum number of samples of a channel.
 FEWEST_READINGS = 3
+
+
+#: Kinds of channels, and the keys that tables of all kinds share.
+KINDS: dict[str, type[Channel]] = {cls.kind: cls for cls in (Angle, Position, Pixel, Tension, Depth)}
+COMMON = ("name", "kind", "column", "columns", "unit", "camera", "noise", "noise_unit", "offset", "gain", "delay")
+LOCATIONS = ("line", "link", "node", "end", "at", "point")
 
 
 class Columns(NamedTuple):
@@ -77,6 +87,47 @@ def read_columns(path: Path) -> Columns:
     t = values.pop("t")
     check_times(table.file, t)
     return Columns(table.file, t, values)
+
+
+def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: tuple[CameraSpec, ...]) -> Sensor:
+    if "kind" not in table:
+        raise SceneError(f"{path}.kind: missing; needed: {', '.join(KINDS)}")
+    cls = KINDS[read_text(table["kind"], f"{path}.kind", KINDS)]
+    check_keys(table, (*COMMON, *LOCATIONS, *cls.KEYS), path)
+    names = [camera.name for camera in cameras]
+    camera = table.get("camera")
+    if camera is not None and camera not in names:
+        raise SceneError(f"{path}.camera: {camera!r} is not a camera; {nearest(str(camera), names)}")
+    columns, unit = columns_of(table, path), unit_of(table, path, "unit", cls.measures)
+    if cls.scalar and len(columns) != 1:
+        raise SceneError(f"{path}.columns: {len(columns)} columns; allowed: 1, because this kind is a single number")
+    common = {
+        "name": name_of(table, path),
+        "columns": columns,
+        "unit": unit,
+        "camera": None if camera is None else names.index(camera),
+    }
+    where = Where(
+        **{key: read_text(table[key], f"{path}.{key}") for key in ("line", "end", "point") if key in table},
+        **{key: read_integer(table[key], f"{path}.{key}") for key in ("link", "node") if key in table},
+        **({"at": number_of(table, path, "at", None)} if "at" in table else {}),
+    )
+    channel = cls.make(common, table, where, Context(scene, tuple(c.matrix for c in cameras), path))
+    factor = in_si(1.0, unit)[0]
+    relative = table.get("noise_unit") == "%"
+    size = number_of(table, path, "noise", None, low=0.0, open_low=True)
+    if "noise_unit" in table and not relative:
+        factor_of_noise = in_si(1.0, unit_of(table, path, "noise_unit", cls.measures))[0]
+    else:
+        factor_of_noise = 0.01 if relative else factor
+    return Sensor(
+        channel,
+        None if size is None else size * factor_of_noise,
+        relative,
+        number_of(table, path, "offset", 0.0) * factor,
+        number_of(table, path, "gain", 1.0),
+        number_of(table, path, "delay", 0.0),
+    )
 
 
 def read_motion(table: Mapping[str, Any], path: str, scene: SceneData) -> tuple[str, tuple[str, ...], str]:

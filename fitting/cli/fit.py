@@ -93,6 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_convention(parser)
     parser.add_argument("--huber", type=number, metavar="K", help="robust loss beyond K standard deviations")
+    parser.add_argument("--robust", metavar="NAME", help="robust loss by name: huber or student")
     parser.add_argument("--student", action="store_true", help="Student's t loss with 4 degrees, for outliers")
     parser.add_argument(
         "--iterations", type=int, default=40, help="maximum iterations over separate windows (default: 40)"
@@ -171,6 +172,7 @@ def run(args: argparse.Namespace) -> int:
         unit=args.unit,
         huber=args.huber,
         student=args.student,
+        robust=args.robust,
         iterations=args.iterations,
         static_start=args.static_start,
         compare_models=args.compare_models,
@@ -243,6 +245,7 @@ def fit_to_channels(
         integrator=args.integrator,
         huber=args.huber,
         student=args.student,
+        robust=args.robust,
         iterations=args.iterations,
         **intervals(args),
         progress=progress(args.quiet),

@@ -8,6 +8,8 @@ from typing import ClassVar, Protocol
 import numpy as np
 from scipy.special import ndtr
 
+from dropper_jax.base.errors import SceneError, nearest
+
 
 class Loss(Protocol):
     """A sum over residuals r of a function that is `r^2/2` near zero."""
@@ -98,12 +100,24 @@ class StudentT:
         return (1 - share) / (1 + share) ** 2
 
 
-def loss_of(huber: float | None, student: bool = False) -> Loss:
-    """Huber's loss with a threshold, that of Student's t, or least squares."""
-    return StudentT() if student else LEAST_SQUARES if huber is None else Huber(huber)
+#: Robust losses by name, as `robust` and `--robust` take them; a fit with a loss that redescends starts with Huber's.
+ROBUST: dict[str, Loss] = {"huber": Huber(3.0), "student": StudentT()}
+
+
+def loss_of(huber: float | None, student: bool = False, robust: str | None = None) -> Loss:
+    """Huber's loss with a threshold, that of Student's t, the robust loss of a name, or least squares.
+
+    Raises:
+        SceneError: an unknown name.
+    """
+    if robust is not None and robust not in ROBUST:
+        raise SceneError(f"robust: {robust!r} is unknown; {nearest(robust, ROBUST)}")
+    name = "student" if student else robust
+    if name is not None:
+        return ROBUST[name]
+    return LEAST_SQUARES if huber is None else Huber(huber)
 
 
 def initial_loss(loss: Loss) -> Loss:
     """The initial loss: one with a single minimum."""
-    # threshold of the Huber loss with which a fit with Student's loss starts
-    return Huber(3.0) if loss.redescends else loss
+    return ROBUST["huber"] if loss.redescends else loss

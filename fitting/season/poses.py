@@ -29,7 +29,7 @@ class Water(NamedTuple):
 def waters(site: Site) -> tuple[Water, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
     own = site.season
-    levels = site.lists.levels if own.levels is None else own.levels
+    levels = site.lists.kinds["levels"] if own.levels is None else own.levels
     speeds: Sequence[float | None] = [None]
     if own.currents is not None:
         speeds = [float(speed) for speed in own.currents]

@@ -14,7 +14,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import refuse
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import AnchorSpec, LineSpec, whole_lines
-from fitting.site.sections import AnchorTable, Curve, Factors, GrowthTable, SeaState
+from fitting.site.sections import CASE_KINDS, AnchorTable, Curve, Factors, GrowthTable, SeaState
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,7 +118,8 @@ class Storm:
 
     Attributes:
         number: from 0.
-        direction: of the waves [rad]; `level` [m]; `current`: table of `[sea.current]`, None for that of the scene.
+        direction: of the waves [rad]; `kinds`: a value for each of `CASE_KINDS`.
+        current: table of `[sea.current]`, None for that of the scene.
         current_name, month, state: names; month None for the bare scene, state `intact` or the broken line.
     """
 
@@ -127,9 +128,14 @@ class Storm:
     direction: float
     current: dict[str, Any] | None
     current_name: str | None
-    level: float
+    kinds: tuple[float, ...]
     month: str | None
     broken: Break | None
+
+    @property
+    def level(self) -> float:
+        """Of the tide [m]."""
+        return self.kinds[list(CASE_KINDS).index("levels")]
 
     @property
     def state(self) -> str:
@@ -144,13 +150,13 @@ class Storm:
     def still(self) -> tuple[Any, ...]:
         """The values that the equilibrium depends on."""
         heading = None if self.current is None else self.current["direction"]
-        return self.current_name, heading, self.level, self.month
+        return self.current_name, heading, *self.kinds, self.month
 
     @property
     def name(self) -> str:
         """A short label."""
         parts = [self.sea_state.name, f"{np.degrees(self.direction):g} deg", self.current_name]
-        parts += [f"level {self.level:+g} m" if self.level else None, self.month]
+        parts += [kind.label(value) for kind, value in zip(CASE_KINDS.values(), self.kinds, strict=True)] + [self.month]
         return ", ".join(p for p in [*parts, None if self.broken is None else f"{self.state} broken"] if p)
 
 
@@ -169,13 +175,13 @@ def storms(site: Any) -> tuple[Storm, ...]:
         site.sea_states,
         np.radians(lists.directions).tolist(),
         lists.currents or (None,),
-        np.asarray(lists.levels, float).tolist(),
+        itertools.product(*lists.kinds.values()),
         lists.months or (None,),
         site.states,
     )
     return tuple(
-        Storm(i, sea, way, *_current(site, current, way), level, month, state)
-        for i, (sea, way, current, level, month, state) in enumerate(combined)
+        Storm(i, sea, way, *_current(site, current, way), kinds, month, state)
+        for i, (sea, way, current, kinds, month, state) in enumerate(combined)
     )
 
 

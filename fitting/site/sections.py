@@ -6,11 +6,21 @@ import dataclasses
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
-from typing import Any, Self
+from typing import Any, ClassVar, Protocol, Self
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, plain, read_fields, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.read import (
+    Plain,
+    plain,
+    read_fields,
+    read_list,
+    read_number,
+    read_parameter,
+    read_table,
+    read_text,
+    refuse,
+)
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.scene import GrowthSpec
 from dropper_jax.scene.point import KINDS
@@ -85,6 +95,41 @@ class SeaState(Section):
         return {"kind": "spectrum", **given, "direction": direction, "seed": seed}
 
 
+class CaseKind(Protocol):
+    """A list of numbers in `[cases]`: every load case takes one of them, which changes the scene at rest."""
+
+    #: The declared numbers, and their column in a report.
+    values: ClassVar[Any]
+    column: ClassVar[str]
+
+    @staticmethod
+    def changes(value: float) -> dict[str, Any]:
+        """Values of the scene by path."""
+
+    @staticmethod
+    def label(value: float) -> str | None:
+        """Its part of the name of a load case; None to omit it."""
+
+
+class Levels:
+    """Levels of the tide."""
+
+    values = parameter("of the tide", unit="m", shape="table", default=(0.0,))
+    column = "level_m"
+
+    @staticmethod
+    def changes(value: float) -> dict[str, Any]:
+        return {"sea.level": {"offset": value}}
+
+    @staticmethod
+    def label(value: float) -> str | None:
+        return f"level {value:+g} m" if value else None
+
+
+#: Kinds of load cases by their key in `[cases]`.
+CASE_KINDS: dict[str, type[CaseKind]] = {"levels": Levels}
+
+
 @dataclasses.dataclass(frozen=True)
 class CaseLists(Section):
     """`[cases]`: values to be combined."""
@@ -94,7 +139,7 @@ class CaseLists(Section):
     directions: Any = parameter("travel directions of the waves", unit="deg", shape="table", default=(0.0,))
     currents: tuple[dict[str, Any], ...] = ()
     current_direction: float | None = None
-    levels: Any = parameter("of the tide", unit="m", shape="table", default=(0.0,))
+    kinds: dict[str, list[float]] = dataclasses.field(default_factory=dict)
     months: tuple[str, ...] = option("months of [[growth]]", type=list, default=())
     states: tuple[str, ...] = option("intact, and lines that break", type=list, default=("intact",))
     break_time: float | None = parameter("when lines break", unit="s", low=0.0, open_low=True, optional=True)
@@ -107,12 +152,16 @@ class CaseLists(Section):
         heading = own.pop("current_direction", "waves")
         if heading != "waves":
             heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, "'waves', or a number in deg")
+        kinds = {
+            key: read_parameter(own.pop(key, kind.values.default), f"{path}.{key}", kind.values.metadata, {}).tolist()
+            for key, kind in CASE_KINDS.items()
+        }
         found = super().read(own, path)
-        for key in ("directions", "levels", "states"):
-            if len(getattr(found, key)) == 0:
+        numbers = {"directions": [float(x) for x in found.directions], **kinds}
+        for key, values in {**numbers, "states": found.states}.items():
+            if len(values) == 0:
                 raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")
-        for key in ("directions", "levels"):
-            values = [float(x) for x in getattr(found, key)]
+        for key, values in numbers.items():
             if len(set(values)) < len(values):
                 raise refuse(f"{path}.{key}", values, "has a duplicate value", "every value once")
         tables = [_current(item, f"{path}.currents.{i}") for i, item in enumerate(_list(currents, f"{path}.currents"))]
@@ -120,7 +169,7 @@ class CaseLists(Section):
         if len(set(names)) < len(names):
             raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
         heading = None if heading == "waves" else heading
-        return dataclasses.replace(found, currents=tuple(tables), current_direction=heading)
+        return dataclasses.replace(found, currents=tuple(tables), current_direction=heading, kinds=kinds)
 
 
 def _list(value: Plain, path: str) -> list[Any]:

@@ -11,7 +11,7 @@ from typing import Any
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import whole_lines
 from fitting.site.case import BROKEN, INTACT, NEVER, Anchor, Break, Case, Part, Storm, match_names, storms
-from fitting.site.sections import Backbone, CaseLists, Exclusion, Factors, RunValues, SeasonValues, SeaState
+from fitting.site.sections import CASE_KINDS, Backbone, CaseLists, Exclusion, Factors, RunValues, SeasonValues, SeaState
 
 #: Growth of a line in a month without any.
 BARE = {"depth": [0.0], "thickness": [0.0], "density": 0.0}
@@ -139,8 +139,10 @@ class Site:
         return {"sea.waves": storm.sea_state.waves(storm.direction, case.seed), **self.break_changes(storm)}
 
     def still_changes(self, storm: Storm) -> dict[str, Any]:
-        """Its values that affect the equilibrium: current, level, mussels."""
-        found: dict[str, Any] = {"sea.level": {"offset": storm.level}}
+        """Its values that affect the equilibrium: current, those of `CASE_KINDS`, mussels."""
+        found: dict[str, Any] = {}
+        for kind, value in zip(CASE_KINDS.values(), storm.kinds, strict=True):
+            found |= kind.changes(value)
         if storm.current is not None:
             found["sea.current"] = storm.current
         for name in self.grown_lines:

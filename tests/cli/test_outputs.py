@@ -30,7 +30,7 @@ def parsed(command, *argv):
 
 
 def test_names_in_help_texts_are_those_that_there_are():
-    assert tuple(INTEGRATORS) == options.SCHEMES
+    assert [scheme.name for scheme in INTEGRATORS.values()] == list(INTEGRATORS) == list(options.SCHEMES)
     assert tuple(QUANTITIES) == sweep.DEFAULT_QUANTITIES
     assert tuple(quantities.SIGNALS) == options.SIGNALS
     assert tuple(quantities.STATISTICS) == options.STATISTICS

@@ -34,7 +34,7 @@ OPTIONS: dict[str, Mapping[str, Any]]
 __all__ = ["INTEGRATORS", "OPTIONS", "SCHEMES"]
 
 
-def __getattr__(name: str) -> object:
+def __getattr__(name: str) -> Mapping[str, Any]:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     schemes = {scheme: getattr(import_module(f"{__name__}.{scheme}"), cls) for scheme, cls in SCHEMES.items()}

@@ -46,9 +46,9 @@ from fitting.estimate.gauss_newton import continue_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
-from fitting.estimate.refinement import finer_step, refine
 from fitting.estimate.residual_noise import with_residual_noise
 from fitting.estimate.shooting import SCHEDULE, JoinedWindows, fit_shooting
+from fitting.estimate.uncertainty import finer_step, refine
 from fitting.estimate.windows import Windows
 
 #: Evaluations of separate windows in the widest law's family, and between a law and one that contains it.

@@ -30,10 +30,10 @@ from fitting.estimate.gauss_newton import continue_windows, fit_starts, fit_wind
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.problem import Problem, Solution
-from fitting.estimate.refinement import finer_step, refine
 from fitting.estimate.residual_noise import pose_again, with_residual_noise
 from fitting.estimate.sandwich import start_covariances
 from fitting.estimate.shooting import continue_shooting, fit_shooting, solve_to_end
+from fitting.estimate.uncertainty import finer_step, refine
 from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts
 
 #: Ratio of a window's mean square residual to that of most windows above which it is lost, and the probability of such

@@ -11,9 +11,8 @@ from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult, score_held_out
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.problem import CHI2_RANGE, CORRELATION_FLOOR, Solution
-from fitting.estimate.refinement import LARGEST_BIAS
 from fitting.estimate.sandwich import FEW
-from fitting.estimate.uncertainty import Uncertainty, degrees_of_freedom, uncertainty
+from fitting.estimate.uncertainty import LARGEST_BIAS, Uncertainty, degrees_of_freedom, uncertainty
 
 #: Standard deviations beyond which a sample is an outlier (one in 2 million of normal noise), and how many are listed.
 STANDS_OUT, NAMED_SAMPLES = 5.0, 5

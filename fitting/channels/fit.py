@@ -24,9 +24,9 @@ from fitting.channels.result import ChannelFit, between, errors_of
 from fitting.estimate.gauss_newton import continue_windows, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss, loss_of
 from fitting.estimate.problem import Solution
-from fitting.estimate.refinement import LARGEST_BIAS, refine
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
 from fitting.estimate.scene_fit import Intervals
+from fitting.estimate.uncertainty import LARGEST_BIAS, refine
 from fitting.parameters.of_scene import default_free, full_names
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 from fitting.parameters.priors import rig_priors

@@ -15,10 +15,9 @@ from fitting.calibration.one_run import PARTED, check_energy, energy_check, one_
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.gradient import ARRIVED, GradientDescent, Spectrum
 from fitting.estimate.normal_equations import drop_wild
-from fitting.estimate.refinement import LARGEST_BIAS, step_bias
 from fitting.estimate.scene_fit import profile
 from fitting.estimate.shooting import joined_step
-from fitting.estimate.uncertainty import bootstrap, uncertainty
+from fitting.estimate.uncertainty import LARGEST_BIAS, bootstrap, step_bias, uncertainty
 from fitting.report.report import one_run_picture
 
 

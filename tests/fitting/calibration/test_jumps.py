@@ -11,8 +11,8 @@ import dropper_jax as dj
 from dropper_jax import integrate
 from fitting import prepare
 from fitting.calibration.estimating import estimate, with_sound_windows
+from fitting.calibration.fit import summarise
 from fitting.calibration.kicks import alone, best_jump, without_kicks
-from fitting.calibration.summary import summarise
 from fitting.traces.synthetic import Camera, Motion, observe
 
 

@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Model
-from fitting.calibration.balance import smooth_stretch, smoothed_noise, without_noise
+from fitting.calibration.decision import smooth_stretch, smoothed_noise, without_noise
 from fitting.calibration.result import EnergyCheck, FitResult
 from fitting.estimate.marching import march
 from fitting.parameters.of_scene import DAMPING

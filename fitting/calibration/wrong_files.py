@@ -21,7 +21,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
-from fitting.calibration.balance import smooth_stretch
+from fitting.calibration.decision import smooth_stretch
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import wrap_angle

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dropper_jax.axial.damped_rope import DampedRope
 from dropper_jax.axial.elastic import Elastic
-from dropper_jax.axial.groups import Groups
-from dropper_jax.axial.law import AxialLaw, LinkStart
+from dropper_jax.axial.law import AxialLaw, Groups, LinkStart
 from dropper_jax.axial.rigid import Rigid
 from dropper_jax.axial.rope import Rope
 from dropper_jax.axial.tabulated import Tabulated

@@ -22,9 +22,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Unknowns
 from dropper_jax.stepping.integrate import begin
-from dropper_jax.stepping.solve import substep
 from dropper_jax.stepping.step import _At, _backward_step, _inputs
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.stepping.stepper import Stepper, substep
 
 
 class Record(NamedTuple):

@@ -17,8 +17,7 @@ from jax.tree_util import PyTreeDef
 from dropper_jax.model import BREAKING, Model, Parted, State, as_parted, book_works
 from dropper_jax.residual import Explicit, Unknowns, refine
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.stepping.solve import limit_pace, solve, solve_once, substep_once
-from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
+from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper, limit_pace, solve, solve_once, substep_once
 
 # --- derivatives ---
 #

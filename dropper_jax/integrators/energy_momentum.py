@@ -17,8 +17,15 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.axial import LinkStart
-from dropper_jax.integrators.consistent import after_jump, consistent_velocity, feeds_sawtooth, jumps, sawtooth_grows
-from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
+from dropper_jax.integrators.consistent import (
+    after_jump,
+    consistent_velocity,
+    feeds_sawtooth,
+    jumps,
+    sawtooth_grows,
+    stop_held_joints,
+    stop_held_nodes,
+)
 from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Forces, Kinematics, Model, State, Works, book_works, turning
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks
 

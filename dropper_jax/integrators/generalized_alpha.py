@@ -21,7 +21,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.integrators.holding import stop_held_nodes
+from dropper_jax.integrators.consistent import stop_held_nodes
 from dropper_jax.integrators.runge_kutta import accelerations, powers
 from dropper_jax.model import Ends, Kinematics, Model, State
 from dropper_jax.residual import Implicit, StepProblem, Unknowns, couples_inertia

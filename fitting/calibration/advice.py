@@ -31,8 +31,8 @@ from fitting.estimate.problem import Solution
 from fitting.estimate.release import TIME, Release
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
+from fitting.parameters.of_scene import rig_priors
 from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.priors import rig_priors
 from fitting.parameters.target import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
 
 #: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or

@@ -30,8 +30,8 @@ from fitting.estimate.noise import log_volume
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
+from fitting.parameters.of_scene import rig_priors
 from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.priors import rig_priors
 from fitting.parameters.target import LOST, LostPlace
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.

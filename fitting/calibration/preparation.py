@@ -29,9 +29,8 @@ from fitting.estimate.rest import rests
 from fitting.estimate.resting import advice_on_rest
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts, check_step, cut, fewest_frames, fill, first_starts, time_step
-from fitting.parameters.of_scene import default_free, full_names
+from fitting.parameters.of_scene import default_free, full_names, rig_priors
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
-from fitting.parameters.priors import rig_priors
 from fitting.parameters.target import LostPlace
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar

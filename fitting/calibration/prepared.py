@@ -16,8 +16,8 @@ from fitting.estimate.rest import Rest
 from fitting.estimate.resting import held_start
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Piece, Starts, Windows, cut, fill, first_starts
+from fitting.parameters.of_scene import JointPrior
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.priors import JointPrior
 from fitting.traces.trace import Trace
 
 

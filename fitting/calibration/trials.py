@@ -32,8 +32,8 @@ from fitting.estimate.residual_noise import memory_of
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Starts
+from fitting.parameters.of_scene import rig_priors
 from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.priors import rig_priors
 from fitting.parameters.target import all_joints
 
 #: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:

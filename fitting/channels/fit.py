@@ -27,9 +27,8 @@ from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
 from fitting.estimate.scene_fit import Intervals
 from fitting.estimate.uncertainty import LARGEST_BIAS, refine
-from fitting.parameters.of_scene import default_free, full_names
+from fitting.parameters.of_scene import default_free, full_names, rig_priors
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
-from fitting.parameters.priors import rig_priors
 
 #: Sections of paths that do not belong to the scene's model.
 OF_DATA = ("start", "channel", "camera")

@@ -6,9 +6,8 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import Scene, SceneError
 from fitting.estimate.normal_equations import prior_of
-from fitting.parameters.of_scene import default_free, find_parameters
+from fitting.parameters.of_scene import default_free, find_parameters, power_of_mass, rig_priors
 from fitting.parameters.parameter import resolve
-from fitting.parameters.priors import power_of_mass, rig_priors
 from fitting.parameters.target import camera_offset
 
 NAME = "measured-double-pendulum"

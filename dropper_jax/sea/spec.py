@@ -18,11 +18,10 @@ from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.files import find_referenced
 from dropper_jax.base.read import Plain, as_table, plain, read_fields, read_table, read_text, refuse
 from dropper_jax.base.read import count as whole_number
-from dropper_jax.sea.readers import read_components, read_elevation
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES
 from dropper_jax.sea.water import KINDS, check_constituents
-from dropper_jax.sea.waves import STRETCHING
+from dropper_jax.sea.waves import STRETCHING, read_components, read_elevation
 
 #: Alternative keys of a regular wave.
 OR = {"amplitude": "height", "period": "length"}

@@ -26,7 +26,7 @@ from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.load.packaged import packaged_scene
 from dropper_jax.run.summary import write_angles
-from dropper_jax.sea.readers import read_components, read_elevation
+from dropper_jax.sea.waves import read_components, read_elevation
 from fitting import read_data, read_trace
 from fitting.sweep import open_sweep
 

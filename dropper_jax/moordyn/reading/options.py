@@ -13,7 +13,7 @@ from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import find_referenced, read_lines
 from dropper_jax.moordyn.reading.sections import Deck, Row, columns, number
-from dropper_jax.sea.readers import elevation_components
+from dropper_jax.sea.waves import elevation_components
 
 # --- wave and current files in its folder, read as `[sea.waves]` and `[sea.current]`, and written ---
 #

@@ -32,7 +32,8 @@ from fitting.estimate.windows import Starts, check_step, cut, fewest_frames, fil
 from fitting.parameters.of_scene import default_free, full_names, rig_priors
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
 from fitting.parameters.target import LostPlace
-from fitting.traces.conventions import check_planar, check_sampling, check_unit, resting_angles, settle_convention
+from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
+from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, as_trace, noise
 
 #: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The

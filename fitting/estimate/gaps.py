@@ -15,7 +15,7 @@ import numpy as np
 from fitting.estimate.normal_equations import Evaluation, Factor, Normal, Prior, Step, reduce_step
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Windows
-from fitting.traces.conventions import chart, wrap
+from fitting.traces.planar import chart, wrap
 
 #: Sizes of a gap in angle [rad] and rate [rad/s] that weight 1 allows.
 GAP_SCALE = (0.1, 1.0)

@@ -14,7 +14,7 @@ from fitting.estimate.gaps import GAP_SCALE
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Piece, Windows
-from fitting.traces.conventions import chart
+from fitting.traces.planar import chart
 
 #: Maximum growth of an error over a fit window, in e-folds, and over a held-out one, whose start must still be found.
 FIT_GROWTH, HELD_GROWTH = 2.0, 6.0

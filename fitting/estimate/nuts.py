@@ -29,7 +29,7 @@ from fitting.estimate.posterior import Posterior
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import degrees_of_freedom, uncertainty
-from fitting.traces.conventions import chart, wrap
+from fitting.traces.planar import chart, wrap
 
 #: Chains, and warm-up transitions of each that find the step size and are discarded: y is already nearly normal.
 CHAINS, WARM_UP = 4, 60

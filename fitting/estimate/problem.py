@@ -16,7 +16,7 @@ from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.of_scene import JointPrior
 from fitting.parameters.parameter import Parameter
-from fitting.traces.conventions import chart
+from fitting.traces.planar import chart
 
 #: Minimum correlation of neighbouring residuals that counts in standard errors.
 CORRELATION_FLOOR = 0.05

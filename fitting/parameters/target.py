@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Model
-from fitting.traces.conventions import directions
+from fitting.traces.planar import directions
 
 CAMERA, MARKER, NODE = "camera.offset", "marker.offset", "marker.node"
 CLOCK, LOST = "clock.rate", "clock.lost"

@@ -18,7 +18,8 @@ from dropper_jax.run.build import SceneLike, build
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import STATUS, Plan
 from fitting.sweep.run import SweepResult, run_at, sweep
-from fitting.traces.conventions import check_planar, settle_convention, wrap
+from fitting.traces.conventions import settle_convention
+from fitting.traces.planar import check_planar, wrap
 from fitting.traces.trace import Convention, Trace, as_trace, check_trace
 
 PARTS = ("head", "middle", "tail")

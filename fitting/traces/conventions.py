@@ -11,16 +11,13 @@ from functools import partial
 from itertools import combinations, product
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax import statics
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.renamed import old_names
-from dropper_jax.model import Model, State
-from dropper_jax.run.build import from_angles
+from dropper_jax.model import Model
+from fitting.traces.planar import wrap
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 
 
@@ -225,112 +222,3 @@ def _closure(model: Model, theta: np.ndarray) -> float:
     reach = np.stack([np.cos(rows) @ length, -np.sin(rows) @ length], axis=1)
     miss = reach - np.asarray(ends.end - ends.start)[[0, 2]]
     return float(min(np.pi, np.sqrt(np.mean(np.sum(miss**2, axis=1))) / np.sqrt(np.sum(length**2))))
-
-
-# Links that move in one vertical plane: angles and rates as minimal coordinates, closed between two fixed ends.
-#
-# Angles are polar angles from the horizontal, positive downwards: link j is `d = L (cos theta, 0, -sin theta)`. With
-# a free end every angle is a coordinate. With a fixed end the links must close, `sum of d_j = D`, and likewise their
-# rates, which removes two coordinates. A local chart around a reference pose is then `theta = close_chain(theta_ref +
-# N z)`, with N an orthonormal basis of the closed directions at the reference.
-
-
-def check_planar(model: Model, start: State) -> None:
-    """Reject a scene that traces of polar angles cannot describe.
-
-    Raises:
-        SceneError: ends that move, a start outside the vertical plane y = const., or links that cannot move in it.
-    """
-    if model.moving:
-        raise SceneError("effects.end_motion: moving ends cannot be fitted. Use a scene with ends at rest")
-    if freedoms(model) < 1:
-        raise SceneError(
-            f"line.0.links = {model.line.links}: between two fixed points they cannot move in their plane, so "
-            "that their angles show no damping; allowed: at least 3 links, or a free end"
-        )
-    held = np.asarray(model.ends(start.t).positions)[:, 1]
-    y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + held[0], held])
-    # maximum |y| [m] or [m/s] of a scene that counts as plane
-    if np.ptp(y) > 1e-9:
-        raise SceneError(
-            f"start: leaves the vertical plane by {np.ptp(y):.2g} (m or m/s); traces have one angle and describe "
-            "motion in the x-z plane only. A static start turns out of the plane where a link is pushed: "
-            "`dropper equilibrium` shows y; try another start.release_force [N]"
-        )
-
-
-def freedoms(model: Model) -> int:
-    """Number of independent angles."""
-    return model.line.links - (2 if model.end_held else 0)
-
-
-def directions(theta: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Unit link vectors in the (x, z) plane and their derivatives by theta, each (..., n, 2)."""
-    c, s = jnp.cos(theta), jnp.sin(theta)
-    return jnp.stack([c, -s], axis=-1), jnp.stack([-s, -c], axis=-1)
-
-
-def _closing(model: Model, theta: jax.Array, rows: jax.Array) -> jax.Array:
-    """Smallest change of angles (n,) that removes rows (2,) [m] of the linearised closure."""
-    gradient = model.line.length[:, None] * directions(theta)[1]
-    gram = gradient.T @ gradient
-    inverse = jnp.array([[gram[1, 1], -gram[0, 1]], [-gram[1, 0], gram[0, 0]]]) / (
-        gram[0, 0] * gram[1, 1] - gram[0, 1] * gram[1, 0]
-    )
-    return gradient @ (inverse @ rows)
-
-
-def gap(model: Model, theta: jax.Array) -> jax.Array:
-    """Distance from the end of the chain of links to its fixed end, (2,) [m] in x and z."""
-    ends = model.ends(jnp.zeros((), model.dtype))
-    reach = model.line.length @ directions(theta)[0]
-    return reach - (ends.end - ends.start)[jnp.array([0, 2])]
-
-
-def close_chain(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The nearby angles (n,) [rad] and rates (n,) [rad/s] that satisfy closure; unchanged for a free end."""
-    if not model.end_held:
-        return theta, omega
-
-    def correct(theta: jax.Array, _: None) -> tuple[jax.Array, None]:
-        return theta - _closing(model, theta, gap(model, theta)), None
-
-    # Newton iterations of the closure; from a distance of 0.1 rad four reach rounding (convergence is quadratic)
-    theta, _ = jax.lax.scan(correct, theta, None, length=4)
-    rate = (model.line.length * omega) @ directions(theta)[1]
-    return theta, omega - _closing(model, theta, rate)
-
-
-def chart(model: Model, theta: np.ndarray) -> np.ndarray:
-    """Orthonormal bases N (k, n, m) of the closed directions at poses theta (k, n)."""
-    links = theta.shape[-1]
-    if not model.end_held:
-        return np.broadcast_to(np.eye(links), (*theta.shape[:-1], links, links)).copy()
-    length = np.asarray(model.line.length)
-    rows = np.stack([-length * np.sin(theta), -length * np.cos(theta)], axis=-2)
-    return np.swapaxes(np.linalg.svd(rows)[2][..., 2:, :], -1, -2)
-
-
-def to_state(model: Model, theta: jax.Array, omega: jax.Array) -> State:
-    """The simulator's state for angles and rates (n,)."""
-    still = jnp.zeros_like(theta)
-    return from_angles(model, theta, still, omega, still, zero="horizontal")
-
-
-def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Angles and rates (n,) of free nodes (nodes, 3); velocities along links (of midpoint schemes) are ignored."""
-    ends = model.ends(jnp.zeros((), model.dtype))
-    link = model.links(r, ends)
-    rate = model.rates(v, None)
-    theta = jnp.arctan2(-link[:, 2], link[:, 0])
-    omega = (-rate[:, 2] * link[:, 0] + link[:, 2] * rate[:, 0]) / (link[:, 0] ** 2 + link[:, 2] ** 2)
-    return theta, omega
-
-
-def wrap(angle: jax.Array) -> jax.Array:
-    """The angle as the shortest turn, in [-pi, pi] [rad]."""
-    host = np if isinstance(angle, np.ndarray) else jnp  # JAX operations outside a program compile one by one
-    return angle - 2 * np.pi * host.round(angle / (2 * np.pi))
-
-
-__getattr__ = old_names(__name__)

@@ -2,7 +2,7 @@
 
 | page | from |
 | --- | --- |
-| reference.md | declarations of the keys of a scene (`python -m dropper_jax.cli.scenes`) |
+| reference.md | declarations of the keys of a scene (`python -m dropper_jax.cli.reference`) |
 | reference-effects.md | docstrings of effects, schemes, linear solvers and axial laws |
 | reference-commands.md | parsers of all commands |
 | reference-python.md | public names of `dropper_jax`, `fitting` and their modules, with the first words of docstrings |
@@ -23,7 +23,7 @@ from pathlib import Path
 from dropper_jax.axial import LAWS
 from dropper_jax.base.toml_text import prose
 from dropper_jax.cli.commands import _load, _Parser, command_groups
-from dropper_jax.cli.scenes import as_markdown
+from dropper_jax.cli.reference import as_markdown
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.load.reference import sections

@@ -32,86 +32,6 @@ from dropper_jax.load.packaged import (
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
-from __future__ import annotations
-
-import dataclasses
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from dropper_jax.load.reference import Key, Section
-
-
-# The reference of scenes as text and as Markdown, from the same declarations
-
-TITLE = """# Every key of a scene
-
-Made by `python -m dropper_jax.cli.scenes` from the declarations that the reader of scenes checks against; a test
-holds the page to them. `dropper scenes --reference KEY` prints a part of it, `dropper scenes --schema` the JSON Schema
-for editors. `*` stands for the number or the name of an entry, paths are those of `--set`. Ranges are in the unit of
-the key. `needed` keys must be given (unless a line type gives them); `none` means that nothing is there without. Words
-and symbols are in the [glossary](glossary.md).
-"""
-
-
-def as_text(sections: Sequence[Section]) -> str:
-    """Sections as text for a terminal."""
-    parts = []
-    for section in sections:
-        parts.append("\n".join(x for x in (section.head or "(top of the file)", _indent(section.about)) if x))
-        parts += [_lines(key) for key in section.keys]
-        if section.source:
-            parts.append(f"  source: {section.source}")
-    return "\n".join(parts)
-
-
-def _indent(text: str) -> str:
-    return f"  {text}" if text else ""
-
-
-def _lines(key: Key) -> str:
-    about = [key.kind, "" if key.unit == "-" else f"[{key.unit}]", key.allowed and f"allowed: {key.allowed}"]
-    return f"  {key.path}: {key.meaning}\n      {', '.join(x for x in about if x)}; default: {key.default}"
-
-
-def as_values(sections: Sequence[Section]) -> list[dict[str, Any]]:
-    """Sections as plain values."""
-    found = [dataclasses.asdict(section) for section in sections]
-    for section in found:
-        section["keys"] = [{k: v for k, v in key.items() if k != "schema"} for key in section["keys"]]
-    return found
-
-
-def as_markdown(sections: Sequence[Section]) -> str:
-    """The page."""
-    parts = [TITLE]
-    for section in sections:
-        parts.append(f"## {section.head or 'Top of the file'}\n\n{_cell(section.about, False)}")
-        if section.keys:
-            rows = ["| key | meaning | value | unit | allowed | default |", "| --- | --- | --- | --- | --- | --- |"]
-            rows += [_row(key) for key in section.keys]
-            parts.append("\n".join(rows))
-        if section.source:
-            parts.append(f"Source: {_cell(section.source, False)}")
-    return "\n\n".join(part.strip() for part in parts) + "\n"
-
-
-def _row(key: Key) -> str:
-    cells = [f"`{key.path}`", _cell(key.meaning), key.kind, key.unit, _cell(key.allowed), key.default]
-    return f"| {' | '.join(cells)} |"
-
-
-def _cell(text: str, table: bool = True) -> str:
-    from dropper_jax.base.toml_text import prose
-
-    return prose(text, table)
-
-
-if __name__ == "__main__":
-    from dropper_jax.load.reference import sections as every
-
-    print(as_markdown(every()), end="")
-
 
 help = "list the packaged scenes by group, or print one as TOML to edit"
 
@@ -180,7 +100,7 @@ def _reference(args: argparse.Namespace) -> int:
     if args.scene is not None:
         raise SceneError(f"SCENE: {args.scene!r} cannot be combined with --reference and --schema")
 
-    from dropper_jax.cli.scenes import as_text, as_values
+    from dropper_jax.cli.reference import as_text, as_values
     from dropper_jax.effects import register_installed
     from dropper_jax.load.reference import find, schema, sections
 

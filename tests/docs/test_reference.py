@@ -11,7 +11,7 @@ import pytest
 
 from dropper_jax import Scene, SceneError, scene_names
 from dropper_jax.cli import main
-from dropper_jax.cli.scenes import as_markdown
+from dropper_jax.cli.reference import as_markdown
 from dropper_jax.load.packaged import packaged_scene
 from dropper_jax.load.paths import locate
 from dropper_jax.load.reference import find, schema, sections
@@ -21,7 +21,7 @@ PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md"]
 
 
 def test_the_page_is_that_of_the_declarations():
-    made = "make it again: python -m dropper_jax.cli.scenes > docs/reference.md"
+    made = "make it again: python -m dropper_jax.cli.reference > docs/reference.md"
     assert (ROOT / "docs" / "reference.md").read_text() == as_markdown(sections()), made
 
 

@@ -57,7 +57,7 @@ def tension_traces(run: Run, path: str | Path) -> Path:
 
 
 #: Maximum number of curves in one panel.
-MOST = 4
+MOST_CURVES = 4
 
 
 @style.with_style
@@ -100,7 +100,7 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
         name: np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
         for name in held_points(run.scene)
     }
-    names = sorted(loads, key=lambda name: -np.nanmax(loads[name]))[:MOST]
+    names = sorted(loads, key=lambda name: -np.nanmax(loads[name]))[:MOST_CURVES]
     curves = [Curve(name, t, loads[name] / size) for name in names]
     return Panel(f"force [{unit}]", curves, _count_title("force on each fixed point", len(names), len(loads)))
 
@@ -110,7 +110,7 @@ def ends_panel(run: Run) -> Panel:
     kept = slice(_begin(run), None)
     unit, size = force_unit(run.max_tension[kept])
     t = run.t_tension[kept]
-    lines = sorted(run.written_lines, key=lambda line: -np.nanmax(run.max_tension[kept, line.links]))[:MOST]
+    lines = sorted(run.written_lines, key=lambda line: -np.nanmax(run.max_tension[kept, line.links]))[:MOST_CURVES]
     both = len(lines) == 1
     curves = []
     for line in lines:

@@ -12,7 +12,7 @@ from fitting.traces.trace import Trace
 #: Shortest stretch [s], and in slowest periods: a motion is slow at its turning points, and slower as it decays.
 SHORTEST, FIRST_PERIODS, LAST_PERIODS = 0.5, 0.5, 2.0
 #: Frames of a running mean; limits of a still motion: standard deviations of the mean, and a minimum angle [rad].
-WIDTH, STILL, LEAST = 5, 5.0, 0.002
+WIDTH, STILL, SMALLEST_MOVE = 5, 5.0, 0.002
 
 
 def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[float, float]]:
@@ -47,7 +47,7 @@ def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
         mean = np.convolve(column[known], np.full(WIDTH, 1 / WIDTH), "valid")
         # relative to the mean of all still frames so far: the first few alone are too noisy
         before = np.cumsum(mean) / np.arange(1, len(mean) + 1)
-        moves = np.flatnonzero(np.abs(mean[1:] - before[:-1]) > max(STILL * size / np.sqrt(WIDTH), LEAST))
+        moves = np.flatnonzero(np.abs(mean[1:] - before[:-1]) > max(STILL * size / np.sqrt(WIDTH), SMALLEST_MOVE))
         least = min(least, int(known[moves[0] + 1] if len(moves) else known[-1] + 1))
     return least
 

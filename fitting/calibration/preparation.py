@@ -25,8 +25,7 @@ from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_f
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.marching import choose_stepper
 from fitting.estimate.release import release_of
-from fitting.estimate.rest import rests
-from fitting.estimate.resting import advice_on_rest
+from fitting.estimate.rest import advice_on_rest, rests
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts, check_step, cut, fewest_frames, fill, first_starts, time_step
 from fitting.parameters.of_scene import default_free, full_names, rig_priors

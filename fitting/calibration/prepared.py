@@ -12,8 +12,7 @@ from dropper_jax.load.scene import Scene
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.problem import Descent, Problem
-from fitting.estimate.rest import Rest
-from fitting.estimate.resting import held_start
+from fitting.estimate.rest import Rest, held_start
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Piece, Starts, Windows, cut, fill, first_starts
 from fitting.parameters.of_scene import JointPrior

@@ -8,8 +8,7 @@ import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Trace
 from fitting.estimate.noise import Noise
-from fitting.estimate.rest import rests, static_pose
-from fitting.estimate.resting import advice_on_rest, still_spans
+from fitting.estimate.rest import advice_on_rest, rests, static_pose, still_spans
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.parameter import resolve
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import balance_drift
-from dropper_jax.plots import panels, style
+from dropper_jax.plots import style
 from dropper_jax.plots.run import ANGLE, TENSION, Run, changing
 from dropper_jax.plots.series import Curve, Panel, history
 from dropper_jax.plots.style import force_unit
@@ -212,7 +212,7 @@ def tension_traces(run: Run, path: str | Path) -> Path:
     unit, size = force_unit(run.tension)
     least = TENSION * float(np.nanmax(np.abs(run.tension), initial=0.0)) / size
     columns = [(f"tension [{unit}]", run.tension / size)]
-    return panels.traces(run, path, "link tensions", run.t_tension, columns, least)
+    return traces(run, path, "link tensions", run.t_tension, columns, least)
 
 
 #: Maximum number of curves in one panel.
@@ -230,7 +230,7 @@ def tension_history(run: Run, path: str | Path) -> Path:
     unit, size = force_unit(run.max_tension[kept])
     least = TENSION * float(np.nanmax(np.abs(run.tension[kept]), initial=0.0))
     if len(run.t) > 1 and not changing([run.min_tension[kept], run.max_tension[kept]], least).any():
-        return panels.traces(
+        return traces(
             run, path, "tension", run.t_tension, [(f"tension [{unit}]", run.tension[kept] / size)], least
         )
     found = [_largest(run, unit, size)]

@@ -54,7 +54,7 @@ LEAST_SQUARES = LeastSquares()
 class Huber:
     """`r^2/2` up to `threshold`, in standard deviations, and `threshold |r| - threshold^2/2` beyond (Huber 1964)."""
 
-    threshold: float
+    threshold: float = 3.0
     redescends: ClassVar[bool] = False
 
     @property
@@ -101,7 +101,7 @@ class StudentT:
 
 
 #: Robust losses by name, as `robust` and `--robust` take them; a fit with a loss that redescends starts with Huber's.
-ROBUST: dict[str, Loss] = {"huber": Huber(3.0), "student": StudentT()}
+ROBUST: dict[str, Loss] = {"huber": Huber(), "student": StudentT()}
 
 
 def loss_of(huber: float | None, student: bool = False, robust: str | None = None) -> Loss:

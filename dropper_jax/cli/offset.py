@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     plot, out = plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
 
-    from dropper_jax.base.progress import silent
+    from dropper_jax.base.errors import silent
     from dropper_jax.study.offsets import offset_curves
 
     points = [name.strip() for name in args.points.split(",")]

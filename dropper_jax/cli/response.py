@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     periods, plot, out = _periods(args.periods), plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
 
-    from dropper_jax.base.progress import silent
+    from dropper_jax.base.errors import silent
     from dropper_jax.study.sea_facts import responses
 
     rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet) or silent)

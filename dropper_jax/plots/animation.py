@@ -19,9 +19,8 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import proj3d
 from PIL import Image
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.files import atomic_write, remove_leftovers, unfinished_folder
-from dropper_jax.base.progress import Progress
 from dropper_jax.plots import style, system, view
 from dropper_jax.plots.run import Run
 

@@ -230,9 +230,7 @@ def tension_history(run: Run, path: str | Path) -> Path:
     unit, size = force_unit(run.max_tension[kept])
     least = TENSION * float(np.nanmax(np.abs(run.tension[kept]), initial=0.0))
     if len(run.t) > 1 and not changing([run.min_tension[kept], run.max_tension[kept]], least).any():
-        return traces(
-            run, path, "tension", run.t_tension, [(f"tension [{unit}]", run.tension[kept] / size)], least
-        )
+        return traces(run, path, "tension", run.t_tension, [(f"tension [{unit}]", run.tension[kept] / size)], least)
     found = [_largest(run, unit, size)]
     if run.scene is not None and len(run.written_lines) > 1:
         found.append(_held_points_panel(run, unit, size))

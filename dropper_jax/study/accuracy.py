@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.report.record import record

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.read import Plain
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS

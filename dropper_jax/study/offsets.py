@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.arrays import bare_model, static_pose

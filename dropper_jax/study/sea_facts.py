@@ -12,8 +12,7 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import VISCOSITY
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model

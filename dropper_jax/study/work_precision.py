@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, silent
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.march import (

@@ -25,8 +25,7 @@ from functools import partial
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from fitting.calibration.cross_validation import Scores, blocks, fair, last_third, other_runs, score
 from fitting.calibration.decision import LACKS, chance, decide, decide_joined, deviation, unit_work, unseen
 from fitting.calibration.law_fits import (

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.kicks import lost_frames, starts_from_previous_windows
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gaps import gaps

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise, omitted_parameter_bias
 from fitting.calibration.comparison import compare

@@ -19,7 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.advice import OR, WORTH, Candidate, advise, wide
 from fitting.calibration.kicks import SEVERAL, alone, far_off, lost_frames, starts_from_previous_windows
 from fitting.calibration.prepared import Prepared

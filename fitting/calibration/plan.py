@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax import load_scene
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.run.build import SceneLike, build
 from fitting.calibration.prepared import (
     STEPS_PER_PERIOD,

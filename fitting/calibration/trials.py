@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import build
 from fitting.calibration.advice import Candidate, Group, groups, joint_information, wide

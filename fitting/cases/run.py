@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.store import Store, StoreStopped, read_archive, write_archive
 from dropper_jax.scene import whole_lines
 from dropper_jax.study.load_errors import step_error

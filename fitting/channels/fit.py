@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model

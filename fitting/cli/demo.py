@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from dropper_jax.cli.output import listing, table
 
 if TYPE_CHECKING:
-    from dropper_jax.base.progress import Progress
+    from dropper_jax.base.errors import Progress
     from dropper_jax.cli.demo import DemoPart
 
 title = "calibrating synthetic traces of scenarios A, B and C"

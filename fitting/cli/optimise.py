@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from dropper_jax.base.progress import silent
+from dropper_jax.base.errors import silent
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_file
 from dropper_jax.cli.output import FAILED, OK, print_json, print_line, print_warnings, progress
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder

@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import silent
+from dropper_jax.base.errors import SceneError, silent
 from dropper_jax.cli.options import (
     QUANTITY_HELP,
     add_examples,

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, silent
 from fitting.estimate.gaps import Joined
 from fitting.estimate.normal_equations import Evaluation, Normal, Step, eliminate, normal_blocks
 from fitting.estimate.problem import Problem, Residuals, Solution

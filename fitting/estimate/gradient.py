@@ -27,8 +27,7 @@ import optax
 from scipy.linalg import eigvalsh, solve_triangular
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from fitting.estimate.gauss_newton import Point, Separate, fit_windows, minimise
 from fitting.estimate.normal_equations import Evaluation, Normal, Step, bounded_step, cholesky_root
 from fitting.estimate.problem import Problem

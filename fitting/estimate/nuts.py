@@ -21,8 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from fitting.estimate.gaps import GAP_SCALE, Joined
 from fitting.estimate.loss import LEAST_SQUARES
 from fitting.estimate.posterior import Posterior

@@ -19,8 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from fitting.estimate.gauss_newton import Separate
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of

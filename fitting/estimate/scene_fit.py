@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
-from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.progress import Progress
+from dropper_jax.base.errors import Progress, SceneError, nearest
 from dropper_jax.load.scene import Scene
 from fitting.estimate.gauss_newton import descend
 from fitting.estimate.normal_equations import solve_spd

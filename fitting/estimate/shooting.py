@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, silent
 from fitting.estimate.gaps import Joined, eliminate_joined, gaps, join
 from fitting.estimate.gauss_newton import Separate, descend
 from fitting.estimate.normal_equations import Evaluation, Step

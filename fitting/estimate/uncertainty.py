@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, silent
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.normal_equations import solve_spd

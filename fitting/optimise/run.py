@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, silent
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.progress import silent
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot_style
 from dropper_jax.plots.style import save as save_figure

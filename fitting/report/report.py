@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax import load_scene
+from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.files import atomic_write, folder_without
-from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.toml_text import as_toml, literal
 from dropper_jax.plots import style
 from dropper_jax.report.sections import table

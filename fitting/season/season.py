@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.progress import Progress, silent
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
 from dropper_jax.report.sections import table

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.memory import versions
-from dropper_jax.base.progress import Progress, silent
 from dropper_jax.lanes import Fallbacks
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.storage import extra

@@ -12,8 +12,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress
+from dropper_jax.base.errors import Progress, SceneError
 from fitting.tracking.video import Video, opencv
 
 RAYS = 48

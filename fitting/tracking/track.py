@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.renamed import old_attribute
 from fitting.traces.trace import FEWEST, Trace
 from fitting.tracking.calibration import Lens, calibrate, plane_from_board

@@ -52,7 +52,7 @@ PUBLIC = {
     "parameter": "base.fields",
     "register": "effects",
     "safe_norm": "base.numerics",
-    "scatter_add": "base.scatter",
+    "scatter_add": "base.numerics",
     "scene_names": "load.packaged",
     "settle": "statics.static_pose",
     "simulate": "run.simulate",

@@ -41,7 +41,7 @@ class Row(NamedTuple):
 
 
 RENAMED = (
-    Row("module", "dropper_jax.base", "place", "scatter", "0.2"),
+    Row("module", "dropper_jax.base", "place", "numerics", "0.2"),
     Row("module", "dropper_jax.cli", "codes", "dropper_jax.cli.output", "0.2"),
     Row("module", "dropper_jax.study", "schemes", "dropper_jax.study.march", "0.2"),
     Row("module", "fitting.optimise", "picture", "run", "0.2"),

@@ -9,7 +9,7 @@ from dropper_jax.base.fields import component as component
 from dropper_jax.base.fields import option as option
 from dropper_jax.base.fields import parameter as parameter
 from dropper_jax.base.numerics import safe_norm as safe_norm
-from dropper_jax.base.scatter import scatter_add as scatter_add
+from dropper_jax.base.numerics import scatter_add as scatter_add
 from dropper_jax.effects import Effect as Effect
 from dropper_jax.effects import register as register
 from dropper_jax.integrators import INTEGRATORS as INTEGRATORS

@@ -16,8 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.numerics import cross, dot
-from dropper_jax.base.scatter import scatter_add
+from dropper_jax.base.numerics import cross, dot, scatter_add
 from dropper_jax.model import HolonomicConstraint, Model, State, state
 from dropper_jax.statics.rest_problem import SMALLEST, balanced, soft_scale, unbalanced
 from dropper_jax.statics.tangent import DenseTangent, NodeMoves

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_json, number, output_folder, read_run
 from dropper_jax.cli.output import FAILED, OK, print_line, print_result
-from dropper_jax.report.settings import Settings
+from dropper_jax.report.record import Settings
 
 if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution

@@ -1,5 +1,305 @@
-"""Many members of one function computed side by side in the vector registers of a processor."""
+"""Many members of one function side by side: `jax.vmap` with the member axis last in memory, for batches on the CPU.
 
-from dropper_jax.lanes.interpreter import Fallbacks, lanes
+`vmap` puts members first, and the loops over 3 components and a few nodes innermost, which is too short for vector
+registers. Here members come last, so that every kernel runs over them. A function is traced once for one member; its
+operations are then evaluated on arrays (..., members). Operations without a rule (`rules`) use JAX's own batching rule
+between two moves of the axis. That is slower, still correct, and recorded in `Fallbacks`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Literal, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.extend import core
+
+from dropper_jax.backend import is_plain
+from dropper_jax.backend.one_kernel import ELEMENTWISE
+from dropper_jax.lanes.rules import STRUCTURAL, Value, lined_up, spread
+
+#: A pytree of arrays.
+Tree = TypeVar("Tree")
+#: Mapped, or shared by all members.
+Axis = Literal[0] | None
+
+
+def lanes(
+    f: Callable[..., Tree], in_axes: Axis | tuple[Axis, ...] = 0, fallbacks: Fallbacks | None = None
+) -> Callable[..., Tree]:
+    """Map `f` over the first axis of its arguments, as `jax.vmap(f, in_axes)` does, to rounding.
+
+    Args:
+        f: a pure function of pytrees of arrays.
+        in_axes: 0 (mapped) or None (shared) for all arguments, or one of them for each.
+        fallbacks: records the operations without a rule whenever the function is traced.
+
+    Returns:
+        A function whose results have the members first, all of them mapped.
+    """
+
+    recorded = Fallbacks() if fallbacks is None else fallbacks
+
+    if is_plain():
+        return jax.vmap(f, in_axes)
+
+    def run_batch(*args: Any) -> Tree:
+        axes = in_axes if isinstance(in_axes, tuple) else (in_axes,) * len(args)
+        values, tree = jax.tree.flatten(args)
+        many = [axis == 0 for arg, axis in zip(args, axes, strict=True) for _ in jax.tree.leaves(arg)]
+        members = next(jnp.shape(x)[0] for x, m in zip(values, many, strict=True) if m)
+        shapes = [jnp.shape(x)[1:] if m else jnp.shape(x) for x, m in zip(values, many, strict=True)]
+        one = [jax.ShapeDtypeStruct(s, jnp.result_type(x)) for s, x in zip(shapes, values, strict=True)]
+        program, shape = jax.make_jaxpr(lambda *leaves: f(*jax.tree.unflatten(tree, leaves)), return_shape=True)(*one)
+        inputs = [Value(jnp.moveaxis(x, 0, -1) if m else x, m) for x, m in zip(values, many, strict=True)]
+        try:
+            done = Interpreter(members, recorded).run(program, inputs)
+        except Unreadable as error:
+            recorded.operation = str(error)
+            return jax.vmap(f, in_axes)(*args)
+        found = [jnp.moveaxis(spread(v, members), -1, 0) for v in done]
+        return jax.tree.unflatten(jax.tree.structure(shape), found)
+
+    return run_batch
+
+
+Atom = core.Var | core.Literal
+
+#: Operations that call a function once, and which parameter holds it.
+CALLS = {
+    "jit": "jaxpr",
+    "pjit": "jaxpr",
+    "closed_call": "call_jaxpr",
+    "custom_jvp_call": "call_jaxpr",
+    "custom_vjp_call": "call_jaxpr",
+    "checkpoint": "jaxpr",
+    "remat2": "jaxpr",
+}
+
+
+def close_jaxpr(program: core.Jaxpr | core.ClosedJaxpr) -> core.ClosedJaxpr:
+    """The function of a call, with its constants."""
+    return program if hasattr(program, "consts") else core.ClosedJaxpr(program, ())
+
+
+def _which(program: core.ClosedJaxpr, many: Sequence[bool]) -> list[bool]:
+    jaxpr = program.jaxpr
+    known = dict.fromkeys(jaxpr.constvars, False) | dict(zip(jaxpr.invars, many, strict=True))
+
+    def read(atom: Atom) -> bool:
+        return not isinstance(atom, core.Literal) and known[atom]
+
+    for eqn in jaxpr.eqns:
+        known.update(zip(eqn.outvars, _which_of(eqn, [read(a) for a in eqn.invars]), strict=True))
+    return [read(a) for a in jaxpr.outvars]
+
+
+def _which_of(eqn: core.JaxprEqn, many: list[bool]) -> list[bool]:
+    name, p = eqn.primitive.name, eqn.params
+    if not any(many):
+        return [False] * len(eqn.outvars)
+    if name in CALLS:
+        return _which(close_jaxpr(p[CALLS[name]]), many)
+    if name == "scan":
+        return which_scanned(p, many)
+    if name == "while":
+        return which_looped(p, many)[0]
+    if name == "cond" and not many[0]:
+        return which_branched(p, many[1:])
+    return [True] * len(eqn.outvars)
+
+
+def scan_parts(p: dict[str, Any]) -> tuple[int, int]:
+    """Number of constants and of carried values among the inputs of a scan."""
+    if "num_consts" in p:
+        return p["num_consts"], p["num_carry"]
+    consts, carry, _ = p["ft_in"].unpack()  # JAX 0.12
+    return len(consts), len(carry)
+
+
+def which_scanned(p: dict[str, Any], many: list[bool]) -> list[bool]:
+    """For the carry and the saved values: a carry that gets members in one iteration has them from the start."""
+    consts, carried = scan_parts(p)
+    carry = many[consts : consts + carried]
+    while True:
+        out = _which(p["jaxpr"], [*many[:consts], *carry, *many[consts + carried :]])
+        grown = [a or b for a, b in zip(carry, out, strict=False)]
+        if grown == carry:
+            return [*carry, *out[carried:]]
+        carry = grown
+
+
+def which_looped(p: dict[str, Any], many: list[bool]) -> tuple[list[bool], bool]:
+    """For the carry and the test: if members disagree on when to stop, the whole carry has members."""
+    tests, bodies = p["cond_nconsts"], p["body_nconsts"]
+    carry = many[tests + bodies :]
+    while True:
+        test = _which(p["cond_jaxpr"], [*many[:tests], *carry])[0]
+        out = _which(p["body_jaxpr"], [*many[tests : tests + bodies], *carry])
+        grown = [test or a or b for a, b in zip(carry, out, strict=True)]
+        if grown == carry:
+            return carry, test
+        carry = grown
+
+
+def which_branched(p: dict[str, Any], many: list[bool]) -> list[bool]:
+    """For the results: those for which any branch has members."""
+    return [any(found) for found in zip(*(_which(b, many) for b in p["branches"]), strict=True)]
+
+
+@dataclass
+class Fallbacks:
+    """Record of what ran through `jax.vmap`; filled while a function is traced.
+
+    Attributes:
+        operations: names of operations without a rule, each between two moves of the member axis.
+        operation: the operation whose form in this JAX is unknown, so that the whole function ran through `vmap`.
+    """
+
+    operations: set[str] = field(default_factory=set)
+    operation: str | None = None
+
+    def join(self, other: Fallbacks) -> None:
+        """Add the operations that another function passed to `vmap`."""
+        self.operations |= other.operations
+        self.operation = self.operation or other.operation
+
+    def warnings(self) -> list[str]:
+        """A line for the user if nothing is gained any more."""
+        if self.operation is None:
+            return []
+        return [
+            f"members run by vmap, several times slower: this JAX writes the operation {self.operation!r} in a new way"
+        ]
+
+
+class Unreadable(Exception):
+    """An operation whose parameters have other names in this JAX; its name."""
+
+
+class Interpreter:
+    """Operations of a function of one member, evaluated for `members` of them."""
+
+    def __init__(self, members: int, fallbacks: Fallbacks) -> None:
+        self.members, self.fallbacks = members, fallbacks
+        self.control = {"scan": self._scan, "while": self._while, "cond": self._cond}
+
+    def with_member_axis(self, values: Sequence[Value], many: Sequence[bool]) -> list[jax.Array]:
+        """Arrays with the member axis where `many` requires it."""
+        return [spread(v, self.members) if m else v.array for v, m in zip(values, many, strict=True)]
+
+    def run(self, program: core.ClosedJaxpr, inputs: Sequence[Value]) -> list[Value]:
+        """The results of a traced function.
+
+        Raises:
+            Unreadable: an operation of a JAX that names its parameters differently.
+        """
+        jaxpr = program.jaxpr
+        known = dict(zip(jaxpr.constvars, (Value(c, False) for c in program.consts), strict=True))
+        known |= dict(zip(jaxpr.invars, inputs, strict=True))
+
+        def read(atom: Atom) -> Value:
+            return Value(atom.val, False) if isinstance(atom, core.Literal) else known[atom]
+
+        for eqn in jaxpr.eqns:
+            try:
+                found = self.operation(eqn, [read(a) for a in eqn.invars])
+            except (KeyError, AttributeError) as error:
+                raise Unreadable(eqn.primitive.name) from error
+            known.update(zip(eqn.outvars, found, strict=True))
+        return [read(a) for a in jaxpr.outvars]
+
+    def operation(self, eqn: core.JaxprEqn, inputs: list[Value]) -> list[Value]:
+        name, p = eqn.primitive.name, eqn.params
+        if name in CALLS:
+            return self.run(close_jaxpr(p[CALLS[name]]), inputs)
+        if not any(v.many for v in inputs):
+            return [Value(x, False) for x in alone(eqn, [v.array for v in inputs])]
+        if name in self.control:
+            return self.control[name](p, inputs)
+        if name in ELEMENTWISE:
+            shape = eqn.outvars[0].aval.shape
+            return [Value(eqn.primitive.bind(*(lined_up(v, shape, self.members) for v in inputs), **p), True)]
+        found = STRUCTURAL[name](p, self.members, inputs) if name in STRUCTURAL else None
+        if found is not None:
+            return [Value(found, True)]
+        self.fallbacks.operations.add(name)
+        first = [jnp.moveaxis(v.array, -1, 0) if v.many else v.array for v in inputs]
+        axes = tuple(0 if v.many else None for v in inputs)
+        rows = jax.vmap(lambda *xs: alone(eqn, xs), in_axes=axes, axis_size=self.members)(*first)
+        return [Value(jnp.moveaxis(x, 0, -1), True) for x in rows]
+
+    def _scan(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
+        consts, carried = scan_parts(p)
+        out = which_scanned(p, [v.many for v in inputs])
+        start = self.with_member_axis(inputs[consts : consts + carried], out[:carried])
+        rows = inputs[consts + carried :]
+
+        def body(carry: list[Any], row: list[Any]) -> tuple[list[Any], list[Any]]:
+            given = [*inputs[:consts], *as_values(carry, out[:carried]), *as_values(row, [v.many for v in rows])]
+            found = self.with_member_axis(self.run(p["jaxpr"], given), out)
+            return found[:carried], found[carried:]
+
+        options = {"length": p["length"], "reverse": p["reverse"], "unroll": p["unroll"]}
+        end, saved = lax.scan(body, start, [v.array for v in rows], **options)
+        return as_values([*end, *saved], out)
+
+    def _while(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
+        tests, bodies = p["cond_nconsts"], p["body_nconsts"]
+        many, disagree = which_looped(p, [v.many for v in inputs])
+
+        def going(carry: list[Any]) -> jax.Array:
+            return self.run(p["cond_jaxpr"], [*inputs[:tests], *as_values(carry, many)])[0].array
+
+        def body(carry: list[Any]) -> list[Any]:
+            given = [*inputs[tests : tests + bodies], *as_values(carry, many)]
+            found = self.with_member_axis(self.run(p["body_jaxpr"], given), many)
+            if not disagree:
+                return found
+            on = going(carry)
+            return [jnp.where(choice(on, old), new, old) for new, old in zip(found, carry, strict=True)]
+
+        start = self.with_member_axis(inputs[tests + bodies :], many)
+        end = lax.while_loop((lambda carry: jnp.any(going(carry))) if disagree else going, body, start)
+        return as_values(end, many)
+
+    def _cond(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
+        index, given = inputs[0], inputs[1:]
+        if index.many:  # members take different branches: all branches are run
+            found = [
+                self.with_member_axis(out, [True] * len(out)) for out in (self.run(b, given) for b in p["branches"])
+            ]
+            which = jnp.asarray(index.array, jnp.int32)
+            chosen = (lax.select_n(jnp.broadcast_to(which, xs[0].shape), *xs) for xs in zip(*found, strict=True))
+            return [Value(x, True) for x in chosen]
+        many = which_branched(p, [v.many for v in given])
+
+        def branch(program: core.ClosedJaxpr, arrays: list[Any]) -> list[Any]:
+            return self.with_member_axis(self.run(program, as_values(arrays, [v.many for v in given])), many)
+
+        branches = [partial(branch, b) for b in p["branches"]]
+        return as_values(lax.switch(index.array, branches, [v.array for v in given]), many)
+
+
+def choice(on: jax.Array, x: jax.Array) -> jax.Array:
+    """A choice (..., members) for arrays (..., more, members): a loop made by `vmap` has one for each of its
+    members."""
+    return on.reshape(*on.shape[:-1], *(1,) * (x.ndim - on.ndim), on.shape[-1])
+
+
+def as_values(arrays: Sequence[jax.Array], many: Sequence[bool]) -> list[Value]:
+    """Arrays, and which of them have the member axis."""
+    return [Value(x, m) for x, m in zip(arrays, many, strict=True)]
+
+
+def alone(eqn: core.JaxprEqn, inputs: Sequence[Any]) -> list[Any]:
+    """The operation itself, on inputs without members."""
+    found = eqn.primitive.bind(*inputs, **eqn.params)
+    return list(found) if eqn.primitive.multiple_results else [found]
+
 
 __all__ = ["Fallbacks", "lanes"]

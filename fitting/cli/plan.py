@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         rate=_numbers("rate", args.rate)[0],
         progress=progress(args.quiet) or silent,
     )
-    note = "standard errors in the units of the parameters; times the best: their geometric mean relative to the first row"
+    note = "standard errors in the parameters' units; times the best: their geometric mean relative to the first row"
     text = f"{table(rows(found))}\n{note}"
     return deliver(args.json, {"status": "ok", "plans": [row.to_json() for row in found]}, text, out)
 

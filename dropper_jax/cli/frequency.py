@@ -23,7 +23,7 @@ help = "tensions and motions in irregular waves in the frequency domain, with li
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "frequency looped-longline --sea-states 1:6,2:8",
+        "frequency edulis-longline --sea-states 0.5:4,1:6",
         "frequency edulis-longline --sea-states 0.5:5 --direction 90 --plot spectra.png",
     )
     add_scene(parser)

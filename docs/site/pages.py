@@ -123,7 +123,7 @@ def effects() -> str:
     """What acts, and how it is stepped and solved."""
     made = MADE.format(what="the docstrings")
     parts = [
-        f"# Effects and schemes\n\n{made} Keys, units and ranges of the effects stand in [every key of a "
+        f"# Effects and schemes\n\n{made} Keys, units and ranges of the effects are in [every key of a "
         "scene](reference.md), derivations in [the physics](physics.md), how to add one in [How to add an effect]"
         "(add-an-effect.md).",
         "## Effects\n\n`[effects.NAME]` in a scene; what is not named is not computed.",
@@ -158,7 +158,7 @@ def commands() -> str:
     groups = {group: {e.name: _load(e) for e in entries} for group, entries in command_groups().items()}
     loaded = {name: command for own in groups.values() for name, command in own.items()}
     parts = [
-        f"# Commands\n\n{made} `dropper COMMAND --help` prints the same. Exit codes: 0 good, 2 input to mend, 3 a run "
+        f"# Commands\n\n{made} `dropper COMMAND --help` prints the same. Exit codes: 0 good, 2 invalid input, 3 a run "
         "that failed, 130 one that was interrupted.",
     ]
     for group, own in groups.items():

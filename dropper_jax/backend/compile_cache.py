@@ -109,8 +109,8 @@ class Entries:
             os.utime(file)
         return program
 
-    def put(self, key: str, value: bytes) -> None:
-        """Store a program, replacing an existing one. JAX calls `get` and `put`: their names are its own."""
+    def write(self, key: str, value: bytes) -> None:
+        """Store a program, replacing an existing one."""
         with suppress(OSError):
             with tempfile.NamedTemporaryFile(dir=self._path, suffix=UNFINISHED, delete=False) as beside:
                 beside.write(MARK + hashlib.sha256(value).digest() + value)
@@ -119,6 +119,8 @@ class Entries:
             if self._unseen > self.largest / 64:  # looking at all files costs more than storing one
                 self._evict_old()
                 self._unseen = 0
+
+    put = write  # JAX's name of it
 
     def remove(self, key: str) -> None:
         """Remove a program."""

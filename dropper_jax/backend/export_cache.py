@@ -134,7 +134,7 @@ class Traces:
         if tree_read(json.loads(json.dumps(tree))) != trace.tree:
             raise NoPlainForm("the tree of the results changed when it was read back")
         said = {"key": key, "takes": trace.takes, "results": trace.results, "tree": tree}
-        self._entries.put(PREFIX + key, json.dumps(said).encode() + b"\n" + trace.module)
+        self._entries.write(PREFIX + key, json.dumps(said).encode() + b"\n" + trace.module)
 
 
 def open_traces(folder: Path | None) -> Traces | None:

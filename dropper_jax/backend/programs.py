@@ -64,7 +64,7 @@ def supported_options() -> dict[str, str | bool | int]:
             jax.jit(lambda x: x + 1.0).lower(0.0).compile({name: value})
             found[name] = value
     if entries is not None:
-        entries.put(key, json.dumps([*found]).encode())
+        entries.write(key, json.dumps([*found]).encode())
     return found
 
 

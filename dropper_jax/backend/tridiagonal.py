@@ -69,12 +69,12 @@ def _cyclic_reduction_jvp(
     return x, cyclic_reduction(lower, diagonal, upper, db - dl * before - dd * x - du * after)
 
 
-def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array, least: int) -> jax.Array:
-    """The same with every second row eliminated into its neighbours, repeatedly, until at most `least` rows remain."""
+def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array, target: int) -> jax.Array:
+    """The same with every second row eliminated into its neighbours, repeated until at most `target` are left."""
     n = diagonal.shape[0]
     if n == 1:
         return rhs / diagonal
-    if n <= least:
+    if n <= target:
         return _row_by_row(lower, diagonal, upper, rhs)
     odd = n // 2
     even = n - odd
@@ -84,7 +84,7 @@ def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
     low1, up1, b1 = (_shift_rows(a, 0, even) for a in (low, up, b))
     left, right = lower[0::2], upper[0::2]
     own = diagonal[0::2] - right * low1 - left * up0
-    kept = _halve_rows(-left * low0, own, -right * up1, rhs[0::2] - right * b1 - left * b0, least)
+    kept = _halve_rows(-left * low0, own, -right * up1, rhs[0::2] - right * b1 - left * b0, target)
     following = kept[1 : odd + 1] if even > odd else _shift_rows(kept[1:], 0, odd)
     between = b - low * kept[:odd] - up * following
     both = jnp.stack([kept, _shift_rows(between, 0, even)], axis=1)

@@ -187,11 +187,11 @@ def references_of(folder: Path | None) -> Iterator[None]:
         _FOLDER.reset(token)
 
 
-def find_referenced(text: str | Path, path: str, beside: Path | None = None) -> Path:
+def find_referenced(text: str | Path, path: str, base: Path | None = None) -> Path:
     """The file that a scene refers to at `path`.
 
     Args:
-        beside: base folder of relative names; default: the scene's folder if the file exists there, otherwise the
+        base: base folder of relative names; default: the scene's folder if the file exists there, otherwise the
             working folder.
 
     Raises:
@@ -200,8 +200,8 @@ def find_referenced(text: str | Path, path: str, beside: Path | None = None) -> 
     folder = _FOLDER.get()
     if "\0" in str(text):
         raise SceneError(f"{path}: {str(text)[:60]!r} is not a valid file name (contains NUL)")
-    if beside is not None:
-        found = beside / text
+    if base is not None:
+        found = base / text
     else:
         own = None if folder is None else folder / text
         found = own if own is not None and own.exists() else Path(text)

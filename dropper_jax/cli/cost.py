@@ -46,9 +46,9 @@ def text(found: dict[str, Any]) -> str:
         **{
             "us_per_step": ("us/step", ".2f"),
             "ratio": ("ratio", ".2f"),
-            "corrections_per_step": ("corrections", ".2f"),
+            "corrections_per_step": ("corrections/step", ".2f"),
         },
-        **{"us_per_correction": ("us/correction", ".2f"), "correction_ratio": ("ratio of these", ".2f")},
+        **{"us_per_correction": ("us/correction", ".2f"), "correction_ratio": ("ratio", ".2f")},
         **{"flops": ("flops", ".0f"), "bytes": ("bytes", ".0f"), "operations": ("operations", "d")},
     }
     rows = [("", *(head for head, _ in columns.values()))]
@@ -59,13 +59,15 @@ def text(found: dict[str, Any]) -> str:
     yes = {True: "yes", False: "NO"}
     return "\n".join(
         [
-            f"{found['scene']}: {found['integrator']}, solver {found['solver']}; counts are per loop iteration;   "
-            "corrections are Newton iterations per step",
+            f"{found['scene']}: scheme {found['integrator']}, solver {found['solver']}",
+            "us: microseconds; corrections: Newton iterations per step; ratios: to the whole scene",
+            "flops, bytes, operations: of the compiled step, which counts a loop once; compare rows only",
             "",
             table(rows),
             "",
-            f"removing the effects of a scene gives the program of a scene without them: "
+            "absent effects cost nothing:",
+            f"  a scene whose effects are removed compiles to the same program as one that never had them: "
             f"{yes[proof['removed_is_never_had']]}",
-            f"adding an effect to the package does not change this program: {yes[proof['new_effect_changes_nothing']]}",
+            f"  a new effect in the package leaves the program unchanged: {yes[proof['new_effect_changes_nothing']]}",
         ]
     )

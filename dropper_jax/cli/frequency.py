@@ -23,7 +23,7 @@ help = "tensions and motions in irregular waves in the frequency domain, with li
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "frequency looped-longline --sea-states 1:6,2:8",
+        "frequency edulis-longline --sea-states 0.5:4,1:6",
         "frequency edulis-longline --sea-states 0.5:5 --direction 90 --plot spectra.png",
     )
     add_scene(parser)
@@ -121,7 +121,9 @@ def _text(found: FrequencyResponse) -> str:
             numbers = (found.mean_tension, found.tension_deviation, found.tension_period, found.maximum_tension)
             values = (found.static_tension[j], *(x[i, j] for x in numbers))
             slack = str(int(np.sum(found.slack[i])))
-            lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *(f"{x:.5g}" for x in values), slack))
+            lines.append(
+                (f"{hs:g}", f"{tp:g}", *found.ends[j], *(f"{round(float(x), 4) + 0.0:.5g}" for x in values), slack)
+            )
     note = f"maximum in {found.duration:g} s of Rayleigh-distributed peaks; linear where no line goes slack"
     return f"{table(lines)}\n{note}"
 
@@ -129,6 +131,7 @@ def _text(found: FrequencyResponse) -> str:
 def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
     """Spectra of the tensions at the ends with the largest deviations, in the sea state with the maximum tension."""
     from dropper_jax.plots import style
+    from dropper_jax.plots.series import DASHES, Curve, hides
     from dropper_jax.study.pictures import marks, title
 
     state = int(np.argmax(np.max(found.maximum_tension, axis=1)))
@@ -136,10 +139,13 @@ def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
     with style.plot_style():
         figure = style.new_figure(7.0, 4.4)
         axes = figure.subplots()
-        # the six ends with the largest deviations
+        # the six ends with the largest deviations; one that coincides with an earlier one is dashed and without marks
+        curves: list[Curve] = []
         for i, end in enumerate(np.argsort(-found.tension_deviation[state])[:6]):
             line, point = found.ends[end]
-            axes.plot(omega, tension[:, end] / 1e6, label=f"{line} at {point}", **marks(i))
+            curves.append(Curve(f"{line} at {point}", omega, tension[:, end] / 1e6))
+            twin = {"ls": DASHES, "marker": ""} if hides(curves, i) else {}
+            axes.plot(omega, curves[i].values, label=curves[i].name, **{**marks(i), **twin})
         axes.set(xlabel="frequency [rad/s]", ylabel="spectrum of the tension [kN$^2$ s/rad]", ylim=(0.0, None))
         figure.legend(loc="outside right upper")
         hs, tp = found.sea_states[state]

@@ -18,7 +18,7 @@ help = "restoring force and tension over the horizontal offset of fixed points, 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "offset paper-case-4 --points anchor --direction 180 --distance 0:2:0.5",
+        "offset platform-longline --points platform --distance 0:2:0.5",
         "offset edulis-longline --points east-danforth,east-gravity --direction 0:360:30 --distance 0:5:0.5",
     )
     add_scene(parser)
@@ -82,7 +82,7 @@ def _text(rows: list[dict[str, Any]]) -> str:
         if row["status"] == "ok":
             loads = (row["restoring_n"], row["transverse_n"], row["force_n"][2])
             numbers = (*loads, row["end_tension_n"], row["max_tension_n"])
-            values += [*(f"{value:.5g}" for value in numbers), row["max_line"]]
+            values += [*(f"{round(value, 6) + 0.0:.5g}" for value in numbers), row["max_line"]]
         lines.append((*values, *["-"] * (len(lines[0]) - len(values))))
     note = "force of the lines on the displaced points together: against the offset, to the left of it, upwards"
     return f"{table(lines)}\n{note}"

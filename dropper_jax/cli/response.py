@@ -12,13 +12,13 @@ from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_sce
 from dropper_jax.cli.output import done_object, progress, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
-help = "mean shift, amplitude and phase of the first link in regular waves, over their period"
+help = "mean, amplitude and phase of the first link's angle in regular waves of several periods"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "response wet-pendulum-wave --periods 2:6:9",
+        "response wet-pendulum-wave --periods 2.4:3.6:4",
         "response wet-pendulum-wave --periods 2:6:9 --plot response.png",
     )
     add_scene(parser)
@@ -62,9 +62,13 @@ def _periods(text: str) -> np.ndarray:
 
 
 def _text(rows: list[dict[str, Any]]) -> str:
-    lines = [("period [s]", "mean [rad]", "amplitude [rad]", "phase [rad]", "wet", "of +10 % waves")]
+    lines = [("period [s]", "mean [rad]", "amplitude [rad]", "phase [rad]", "wet", "in waves 10 % higher")]
     for row in rows:
         more = row.get("amplitude_10_percent_more")
         values = (row["period_s"], row["mean_rad"], row["amplitude_rad"], row["phase_rad"], row["wet"])
         lines.append((*(f"{value:.4g}" for value in values), "-" if more is None else f"{100 * more:+.1f} %"))
-    return table(lines)
+    note = (
+        "angle of the first link from the vertical in the plane of the waves; phase ahead of the elevation at its "
+        "fixed point\nwet: mean wet fraction of the far end; last column: change of the amplitude"
+    )
+    return f"{table(lines)}\n{note}"

@@ -277,8 +277,8 @@ def _errors(solution: Solution) -> list[str]:
     if found is None:
         return []
     kept = sorted(found["loads"], key=lambda row: -row["maximum"]["value"])[:MOST_LINES]
-    names = {"mean": "mean", "deviation": "deviation", "window_maximum": "wave maxima", "maximum": "largest"}
-    rows = [("load [N]", "at [m]", *names.values(), "snaps")]
+    names = {"mean": "mean", "deviation": "deviation", "window_maximum": "maxima in waves", "maximum": "maximum"}
+    rows = [("line, loads [N]", "at [m]", *names.values(), "snaps")]
     for row in kept:
         loads = [f"{row[name]['value']:.4g} +- {row[name]['error']:.2g}" for name in names]
         snaps = f"{row['snaps']['value']:.0f} +- {row['snaps']['error']:.0f}"
@@ -289,8 +289,11 @@ def _errors(solution: Solution) -> list[str]:
 def _about_errors(found: dict[str, Any], reported: list[dict[str, Any]]) -> list[str]:
     """Sources of the errors, and other influences on the loads."""
     worst = reported[0]["maximum"]
-    of_links = "not known" if worst["links"] is None else f"{worst['links']:.2g} N"
-    lines = [f"errors of step and links together; in the maximum load {worst['step']:.2g} N and {of_links}"]
+    of_links = "links not known" if worst["links"] is None else f"{worst['links']:.2g} N by the links"
+    lines = [
+        f"+-: limit of the errors of step and links together; of the maximum load {worst['step']:.2g} N by the step, "
+        f"{of_links}"
+    ]
     if worst["chance"] is not None:
         lines.append(f"scatter: another storm of this length changes the maximum load by about {worst['chance']:.2g} N")
     lines += [

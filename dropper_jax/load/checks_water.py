@@ -109,14 +109,14 @@ def _check_shelter(scene: SceneData) -> list[str]:
         return []
     starts = np.cumsum([0, *(line.links for line in scene.lines)])[:-1]
     each = np.asarray(factor, float)[starts]
-    least = int(np.argmin(each))
-    kind = scene.lines[least].links, scene.lines[least].total
-    alike = [i for i, line in enumerate(scene.lines) if (line.links, line.total) == kind and each[i] > each[least]]
+    weakest = int(np.argmin(each))
+    kind = scene.lines[weakest].links, scene.lines[weakest].total
+    alike = [i for i, line in enumerate(scene.lines) if (line.links, line.total) == kind and each[i] > each[weakest]]
     if not alike:
         return []
     first, last = (
         np.mean([scene.point(p).position for p in (scene.lines[i].start, scene.lines[i].end)], axis=0)
-        for i in (max(alike, key=lambda i: each[i]), least)
+        for i in (max(alike, key=lambda i: each[i]), weakest)
     )
     way = last[:2] - first[:2]
     size = float(np.hypot(*way))
@@ -125,7 +125,7 @@ def _check_shelter(scene: SceneData) -> list[str]:
     if size == 0.0 or along > 0.5 * size:
         return []
     return [
-        f"line.shelter: the factors decrease towards {scene.lines[least].name!r}, but the current flows at "
+        f"line.shelter: the factors decrease towards {scene.lines[weakest].name!r}, but the current flows at "
         f"{np.degrees(current.direction):.4g} degrees from x; they do not turn with it"
     ]
 

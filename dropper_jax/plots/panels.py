@@ -30,17 +30,17 @@ def traces(
     what: str,
     t: np.ndarray,
     columns: Columns,
-    least: float = 0.0,
+    threshold: float = 0.0,
     centred: bool = False,
 ) -> Path:
     """Quantities (label with unit, values (k, n)) against time (k,): a row per link, a column per quantity.
 
-    The time axis spans the run for all quantities. Links whose values change by at most `least` have no panel, but are
-    listed. If no link changes, the values are drawn along the links. `centred`: a map of many links shows the deviation
-    from their means, since the means differ by more than the motion.
+    The time axis spans the run for all quantities. Links whose values change by at most `threshold` have no panel, but
+    are listed. If no link changes, the values are drawn along the links. `centred`: a map of many links shows the
+    deviation from their means, since the means differ by more than the motion.
     """
     links = columns[0][1].shape[1]
-    kept = np.flatnonzero(changing([values for _, values in columns], least))
+    kept = np.flatnonzero(changing([values for _, values in columns], threshold))
     if len(t) > 1 and not len(kept):
         figure = _along(columns, run)
         what = f"{what}, from start to end"

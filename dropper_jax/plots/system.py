@@ -94,7 +94,7 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
     for z in ([] if run.scene.sea is None else [0.0]) + ([] if bed is None else [float(bed[0])]):
         if low[2] - near <= z <= high[2] + near:
             shown.append(np.array([[middle[0], middle[1], z]]))
-    return view.box(np.concatenate(shown), least=0.25)
+    return view.box(np.concatenate(shown), min_ratio=0.25)
 
 
 def held_positions(run: Run, positions: np.ndarray, nodes: np.ndarray) -> np.ndarray:

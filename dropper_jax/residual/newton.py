@@ -41,7 +41,7 @@ def newton(
     # if many iterations are allowed they stop at this fraction of the tolerance, at rounding, to conserve energy
     enough = 1e-5 * limit
 
-    def unfinished(now: tuple[Any, ...]) -> jax.Array:
+    def needs_correction(now: tuple[Any, ...]) -> jax.Array:
         _, _, _, done, count = now
         return ~done & (count < iterations)
 
@@ -57,7 +57,7 @@ def newton(
     # A good guess is corrected as well: its error would otherwise accumulate over the steps. Under `vmap` a loop ends
     # with its slowest member, whereas a `scan` of conditions would correct every member `iterations` times.
     start = u, rows, norm(rows, scale), jnp.zeros((), bool), jnp.zeros((), jnp.int32)
-    u, _, size, _, _ = jax.lax.while_loop(unfinished, correct, start)
+    u, _, size, _, _ = jax.lax.while_loop(needs_correction, correct, start)
     return u, size
 
 

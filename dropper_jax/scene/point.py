@@ -169,17 +169,17 @@ class AnchorSpec:
                 f"{path}.depths: has {len(self.depths)} entries; allowed: one for each entry of `plates`, >= 1"
             )
         if self.depths[0] < SCREW_DEPTH * self.plates[0]:
-            least = SCREW_DEPTH * self.plates[0]
+            depth = SCREW_DEPTH * self.plates[0]
             raise SceneError(
                 f"{path}.depths.0: {self.depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
-                f"{least:g} m, 5 diameters"
+                f"{depth:g} m, 5 diameters"
             )
         for i in range(1, len(self.plates)):
-            least = SPACING * max(self.plates[i - 1], self.plates[i])
-            if self.depths[i] - self.depths[i - 1] < least * (1.0 - 1e-9):
+            spacing = SPACING * max(self.plates[i - 1], self.plates[i])
+            if self.depths[i] - self.depths[i - 1] < spacing * (1.0 - 1e-9):
                 raise SceneError(
                     f"{path}.depths.{i}: {self.depths[i]:g} m is less than 3 diameters below the plate above; allowed: "
-                    f">= {self.depths[i - 1] + least:g} m"
+                    f">= {self.depths[i - 1] + spacing:g} m"
                 )
         if (self.strength is None) == (self.friction_angle is None):
             raise SceneError(f"{path}: kind 'screw' takes `strength` (clay) or `friction_angle` (sand), one of them")

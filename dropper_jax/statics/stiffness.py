@@ -68,7 +68,7 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: ja
     model = rest(model)
     asked = _resolve_names(model, names)
     matrix = _of_bodies(model, pose, loads) if model.constraints else stiffness_with_held(model, pose, loads)
-    whole = _condensed(model, pose, loads, matrix, _numbers(model, asked))
+    whole = _condense(model, pose, loads, matrix, _numbers(model, asked))
     freedoms = tuple(
         f"{name}.{axis}" for name, (kind, _) in asked.items() for axis in (BODY if kind == "body" else POINT)
     )
@@ -166,7 +166,7 @@ def _numbers(model: Model, asked: dict[str, tuple[str, int]]) -> np.ndarray:
     return np.concatenate([np.zeros(0, int), *each])
 
 
-def _condensed(model: Model, pose: State, loads: jax.Array, matrix: csc_array, picked: np.ndarray) -> np.ndarray:
+def _condense(model: Model, pose: State, loads: jax.Array, matrix: csc_array, picked: np.ndarray) -> np.ndarray:
     """K of some degrees of freedom, all other free ones in equilibrium, fixed points at rest."""
     others = np.setdiff1d(np.arange(matrix.shape[0] - 3 * model.geometry.ends), picked)
     rows, inner = matrix[picked], matrix[others]

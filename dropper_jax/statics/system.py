@@ -192,7 +192,7 @@ def descend(
     s = balanced(model, s, loads)
     first = jnp.max(jnp.abs(moves.rows(s, loads, moves.none)), initial=0.0) / scale
 
-    def unfinished(carry: tuple[Any, ...]) -> jax.Array:
+    def needs_correction(carry: tuple[Any, ...]) -> jax.Array:
         _, size, _, reached, count, (_, least) = carry
         # maximum number of iterations without an improvement over the guess
         hopeless = (count > 500) & ~(least < first)
@@ -207,7 +207,7 @@ def descend(
 
     none = jnp.zeros((), jnp.int32)
     start = s, first, jnp.asarray(kappa, s.r.dtype), none, none, (s, first)
-    return jax.lax.while_loop(unfinished, correct, start)[-1]
+    return jax.lax.while_loop(needs_correction, correct, start)[-1]
 
 
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
@@ -242,8 +242,8 @@ def springy(model: Model) -> Model:
     return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape)))
 
 
-def describe_unbalance(model: Model, s: State, loads: jax.Array, residual: float, sought: str) -> str:
-    """The node with the maximum unbalanced force after a failed search; `sought` describes the extent of the search."""
+def describe_unbalance(model: Model, s: State, loads: jax.Array, residual: float, extent: str) -> str:
+    """The node with the maximum unbalanced force after a failed search; `extent` describes the extent of the search."""
     if model.constraints:
         return f"no equilibrium of lines and bodies found: maximum scaled unbalanced force {residual:.1e}"
     rows = np.asarray(RestProblem(model, s, loads).residual(Unknowns(jnp.zeros_like(s.r), s.tension)).x)
@@ -252,6 +252,6 @@ def describe_unbalance(model: Model, s: State, loads: jax.Array, residual: float
     force = ", ".join(f"{x:.3g}" for x in rows[node])
     position = ", ".join(f"{x:.4g}" for x in np.asarray(s.r[node]))
     return (
-        f"no equilibrium found {sought}: maximum scaled unbalanced force {residual:.1e}, "
+        f"no equilibrium found {extent}: maximum scaled unbalanced force {residual:.1e}, "
         f"{name_of(model, node)} at ({position}) m has ({force}) N"
     )

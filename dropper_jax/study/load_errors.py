@@ -89,8 +89,7 @@ def _halve_value(value: Plain, parts: int) -> Plain:
 
 
 #: Loads of each line: mean and standard deviation in time of the link with the maximum tension [N], mean of the maxima
-#: in
-#: windows of a wave [N], maximum and minimum [N], number of snaps.
+#: in windows of a wave [N], maximum and minimum [N], number of snaps.
 QUANTITIES = ("mean", "deviation", "window_maximum", "maximum", "minimum", "snaps")
 #: Steps of the runs relative to that of the scene.
 FINER = (1, 2, 4)

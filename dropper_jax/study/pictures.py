@@ -105,7 +105,7 @@ def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Pa
         panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     panels[-1].set_xlabel("period of the waves [s]")
     figure.align_ylabels()
-    title(figure, f"{name}: first link in regular waves")
+    title(figure, f"{name}: angle of the first link in regular waves")
     return style.save(figure, path)
 
 

@@ -221,10 +221,10 @@ def _bed_grid(run: Run) -> dict[str, Any] | None:
     return {"points": bed_points, "x": x.tolist(), "y": y.tolist(), "z": z.ravel().tolist()}
 
 
-def _round_step(least: float) -> float:
-    """The smallest number of the series 1, 2, 5 times a power of ten that is not below `least`."""
-    power = 10.0 ** np.floor(np.log10(least))
-    return float(next(n * power for n in (1, 2, 5, 10) if n * power >= least * (1 - 1e-9)))
+def _round_step(lower: float) -> float:
+    """The smallest number of the series 1, 2, 5 times a power of ten that is not below `lower`."""
+    power = 10.0 ** np.floor(np.log10(lower))
+    return float(next(n * power for n in (1, 2, 5, 10) if n * power >= lower * (1 - 1e-9)))
 
 
 def _diameter(solution: Solution) -> list[float] | None:

@@ -186,7 +186,7 @@ def rows(found: Sequence[Planned]) -> list[tuple[str, ...]]:
             "release",
             "duration [s]",
             "noise [rad]",
-            *(f"error of {name}" for name in names),
+            *(f"standard error of {name.removeprefix('effects.')}" for name in names),
             "gap weight",
             "times the best",
         )

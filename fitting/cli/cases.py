@@ -17,7 +17,7 @@ help = "run the load cases of a site and report the utilisation of each part"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "cases site.toml --list",
+        "cases small-longline --list",
         "cases site.toml --out results --workers 2",
     )
     parser.add_argument("site", metavar="SITE.toml", help="the site: scene, sea states, parts; or a packaged one")

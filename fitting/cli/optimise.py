@@ -19,7 +19,7 @@ help = "design a farm: minimum material, load or motion within a site's limits"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "optimise site.toml --check",
+        "optimise small-longline --check",
         "optimise site.toml --state search.json --plot design",
     )
     parser.add_argument("site", metavar="SITE.toml", help="the site, with [[variable]] and [objective]")

@@ -49,7 +49,9 @@ def run(args: argparse.Namespace) -> int:
         rate=_numbers("rate", args.rate)[0],
         progress=progress(args.quiet) or silent,
     )
-    return deliver(args.json, {"status": "ok", "plans": [row.to_json() for row in found]}, table(rows(found)), out)
+    note = "standard errors in the parameters' units; times the best: their geometric mean relative to the first row"
+    text = f"{table(rows(found))}\n{note}"
+    return deliver(args.json, {"status": "ok", "plans": [row.to_json() for row in found]}, text, out)
 
 
 def _numbers(option: str, text: str) -> list[float]:

@@ -15,7 +15,7 @@ help = "floats that carry the mussels of each month, and the resulting farm geom
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "season site.toml --report season",
+        "season exposed-bay --report season",
         "season site.toml --plot floats.png",
     )
     parser.add_argument("site", metavar="SITE.toml", help="the site, with [season] and [[growth]]")

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
         "track my-video.mp4 --nodes 8 --overlay check.png --out traces.csv",
-        "track my-video.mp4 --nodes 8 --calibration board-1.jpg board-2.jpg --plane plane.jpg --square 0.025",
+        "track my-video.mp4 --nodes 8 --calibration board-*.jpg --plane plane.jpg --square 0.025",
     )
     parser.add_argument("video", metavar="VIDEO", help="a format that OpenCV reads: MP4, AVI, MOV, ...")
     parser.add_argument(
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X,Y",
         help="positions of all nodes in the first frame [pixel], in order",
     )
-    parser.add_argument("--fps", type=number, help="frames per second, if the file is wrong")
+    parser.add_argument("--fps", type=number, help="frames per second, if those of the file are wrong")
     parser.add_argument(
         "--from", dest="begin", type=number, default=0.0, metavar="T", help="use the video from here [s]"
     )

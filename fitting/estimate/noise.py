@@ -87,7 +87,7 @@ def rates(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
     return np.where(windows.weight > 0, found, 0.0)
 
 
-def whitened(windows: Windows, e: Evaluation) -> Evaluation:
+def whiten(windows: Windows, e: Evaluation) -> Evaluation:
     """The evaluation with residuals and derivatives of unit and independent noise."""
     if windows.decay is not None:
         before, phi, size = _memory(windows)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.noise import Noise, correlates, lag_one, whitened
+from fitting.estimate.noise import Noise, correlates, lag_one, whiten
 from fitting.estimate.normal_equations import Evaluation, Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
@@ -248,7 +248,7 @@ class Problem(Residuals):
 
     def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:
         """All windows at parameter values (k,) and starts, residuals and derivatives in units of independent noise."""
-        return whitened(self.windows, self.simulator(values, starts, self.windows))
+        return whiten(self.windows, self.simulator(values, starts, self.windows))
 
     def prior(self, values: np.ndarray) -> Prior:
         """Contribution of the priors and the poses at rest."""

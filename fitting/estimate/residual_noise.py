@@ -22,7 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.estimate.noise import WHITE, Noise, correlates, lag_one, log_volume, rates, whitened
+from fitting.estimate.noise import WHITE, Noise, correlates, lag_one, log_volume, rates, whiten
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.sandwich import leverage, start_covariances
@@ -65,7 +65,7 @@ class ResidualNoiseModel:
         problem = replace(self.solution.problem, windows=windows, noise=noise)
         if problem.rest is not None:
             problem = replace(problem, rest=problem.rest.with_noise(noise, problem.simulator, self.solution.values))
-        return pose_again(self.solution, problem, whitened(windows, e))
+        return pose_again(self.solution, problem, whiten(windows, e))
 
     def fixed_point(self, noise: Noise, rounds: int = 3) -> tuple[Noise, Solution]:
         """The noise with its sizes at their fixed point, or near it."""
@@ -131,7 +131,7 @@ class ResidualNoiseModel:
         known = windows.weight > 0
         ratio = np.where(known, windows.weight / np.where(known, self.claimed.weight, 1.0), 0.0)
         nothing = np.zeros((*ratio.shape, 0))
-        left = whitened(windows, self.raw._replace(residual=self.raw.residual * ratio, jacobian=nothing)).residual
+        left = whiten(windows, self.raw._replace(residual=self.raw.residual * ratio, jacobian=nothing)).residual
         return lag_one(left, known)[0]
 
     def _neighbours(self, point: Solution) -> tuple[np.ndarray, np.ndarray]:

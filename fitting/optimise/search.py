@@ -200,16 +200,16 @@ def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say:
 
 
 def measure(
-    search: Search, design: Design, say: Say, foretold: Values | None = None
+    search: Search, design: Design, say: Say, predicted: Values | None = None
 ) -> tuple[tuple[Window, ...], Values, list[Storms]]:
     """Update the windows and compute the constraints by whole runs; the best design so far is stored.
 
     Args:
-        foretold: values of this design with the previous windows and factors, for the residual.
+        predicted: values of this design with the previous windows and factors, for the residual.
     """
     windows, full = design.renew_windows(search.x, say)
     found = design.measure_full_runs(search.x, full)
-    search.residual = None if foretold is None else float(np.max(np.abs(foretold.value - found.value), initial=0.0))
+    search.residual = None if predicted is None else float(np.max(np.abs(predicted.value - found.value), initial=0.0))
     row = {"round": search.round, "objective": found.objective, "worst": found.worst, "whole": True}
     row |= {"residual": search.residual}
     search.history.append({**row, "values": search.x.tolist()})

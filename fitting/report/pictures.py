@@ -21,7 +21,7 @@ from fitting.estimate.problem import Solution
 MOST_LINKS_DRAWN = 9
 
 
-def fitted(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def fit_over_trace(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times (m,), measured and simulated angles (m, n) [rad] and which are measured, of one run's windows in order."""
     return _in_order(result.solution, run)
 
@@ -73,7 +73,7 @@ def _rows(result: FitResult, what: str, height: float = 1.3) -> tuple[Figure, np
 def traces(result: FitResult, run: int) -> Figure:
     """Measured angles and the fit, per link [rad from the horizontal]."""
     figure, axes, links = _rows(result, f"{result.traces[run].name}: traces and fit [rad from the horizontal]")
-    t, measured, simulated, _ = fitted(result, run)
+    t, measured, simulated, _ = fit_over_trace(result, run)
     # each stretch starts from its own angles, with the parameters of the fit
     held = [_in_order(h.solution, run) for h in result.held_out if (h.windows.run == run).any()]
     for j in range(links):
@@ -92,7 +92,7 @@ def traces(result: FitResult, run: int) -> Figure:
 def residuals(result: FitResult, run: int) -> Figure:
     """Measured minus fitted angles, per link [rad]; the band is twice their standard deviation."""
     figure, axes, links = _rows(result, f"{result.traces[run].name}: residuals [rad]", 1.0)
-    t, measured, simulated, _ = fitted(result, run)
+    t, measured, simulated, _ = fit_over_trace(result, run)
     rest = measured - simulated
     deviation = np.nanstd(rest)
     for j in range(links):
@@ -110,7 +110,7 @@ def residuals(result: FitResult, run: int) -> Figure:
 def spectra(result: FitResult, run: int) -> Figure:
     """Amplitude spectra of measured and fitted angles, per link [rad], of the longest stretch without a gap."""
     figure, axes, links = _rows(result, f"{result.traces[run].name}: amplitude spectra [rad]")
-    t, measured, simulated, _ = fitted(result, run)
+    t, measured, simulated, _ = fit_over_trace(result, run)
     longest = max(stretches(t), key=lambda part: part.stop - part.start)
     t, measured, simulated = t[longest], measured[longest], simulated[longest]
     grid = np.linspace(t[0], t[-1], len(t))
@@ -130,7 +130,7 @@ def spectra(result: FitResult, run: int) -> Figure:
 @_with_style
 def phase_space(result: FitResult, run: int) -> Figure:
     """Rate over angle of every link, measured (differences) and fitted."""
-    t, measured, simulated, _ = fitted(result, run)
+    t, measured, simulated, _ = fit_over_trace(result, run)
     links = min(measured.shape[1], MOST_LINKS_DRAWN)
     columns = min(links, 4)
     figure = style.new_figure(max(2.6 * columns + 0.6, 5.4), 2.5 * -(-links // columns) + 0.8)

@@ -21,7 +21,7 @@ from fitting.calibration.fit import fit
 from fitting.calibration.one_run import OneRun, check_energy, one_run
 from fitting.calibration.result import FitResult
 from fitting.parameters.of_scene import fitted_scene
-from fitting.report.pictures import MOST_LINKS_DRAWN, PICTURES, descent, fitted
+from fitting.report.pictures import MOST_LINKS_DRAWN, PICTURES, descent, fit_over_trace
 from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 from fitting.traces.synthetic import Camera, synthetic_traces
 from fitting.traces.trace import Trace, write_trace
@@ -122,7 +122,7 @@ def part_rows(result: FitResult) -> list[tuple[str, ...]]:
     links = result.windows.theta.shape[2]
     rows = [("run", "part", *(f"link {j + 1}" for j in range(links)), "all")]
     for run, trace in fitted_runs(result):
-        t, measured, simulated, _ = fitted(result, run)
+        t, measured, simulated, _ = fit_over_trace(result, run)
         for name, low, high in TRACE_PARTS:
             inside = (t >= low) & (t < high)
             if not inside.any():

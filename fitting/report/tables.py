@@ -116,13 +116,13 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
 
 def comparison_rows(laws: Sequence[Law]) -> list[tuple[str, ...]]:
     """The table as text."""
-    least = min(law.bic for law in laws)
+    lowest = min(law.bic for law in laws)
     rows = [
-        ("law", "coefficients", "rms [rad]", "held out [rad]", "+- to best", "log score", "share", "BIC - least", "")
+        ("law", "coefficients", "rms [rad]", "held out [rad]", "+- to best", "log score", "share", "BIC - minimum", "")
     ]
     for law in laws:
         numbers = (f"{law.rms:.4g}", f"{law.held_out:.4g}", f"{law.held_out_error:.2g}")
-        scores = (f"{law.score:.1f} +- {law.score_error:.1f}", f"{law.share:.0%}", f"{law.bic - least:.1f}")
+        scores = (f"{law.score:.1f} +- {law.score_error:.1f}", f"{law.share:.0%}", f"{law.bic - lowest:.1f}")
         name = " = ".join((law.name, *law.equals))
         note = "<- simplest possible" if law.chosen else "possible" if law.possible else law.refuted
         rows.append((name, str(law.coefficients), *numbers, *scores, note))

@@ -299,7 +299,7 @@ def global_indices(
 def local_text(found: Local) -> str:
     """Derivatives as text, the largest first, and their range of validity."""
     order = np.argsort(-np.abs(found.scaled if np.isfinite(found.scaled).all() else found.forward))
-    head = ["parameter", "value", "dQ/dp", "p/Q dQ/dp"]
+    head = ["parameter p", "value", f"dQ/dp [{found.unit} per unit of p]", "p/Q dQ/dp [% per %]"]
     windowed = not found.trusted
     rows = [head + (["window mean", "std error"] if windowed else [])]
     for i in order:
@@ -311,14 +311,14 @@ def local_text(found: Local) -> str:
         ]
         rows.append(row + ([f"{found.window_mean[i]:.5g}", f"{found.window_error[i]:.2g}"] if windowed else []))
     trust = (
-        "the whole run"
+        "over the whole run"
         if found.trusted
         else f"up to {found.horizon:.3g} s only: beyond, small changes grow more than 100 times"
     )
     rate = "" if found.exponent is None else f" (growth rate {found.exponent:.2g} per s)"
     pairs = [
-        ("quantity", f"{found.of} = {found.value:.6g} {found.unit} over {found.duration:g} s"),
-        ("trust", f"{trust}{rate}"),
+        ("quantity Q", f"{found.of} = {found.value:.6g} {found.unit} over {found.duration:g} s"),
+        ("derivatives valid", f"{trust}{rate}"),
     ]
     if found.mismatch is not None:
         pairs.append(("modes", f"forward and reverse differ by {found.mismatch:.1e}"))

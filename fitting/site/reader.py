@@ -145,8 +145,9 @@ def site_text(source: str | Path) -> bytes:
     try:
         return file.read_bytes()
     except OSError as error:
-        hint = "" if file.suffix else f"; {nearest(str(source), packaged)}"
-        raise SceneError(f"site: cannot read {str(file)!r}: {error.strerror or error}{hint}") from None
+        example = f"`dropper cases small-longline --print > {file}` writes one to edit"
+        hint = example if file.suffix else nearest(str(source), packaged)
+        raise SceneError(f"site: cannot read {str(file)!r}: {error.strerror or error}; {hint}") from None
 
 
 def _scene(table: Mapping[str, Any], folder: Path) -> Scene:

@@ -165,13 +165,13 @@ def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:
 def _remote(plan: Plan, todo: list[int], scheduler: Scheduler, recorded: Fallbacks) -> Iterator[tuple[int, Found]]:
     """Results in the order in which the workers of a cluster finish, from the first one, which had to be compiled."""
 
-    def finished() -> Iterator[tuple[int, Found]]:
+    def results_of_chunks() -> Iterator[tuple[int, Found]]:
         identity = json.dumps(plan.identity())
         for i, (found, fallbacks) in done_on(scheduler, run_chunk, [(identity, chunk) for chunk in todo]):
             recorded.join(fallbacks)
             yield todo[i], found
 
-    results = finished()
+    results = results_of_chunks()
     return chain([next(results)], results)
 
 

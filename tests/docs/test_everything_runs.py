@@ -27,7 +27,9 @@ SHORTER = {
     "accuracy": "--quick --integrators energy_momentum rattle --dts 0.02 0.01 --span 0.2 --quiet",
     "demo": "",
     "fit": "--method windows --until 2.0 --quiet",
+    "frequency": "--frequencies 8",
     "new": "--force",
+    "offset": "--direction 0 --distance 0:1:0.5 --quiet",
     "plan": "--duration 1 --quiet",
     "response": "--no-higher-waves --quiet",
     "run": "--duration 0.3 --quiet",
@@ -122,6 +124,7 @@ def workshop(tmp_path_factory):
         (folder / name).write_text(blocks(ROOT / "docs" / page, "toml")[0])
     (folder / "my_scene.toml").write_text((ROOT / "dropper_jax/data/scenes/dropper-release-a.toml").read_text())
     (folder / "my-longline.toml").write_text(template("longline"))
+    (folder / "states.csv").write_text(next(text for text in blocks(ROOT / "docs/frequency.md", "") if "hs,tp" in text))
     (folder / "SITE.toml").write_bytes(site_text("exposed-bay"))
     long = dj.simulate("paper-case-1", duration=80.0, dt=0.05)
     short = dj.simulate("paper-case-1", duration=1.0, dt=0.05)

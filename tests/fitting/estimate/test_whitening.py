@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fitting.estimate.loss import Huber, LeastSquares
-from fitting.estimate.noise import log_volume, whitened
+from fitting.estimate.noise import log_volume, whiten
 from fitting.estimate.normal_equations import Evaluation, Factor
 from fitting.estimate.sandwich import Pieces, memory, resample
 from fitting.estimate.windows import Windows
@@ -38,7 +38,7 @@ def evaluated(windows, seed=1):
 def check(windows, covariance):
     """Against the dense covariance of all samples in units of their deviation, in the order of the array."""
     e, known = evaluated(windows), (windows.weight > 0).ravel()
-    u = whitened(windows, e)
+    u = whiten(windows, e)
     r, J = e.residual.ravel()[known], e.jacobian.reshape(-1, 3)[known]
     exact = np.linalg.inv(covariance[np.ix_(known, known)])
     v, K = u.residual.ravel(), u.jacobian.reshape(-1, 3)
@@ -76,7 +76,7 @@ def test_windows_in_a_row_tell_no_more_of_a_constant_than_the_run_they_were_cut_
         np.tile(np.arange(SLOTS), (count, 1)), np.zeros((count, SLOTS)), STEP, SLOTS, np.zeros(count, bool),
         decay=decay,
     )  # fmt: skip
-    u = whitened(row, Evaluation(None, np.ones(shape), np.ones((*shape, 1)), *[None] * 5)).residual
+    u = whiten(row, Evaluation(None, np.ones(shape), np.ones((*shape, 1)), *[None] * 5)).residual
     place = np.arange(count * SLOTS)
     exact = np.linalg.inv(phi ** np.abs(place[:, None] - place[None])).sum()
     assert np.sum(u**2) == pytest.approx(exact, rel=0.01)

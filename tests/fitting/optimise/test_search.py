@@ -26,7 +26,7 @@ def test_the_residual_is_that_of_windows_before_they_are_renewed():
     assert search.residual is None
     assert search.best_residual is None
     search.best_objective = np.inf
-    measure(search, design, None, foretold=values(0.87, 0.51))
+    measure(search, design, None, predicted=values(0.87, 0.51))
     assert search.residual == pytest.approx(0.03)
     assert search.best_residual == pytest.approx(0.03)
     assert search.history[-1]["residual"] == pytest.approx(0.03)

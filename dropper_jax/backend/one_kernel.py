@@ -174,6 +174,8 @@ def _trace(f: Callable[..., R], values: list[jax.Array]) -> _Traced:
 
         values = [*outer, *values]
         program = jax.make_jaxpr(with_outer)(*values)
+    if getattr(program.jaxpr, "is_high", False):  # JAX 0.12: a search is an operation of its own
+        program = jax.jit(core.jaxpr_as_fun(program)).trace(*values).lojax.jaxpr
     return _Traced(program, values, jax.tree.structure(shape))
 
 
@@ -322,6 +324,7 @@ def in_force() -> bool:
 
 def _devices_started() -> bool:
     """Whether JAX has started its devices, after which it ignores new options."""
-    bridge = sys.modules.get("jax._src.xla_bridge")
-    is_started = getattr(bridge, "backends_are_initialized", None)
-    return bool(is_started()) if is_started else False
+    try:
+        return bool(sys.modules["jax._src.xla_bridge"].backends_are_initialized())
+    except (KeyError, AttributeError):
+        return False

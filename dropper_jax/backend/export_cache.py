@@ -244,6 +244,9 @@ def _lower_program(name: str, trace: Trace, values: Sequence[object]) -> jax.sta
         return jax.tree.unflatten(trace.tree, made.call(*jax.tree.leaves(values)))
 
     again.__name__ = fun_name
+    if jax.__version_info__ < (0, 10) and b"lapack" in trace.module:
+        # These versions load LAPACK where it is traced, not where a stored program calls it, which ends the process.
+        jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), float))
     return jax.jit(again).lower(*values)
 
 

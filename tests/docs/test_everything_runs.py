@@ -90,7 +90,8 @@ def words(line: str) -> list[str]:
     argv = [re.sub(r"^([\w.]+=[^:]+:[^:]+):\d+(:log)?$", r"\1:2\2", word) for word in argv]
     argv = [re.sub(r"^(\d[\d.]*:\d[\d.]*):\d+$", r"\1:2", word) for word in argv]
     argv = [name for word in argv for name in (sorted(glob.glob(word)) if "*" in word else [word])]
-    return argv + shlex.split(SHORTER.get(argv[0], ""))
+    shorter = SHORTER.get(argv[0], "")
+    return argv + shlex.split(shorter.replace("--method windows", "") if "--method" in argv else shorter)
 
 
 def test_what_is_run_elsewhere_is_there():

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 from study import Found, Rows, columns, markdown, percent, table_of
 
+from dropper_jax.load import library
+
 
 @table_of("sources")
 def sources_thesis(found: Found) -> Rows:
@@ -129,3 +131,29 @@ def cylinder_wake(found: Found) -> Rows:
         against("half-width over d", width["measured"], width["ours"], ".2f"),
         against(words, defect["from_measured_width"], defect["ours"], ".4f"),
     ]
+
+
+@table_of()
+def published_crops() -> Rows:
+    """Published values of crops, as `dropper library` has them."""
+    found = library.published_crops()
+    keys = ("mass", "outer_diameter", "cdn", "can", "EI")
+    head = ("published crop", "mass [kg/m]", "outer diameter [m]", "C_D", "C_A", "EI [N m2]", "source", "read")
+    cells = [["-" if crop[key] is None else f"{crop[key]:g}" for key in keys] for crop in found]
+    return [head, *((c["crop"], *row, c["source"], c["read"]) for c, row in zip(found, cells, strict=True))]
+
+
+@table_of("standards")
+def worked_standards(found: Found) -> Rows:
+    """Two worked examples: every number of the report's page with the edition and clause that it comes from."""
+    rows = [("example", "number in the report", "value", "edition, clause", "compared with")]
+    for name, example in found.items():
+        own = example["standard"]
+        pairs = "; ".join(f"waves of {waves}, current of {current} years" for waves, current in own["pairs"])
+        rows.append((f"`{name}`", "return periods", pairs, f"{own['edition']}, {own['clause']}", own["checked"]))
+        for part in example["parts"]:
+            value = "{factor:g} x {load_n:.0f} / {capacity_n:.0f} = {utilisation:.3f}".format(**part)
+            number = f"utilisation of {part['part']}: factor, load and capacity [N] ({part['case']})"
+            source = part["factors"]
+            rows.append(("", number, value, f"{source['edition']}, {source['clause']}", source["checked"]))
+    return rows

@@ -44,6 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax.analysis.angles import link_angles
     from dropper_jax.load.checks_system import body_warnings
+    from dropper_jax.run.bends import curvature
     from dropper_jax.run.build import equilibrium
     from dropper_jax.run.growth import floating_warnings
     from dropper_jax.run.resolution import check_stretch, pose_remarks
@@ -52,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
     found = equilibrium(scene)
     lines = line_slices(scene)
     angles = np.concatenate([np.stack(link_angles(found.positions[line.nodes]), axis=-1) for line in lines])
+    bent = curvature(scene, np.asarray(found.positions)[None])[0]
     failed = found.status != "ok"
     if not failed:
         check_stretch(scene, found.positions)
@@ -59,17 +61,20 @@ def run(args: argparse.Namespace) -> int:
     remarks = (*remarks, *floating_warnings(scene), *body_warnings(scene))
     print_warnings(remarks)
     if plot and not failed:
+        from dropper_jax.plots.panels import along_lines
         from dropper_jax.study.pictures import pose
 
         pose(scene, found, picture(plot, "pose"))
-    text = _text(lines, found, angles)
+        if plot.is_dir():
+            along_lines(scene, np.asarray(found.positions), np.asarray(found.tension), picture(plot, "along"))
+    text = _text(lines, found, angles, bent)
     if scene.branched and not failed:
         text += "\n" + _loads(scene, found)
     if not failed:
         last = f"ok: scaled residual {found.residual:.1e}"
         text += "\n" + "\n".join([_end_forces(scene, found), *weights_table(scene), last])
     failure = (found.status, f"{found.status}: {found.message}") if failed else None
-    return deliver(args.json, {**_object(scene, found, angles), "warnings": remarks}, text, out, failure)
+    return deliver(args.json, {**_object(scene, found, angles, bent), "warnings": remarks}, text, out, failure)
 
 
 def _tide(scene: Scene, args: argparse.Namespace, plot: Path | None, out: Path | None) -> int:
@@ -107,7 +112,7 @@ def _tide_text(found: dict[str, Any]) -> str:
     return f"{table(rows)}\n{note}"
 
 
-def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, Any]:
+def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> dict[str, Any]:
     from dropper_jax.run.growth import line_weights
     from dropper_jax.scene.data import held_loads, line_offsets
 
@@ -117,36 +122,47 @@ def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, A
         angles_rad=angles,
         positions_m=found.positions,
         tension_n=found.tension,
+        curvature_per_m=bent,
     )
     if found.status == "ok":
-        result |= {"end_forces_n": _forces(scene, found), "line_weights": line_weights(scene)}
+        result |= {**_ends(scene, found), "line_weights": line_weights(scene)}
     if scene.branched:
         result |= {"lines": line_offsets(scene), "held_load_n": held_loads(scene, found.positions, found.tension)}
     return result
 
 
-def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray) -> str:
+def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> str:
     parts = []
     for line in lines:
         if len(lines) > 1:
             parts.append(f"line {line.name}")
-        parts.append(_line_table(found.positions[line.nodes], found.tension[line.links], angles[line.links]))
+        nodes = found.positions[line.nodes], bent[line.nodes]
+        parts.append(_line_table(*nodes, found.tension[line.links], angles[line.links]))
     note = "angles and tension are those of the link that ends at the node; polar is 0 at the horizontal, down > 0"
     return "\n".join([*parts, note])
 
 
-def _forces(scene: Scene, found: Equilibrium) -> dict[str, dict[str, float]]:
-    """Force [N] of each line on its first and last point."""
-    from dropper_jax.run.growth import end_forces
+def _ends(scene: Scene, found: Equilibrium) -> dict[str, dict[str, dict[str, float]]]:
+    """Force [N] of each line on its first and last point, and the angle of its end links above the horizontal [deg]."""
+    from dropper_jax.run.growth import end_angles, end_forces
+    from dropper_jax.scene.data import whole_lines
 
-    forces = end_forces(scene, np.asarray(found.positions)[None], np.asarray(found.tension)[None])
-    return {name: dict(zip(("first", "last"), both[0].tolist(), strict=True)) for name, both in forces.items()}
+    pose = np.asarray(found.positions)[None], np.asarray(found.tension)[None]
+    each = {"end_forces_n": end_forces(scene, *pose), "end_angles_deg": end_angles(pose[0], whole_lines(scene))}
+    return {
+        key: {name: dict(zip(("first", "last"), both[0].tolist(), strict=True)) for name, both in values.items()}
+        for key, values in each.items()
+    }
 
 
 def _end_forces(scene: Scene, found: Equilibrium) -> str:
-    """Forces on the end points of lines, including the weight in water of the part of the end link at the point."""
-    rows = [("line", "force on first point [N]", "force on last point [N]")]
-    rows += [(name, f"{both['first']:.5g}", f"{both['last']:.5g}") for name, both in _forces(scene, found).items()]
+    """Forces on the end points of lines, including the weight in water of the part of the end link at the point, and
+    the angles of the end links above the horizontal."""
+    forces, angles = _ends(scene, found).values()
+    rows = [("line", "force on first point [N]", "angle up [deg]", "force on last point [N]", "angle up [deg]")]
+    for name, both in forces.items():
+        cells = ((f"{both[end]:.5g}", f"{angles[name][end] + 0.0:.2f}") for end in ("first", "last"))
+        rows.append((name, *(cell for pair in cells for cell in pair)))
     return table(rows)
 
 
@@ -162,10 +178,11 @@ def _loads(scene: Scene, found: Equilibrium) -> str:
     return table(rows)
 
 
-def _line_table(positions: np.ndarray, tension: np.ndarray, angles: np.ndarray) -> str:
-    rows = [("node", "x [m]", "y [m]", "z [m]", "polar [rad]", "azimuth [rad]", "tension [N]")]
+def _line_table(positions: np.ndarray, bent: np.ndarray, tension: np.ndarray, angles: np.ndarray) -> str:
+    heads = ("node", "x [m]", "y [m]", "z [m]", "curvature [1/m]", "polar [rad]", "azimuth [rad]", "tension [N]")
+    rows = [heads]
     for i, (x, y, z) in enumerate(positions):
         link = (*angles[i - 1], tension[i - 1]) if i else ()
-        cells = [f"{value:.5f}" for value in (x, y, z, *link)]
-        rows.append((str(i), *cells, *[""] * (6 - len(cells))))
+        cells = [f"{value:.5f}" for value in (x, y, z, bent[i], *link)]
+        rows.append((str(i), *cells, *[""] * (7 - len(cells))))
     return table(rows)

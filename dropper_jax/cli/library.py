@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from dropper_jax.load.library import FAMILIES, PREFIX, crop_values, part
+    from dropper_jax.load.library import FAMILIES, PREFIX, crop_values, part, published_crops
 
     if args.name is None:
         rows = [
@@ -36,9 +36,9 @@ def run(args: argparse.Namespace) -> int:
             {"family": name, "size": f.size, "unit": f.unit, "low": f.low, "high": f.high, "source": f.source}
             for name, f in FAMILIES.items()
         ]
-        return print_result(
-            args.json, done_object(parts=found, crops=crop_values()), f"{listing(rows)}\n\n{_crops(crop_values())}"
-        )
+        crops, published = crop_values(), published_crops()
+        text = f"{listing(rows)}\n\n{_crops(crops)}\n\n{_published(published)}"
+        return print_result(args.json, done_object(parts=found, crops=crops, published_crops=published), text)
     name = args.name.removeprefix(PREFIX)
     section, values = part(name)
     source = FAMILIES[name.rpartition("-")[0]].source
@@ -54,7 +54,22 @@ def run(args: argparse.Namespace) -> int:
 def _crops(crops: list[dict[str, Any]]) -> str:
     """The numbers of the crops; their sources are in the list above."""
     heads = ("mass [kg/m]", "in water [kg/m]", "displaced diameter [m]", "outer diameter [m]", "cdn", "can")
-    rows = [("crop", *heads, "spread")]
-    keys = ("mass_kg_per_m", "mass_in_water_kg_per_m", "diameter_m", "outer_diameter_m", "cdn", "can")
-    rows += [(crop["name"], *(f"{crop[key]:.4g}" for key in keys), crop["spread"]) for crop in crops]
-    return table(rows)
+    keys = ("mass_kg_per_m", "mass_in_water_kg_per_m", "diameter_m", "outer_diameter_m", "cdn", "can", "EI_n_m2")
+    rows = [("crop", *heads, "EI [N m^2]", "spread")]
+    return table([*rows, *((crop["name"], *_numbers(crop, keys), crop["spread"]) for crop in crops)])
+
+
+def _published(crops: list[dict[str, Any]]) -> str:
+    """Published values, numbered, and their sources."""
+    rows = [("published", "mass [kg/m]", "outer diameter [m]", "cdn", "can", "EI [N m^2]", "like")]
+    keys = ("mass", "outer_diameter", "cdn", "can", "EI")
+    rows += [(f"{i}. {crop['crop']}", *_numbers(crop, keys), crop["like"]) for i, crop in enumerate(crops, 1)]
+    sources = [
+        (f"{i}.", "; ".join(filter(None, (crop["source"], f"read: {crop['read']}", crop["conditions"]))))
+        for i, crop in enumerate(crops, 1)
+    ]
+    return f"{table(rows)}\n\n{listing(sources)}"
+
+
+def _numbers(row: dict[str, Any], keys: tuple[str, ...]) -> list[str]:
+    return ["-" if row[key] is None else f"{row[key]:.4g}" for key in keys]

@@ -187,7 +187,10 @@ def positive_integer(text: str) -> int:
 
 
 #: Signals and statistics of `dropper_jax.run.quantities`, which imports JAX.
-SIGNALS = ("tension", "anchor", "angle", "offset", "excursion", "depth", "x", "y", "z", "period", "energy")
+SIGNALS = (
+    *("tension", "anchor", "angle", "line", "curvature", "offset", "excursion", "depth", "x", "y", "z", "period"),
+    "energy",
+)
 STATISTICS = ("max", "min", "mean", "final", "start", "std", "fatigue", "peak")
 QUANTITY_HELP = (
     "SIGNAL[.WHERE].STATISTIC, such as tension.3.max, tension.west-leg.fairlead.max, anchor.west.horizontal.max or "

@@ -319,11 +319,13 @@ def _tensions(solution: Solution) -> list[str]:
     rows = [("tension of links [N]", "min", "mean", "max", "final")]
     for part, values in {**parts, "all links": whole["all"]}.items():
         rows.append((part, *(f"{round(value, 4) + 0.0:.4f}" for value in values.values())))
-    ends = [("force on end points [N]", "min", "mean", "max", "final")]
+    ends = [("force on end points [N]", "min", "mean", "max", "final", "angle up [deg]", "min", "max")]
+    angles = solution.end_angles()
     for name, both in solution.end_forces().items():
         if name in parts or not solution.scene.branched:
             for end, values in both.items():
-                ends.append((f"{name}, {end}", *(f"{round(value, 4) + 0.0:.4f}" for value in values.values())))
+                steep = (f"{angles[name][end][key] + 0.0:.2f}" for key in ("mean", "min", "max"))
+                ends.append((f"{name}, {end}", *(f"{round(value, 4) + 0.0:.4f}" for value in values.values()), *steep))
     more = [f"{left} more lines with lower maxima; use --json to see all"] if left else []
     return [table(rows), *more, "", table(ends), *weights_table(solution.scene)]
 

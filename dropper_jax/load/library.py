@@ -17,7 +17,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import tomllib
 from collections.abc import Callable
+from importlib import resources
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -56,6 +58,7 @@ class Family:
         source: sources of its numbers, and which of them are assumed.
         make: plain values for a size.
         spread: of a crop, how far its numbers scatter; empty for other parts.
+        EI: of a crop, the bending stiffness [N m^2] at its example size, which a scene takes with [effects.bending].
     """
 
     section: str
@@ -67,6 +70,7 @@ class Family:
     source: str
     make: Callable[[float], dict[str, Any]]
     spread: str = ""
+    EI: float | None = None
 
 
 def _chain(
@@ -163,7 +167,7 @@ def _sock(months: float) -> dict[str, Any]:
 
 
 def _dropper(mass: float) -> dict[str, Any]:
-    return {**_crop(mass, SOCK_DENSITY, 1.3, 0.02), "outer_diameter": 0.13}
+    return {**_crop(mass, SOCK_DENSITY, 1.3, 0.02), "outer_diameter": 0.13 * math.sqrt(mass / 7.53)}
 
 
 def _kelp(biomass: float) -> dict[str, Any]:
@@ -237,13 +241,16 @@ FAMILIES: dict[str, Family] = {
         "line_type",
         "mass",
         "kg/m",
+        4.46,
         7.53,
         7.53,
-        7.53,
-        "half-grown, live: 7.53 kg/m, outer diameter 0.13 m, drag 1.3 on it (Zhu et al. 2020), whose bending stiffness "
-        "0.79 N m^2 is for `EI` with [effects.bending]; 1300 kg/m^3, drag along, added mass, EA: assumed",
+        "half-grown, live: 7.53 kg/m, outer diameter 0.13 m, bending stiffness 0.79 N m^2 for `EI` with "
+        "[effects.bending], measured by Knysh et al. 2020; drag 1.3 and added mass 1.0 on the outer diameter, assumed "
+        "by Zhu et al. 2020, whose dropper of 4.46 kg/m and 0.10 m sets the law of the diameter; 1300 kg/m^3, drag "
+        "along, EA: assumed",
         _dropper,
-        "one dropper; none published with it",
+        "drag 1.3 assumed; 1.6 (from memory) and 3.9 published for live mussels",
+        0.79,
     ),
     "kelp": Family(
         "line_type",
@@ -289,7 +296,8 @@ def part(name: str) -> tuple[str, dict[str, Any]]:
 
 def crop_values() -> list[dict[str, Any]]:
     """Numbers of each crop at its example size: name, mass per metre in air and in sea water of 1025 kg/m^3, displaced
-    and outer diameter, drag and added mass coefficients across the outer one, source and spread."""
+    and outer diameter, drag and added mass coefficients across the outer one, bending stiffness (None: unknown), source
+    and spread."""
     found = []
     for family, kind in FAMILIES.items():
         if kind.spread:
@@ -305,11 +313,19 @@ def crop_values() -> list[dict[str, Any]]:
                     "outer_diameter_m": values.get("outer_diameter", values["diameter"]),
                     "cdn": values["cdn"],
                     "can": values["can"],
+                    "EI_n_m2": kind.EI,
                     "source": kind.source,
                     "spread": kind.spread,
                 }
             )
     return found
+
+
+def published_crops() -> list[dict[str, Any]]:
+    """Published values of crops, rows of `data/crops.toml`; None for a number that is not at hand."""
+    rows = tomllib.loads((resources.files("dropper_jax") / "data" / "crops.toml").read_text())["crop"]
+    keys = ("crop", "like", "mass", "outer_diameter", "cdn", "can", "EI", "source", "read", "conditions")
+    return [{key: row.get(key) for key in keys} for row in rows]
 
 
 def _split_name(name: str) -> tuple[str, float]:

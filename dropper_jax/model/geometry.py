@@ -148,6 +148,22 @@ class Geometry(ABC):
         ends = np.cumsum([0, *(m.links for m in self.members)])
         return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
 
+    def line_names(self) -> list[str]:
+        """Names of lines as specified, and of the pieces of those that are cut at points."""
+        names = [member.name for member in self.members]
+        stems = [name.rpartition("-")[0] for name in names if name.rpartition("-")[2].isdecimal()]
+        return list(dict.fromkeys(name for name in (*names, *stems) if name))
+
+    def line_links(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Numbers of the links of each line as specified; pieces `name-1`, `name-2` of a cut one belong to it."""
+        found: dict[str, list[np.ndarray]] = {name: [] for name in names}
+        for member, span in zip(self.members, self.spans, strict=True):
+            stem, _, piece = member.name.rpartition("-")
+            own = member.name if member.name in found else stem if piece.isdecimal() else member.name
+            if own in found:
+                found[own].append(np.arange(self.links)[span])
+        return {name: np.concatenate(parts) for name, parts in found.items()}
+
     @cached_property
     def previous_links(self) -> np.ndarray:
         """The link before each node inside a line; the one after it is the next."""

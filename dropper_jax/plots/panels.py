@@ -12,11 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import balance_drift
+from dropper_jax.load.scene import Scene
 from dropper_jax.plots import style
 from dropper_jax.plots.run import ANGLE, TENSION, Run, changing
 from dropper_jax.plots.series import Curve, Panel, history
 from dropper_jax.plots.style import force_unit
-from dropper_jax.run.bends import held_points, point_load
+from dropper_jax.run.bends import curvature, held_points, point_load
+from dropper_jax.scene import whole_lines
 
 #: Maximum number of links with a trace; more are drawn as a map over time and link (traces) or thinned out (grid).
 MOST = 12
@@ -217,6 +219,30 @@ def tension_traces(run: Run, path: str | Path) -> Path:
 
 #: Maximum number of curves in one panel.
 MOST_CURVES = 4
+
+
+@style.plot_style()
+def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: str | Path) -> Path:
+    """Tension [N or kN] and curvature [1/m] of a static pose over the arc length, of the lines with the most tension.
+
+    Args:
+        positions: all nodes (nodes, 3) [m]; tension: (n,) [N].
+    """
+    bent = curvature(scene, positions[None])[0]
+    bent[bent == 0.0] = np.nan  # ends, and points that cut a line
+    lines = sorted(whole_lines(scene), key=lambda line: -tension[line.links].max())
+    unit, size = force_unit(tension)
+    figure = style.new_figure(7.5, 4.8)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for i, (colour, line) in enumerate(zip(style.CYCLE, lines[: 2 * MOST_CURVES], strict=False)):
+        mark = {"marker": "o", "ms": 2.5, "color": colour, "ls": "--" if i % 2 else "-"}  # equal lines hide each other
+        arc = np.concatenate([[0.0], np.cumsum(line.spec.length)])
+        upper.plot(arc[1:] - 0.5 * line.spec.length, tension[line.links] / size, label=line.name, **mark)
+        lower.plot(arc, bent[line.nodes], **mark)
+    upper.set_ylabel(f"tension [{unit}]")
+    lower.set(xlabel="unstretched arc length [m]", ylabel="curvature [1/m]")
+    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
+    return style.save(figure, path)
 
 
 @style.with_style

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.report.record import Record, Settings, arc
 from dropper_jax.run.bends import point_load as line_load
 from dropper_jax.run.bends import positions_at
-from dropper_jax.run.growth import end_forces
+from dropper_jax.run.growth import end_angles, end_forces
 from dropper_jax.run.storage import extra
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
 
@@ -21,21 +21,20 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
     ratio of maximum tension to breaking load, without and with the safety factor.
     """
     at_tension = positions_at(record.t, record.positions, record.t_tension)
-    forces = end_forces(record.scene, at_tension, record.tension)
+    forces, angles = end_forces(record.scene, at_tension, record.tension), end_angles(at_tension, record.written_lines)
     return [
-        _line(record, where, settings)
-        | {f"{what}_{end}_force_n": float(value) for end, value, what in _ends(forces[where.name])}
+        _line(record, where, settings) | _ends("force_n", forces[where.name]) | _ends("angle_deg", angles[where.name])
         for where in record.written_lines
     ]
 
 
-def _ends(forces: np.ndarray) -> list[tuple[str, float, str]]:
-    """Mean and maximum force on both end points."""
-    return [
-        (end, function(forces[:, i]), what)
+def _ends(key: str, values: np.ndarray) -> dict[str, float]:
+    """Mean and maximum of values (k, 2) at both ends."""
+    return {
+        f"{what}_{end}_{key}": float(function(values[:, i]))
         for i, end in enumerate(("first", "last"))
         for what, function in (("mean", np.mean), ("max", np.max))
-    ]
+    }
 
 
 def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any]:

@@ -120,8 +120,8 @@ def bending_moment(
 
 def _clamps(scene: Scene) -> dict[str, np.ndarray]:
     """Directions (3,) in which lines leave their clamped points."""
-    given = scene.effects["bending"]
-    if not given["clamped"]:
+    given = scene.effects.get("bending", {})
+    if not given.get("clamped"):
         return {}
     return {name: d / np.linalg.norm(d) for name, d in zip(given["clamped"], given["directions"], strict=True)}
 

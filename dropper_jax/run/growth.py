@@ -171,6 +171,22 @@ def end_force_vectors(
     return found
 
 
+def end_angles(positions: np.ndarray, lines: Sequence[WholeLine | LineSlice]) -> dict[str, np.ndarray]:
+    """Angle (k, 2) [deg] above the horizontal of every line as it leaves its first and its last point, by name.
+
+    It is that of the end link: the uplift at the anchor of a single line, negative where a line hangs below its point.
+
+    Args:
+        positions: nodes of all lines (k, nodes, 3) [m].
+    """
+    found = {}
+    for name, first, last, _ in _ends(lines):
+        with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
+            along = positions[:, [first + 1, last - 1]] - positions[:, [first, last]]
+            found[name] = np.degrees(np.arctan2(along[..., 2], np.hypot(along[..., 0], along[..., 1])))
+    return found
+
+
 def _ends(lines: Sequence[WholeLine | LineSlice]) -> Iterator[tuple[str, int, int, slice]]:
     """Name, first and last node, and links of each line."""
     for line in lines:

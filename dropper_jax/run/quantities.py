@@ -7,7 +7,10 @@ They are differentiable functions of saved states. One table serves all commands
 - a line, also with one of its ends: `first`, `last`, `anchor` (at its only fixed point), `fairlead` (the other one), or
   the name of a point on it: `tension.west-leg.fairlead.max`;
 - a point: `offset.buoy.max`, `z.buoy.mean`;
-- a fixed point and a direction, `horizontal`, `vertical` (upwards) or `total`: `anchor.west.horizontal.max`.
+- a fixed point and a direction, `horizontal`, `vertical` (upwards), `total` or `uplift`, the angle of the force above
+  the horizontal: `anchor.west.horizontal.max`;
+- of `line`, an end of a line and `tension` or `angle`, that of the line above the horizontal as it leaves this end:
+  `line.west-leg.fairlead.angle.min`.
 """
 
 from __future__ import annotations
@@ -32,6 +35,8 @@ SIGNALS = {
     "tension": ("N", "link", "tension of a link; of a line or of all links the highest"),
     "anchor": ("N", "anchor", "force of the lines on a fixed point"),
     "angle": ("rad", "link", "angle of a link from the horizontal, positive downwards, -pi/2 to pi/2"),
+    "line": ("N", "end", "tension [N] or angle [rad] of a line at an end, upwards positive"),
+    "curvature": ("1/m", "line", "change of direction per length between two links, the highest of a line"),
     "offset": ("m", "node", "horizontal distance of a point from its position in the scene"),
     "excursion": ("m", "node", "distance of a free node from its start position; without a number the maximum"),
     "depth": ("m", "node", "depth of a point below z = 0"),
@@ -43,7 +48,7 @@ SIGNALS = {
 }
 #: Signals of all links or nodes at once.
 OF_ALL = ("tension", "excursion", "energy")
-DIRECTIONS = ("horizontal", "vertical", "total")
+DIRECTIONS = ("horizontal", "vertical", "total", "uplift")
 #: Names of the ends of a line; the last two need a line with one fixed end.
 ENDS = ("first", "last", "anchor", "fairlead")
 
@@ -121,7 +126,7 @@ class Quantity:
         signal, statistic: its first and last part.
         members: links, modes, or nodes that it refers to, from 0; None for all. Nodes are free ones, then those of
             `Model.nodes`. Of an anchor these are its links.
-        signs: of an anchor, 1 for links that start there, -1 for links that end there.
+        signs: of an anchor, 1 for links that start there, -1 for links that end there; of an angle, those of links.
         direction: of an anchor.
         point: number of the point, of an offset.
     """
@@ -136,7 +141,7 @@ class Quantity:
 
     @property
     def unit(self) -> str:
-        return SIGNALS[self.signal][0]
+        return "rad" if self.direction == "uplift" else SIGNALS[self.signal][0]
 
     @property
     def at_rest(self) -> bool:
@@ -183,9 +188,14 @@ class Quantity:
         elif self.signal == "angle":
             links = model.links(r, model.ends(t))
             found = jnp.arctan2(-links[:, 2], horizontal_norm(links))
+        elif self.signal == "curvature":
+            links, length = model.links(r, model.ends(t)), model.line.length
+            along = links / safe_norm(links)[:, None]
+            found = safe_norm(along[1:] - along[:-1]) / (0.5 * (length[1:] + length[:-1]))
         else:
             found = self._of_nodes(model, start, r, t)
-        return found if self.members is None else found[np.array(self.members)]
+        found = found if self.members is None else found[np.array(self.members)]
+        return found * np.array(self.signs) if self.signs else found
 
     def _of_nodes(self, model: Model, start: jax.Array, r: jax.Array, t: jax.Array) -> jax.Array:
         if self.members is not None and max(self.members) >= len(r):
@@ -201,8 +211,10 @@ class Quantity:
         own = np.array(self.members)
         d = model.links(r, model.ends(t))[own]
         force = jnp.sum((np.array(self.signs) * tension[own] / safe_norm(d))[:, None] * d, axis=0)
-        parts = {"horizontal": horizontal_norm(force), "vertical": force[2], "total": safe_norm(force)}
-        return parts[self.direction]
+        across, up = horizontal_norm(force), force[2]
+        if self.direction == "uplift":
+            return jnp.arctan2(up, across)
+        return {"horizontal": across, "vertical": up, "total": safe_norm(force)}[self.direction]
 
 
 def quantity(name: str, model: Model, option: str = "of") -> Quantity:
@@ -243,11 +255,24 @@ class _Parser:
         counted = SIGNALS[signal][1]
         if not where:
             if signal not in OF_ALL:
-                where_ = {"anchor": "west.horizontal", "node": "buoy", "link": "1", "mode": "1"}[counted]
+                known = {"anchor": "west.horizontal", "node": "buoy", "end": "leg.first.angle", "line": "leg"}
+                where_ = known.get(counted, "1")
                 raise self._error(f"has no {counted}; allowed: such as {signal}.{where_}.{statistic}")
             return Quantity(self.name, signal, statistic)
         if counted == "anchor":
             return self._anchor(signal, where, statistic)
+        if counted == "end":
+            signal = where[-1]
+            if len(where) != 3 or signal not in ("tension", "angle"):
+                raise self._error(f"has no end and signal; allowed: such as line.leg.fairlead.angle.{statistic}")
+            links, sign = self._end(*where[:2])
+            return Quantity(self.name, signal, statistic, links, (sign,) if signal == "angle" else ())
+        if counted == "line":
+            last = {span.stop - 1 for _, span in self._members()}
+            joints = tuple(i for i in self._links(*where[:1]) if i not in last)
+            if len(where) > 1 or not joints:
+                raise self._error(f"allowed: a line of two links or more, such as {signal}.leg.{statistic}")
+            return Quantity(self.name, signal, statistic, joints)
         if where[0].isdecimal() or counted in ("mode", None):
             return Quantity(self.name, signal, statistic, (self._number(where, counted),))
         if counted == "link":
@@ -271,21 +296,27 @@ class _Parser:
 
     def _links(self, line: str, end: str | None = None, *more: str) -> tuple[int, ...]:
         """Links of a line, or those at one of its ends or points."""
-        self._number_of(line, line_names(self.model), "line")
-        own = line_links(self.model, [line])[line]
-        if end is None:
-            return tuple(map(int, own))
+        if end is not None:
+            return self._end(line, ".".join((end, *more)))[0]
+        self._number_of(line, self.model.geometry.line_names(), "line")
+        return tuple(map(int, self.model.geometry.line_links([line])[line]))
+
+    def _end(self, line: str, end: str) -> tuple[tuple[int, ...], float]:
+        """The link at an end or point of a line, and 1 if it leads there, -1 if it starts there."""
+        self._number_of(line, self.model.geometry.line_names(), "line")
+        own = self.model.geometry.line_links([line])[line]
         near = [(member, span) for member, span in self._members() if span.start in own]
-        ends = {self.points[near[0][0].start]: int(own[0]), self.points[near[-1][0].end]: int(own[-1])}
+        first, last = ((int(own[0]),), -1.0), ((int(own[-1]),), 1.0)
+        ends = {self.points[near[0][0].start]: first, self.points[near[-1][0].end]: last}
         held = [name for name in ends if self.model.geometry.held[self.points.index(name)]]
-        named = {"first": int(own[0]), "last": int(own[-1])}
+        named = {"first": first, "last": last}
         if len(held) == 1 and len(ends) == 2:
             named |= {"anchor": ends[held[0]], "fairlead": next(i for name, i in ends.items() if name != held[0])}
-        inner = {self.points[member.start]: span.start for member, span in near[1:]}
+        inner = {self.points[member.start]: ((span.start,), -1.0) for member, span in near[1:]}
         by_name = {**inner, **ends, **named}
-        if more or end not in by_name:
-            raise self._error(f"{'.'.join((end, *more))!r} is not an end of line {line!r}; {nearest(end, by_name)}")
-        return (by_name[end],)
+        if end not in by_name:
+            raise self._error(f"{end!r} is not an end of line {line!r}; {nearest(end, by_name)}")
+        return by_name[end]
 
     def _members(self) -> list[tuple[Member, slice]]:
         return list(zip(self.model.geometry.members, self.model.geometry.spans, strict=True))
@@ -314,21 +345,3 @@ class _Parser:
 
     def _error(self, reason: str) -> SceneError:
         return SceneError(f"{self.option}: {self.name!r}: {reason}")
-
-
-def line_names(model: Model) -> list[str]:
-    """Names of lines as specified, and of the pieces of those that are cut at points."""
-    names = [member.name for member in model.geometry.members]
-    stems = [name.rpartition("-")[0] for name in names if name.rpartition("-")[2].isdecimal()]
-    return list(dict.fromkeys(name for name in (*names, *stems) if name))
-
-
-def line_links(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Numbers of the links of each line as specified; pieces `name-1`, `name-2` of a cut one belong to it."""
-    found: dict[str, list[np.ndarray]] = {name: [] for name in names}
-    for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
-        stem, _, piece = member.name.rpartition("-")
-        own = member.name if member.name in found else stem if piece.isdecimal() else member.name
-        if own in found:
-            found[own].append(np.arange(model.line.links)[span])
-    return {name: np.concatenate(parts) for name, parts in found.items()}

@@ -15,7 +15,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature, torque
-from dropper_jax.run.growth import end_forces
+from dropper_jax.run.growth import end_angles, end_forces
 from dropper_jax.run.row_store import BLOCK_STATES, release_pages
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 
@@ -223,9 +223,11 @@ class Samples:
 
         Tensions of links are at their middles, so the difference is half the weight in water of the end link.
         """
-        found = end_forces(self.scene, self.positions, self.tension)
-        ends = ("first", "last")
-        return {name: {end: extent(both[:, [i]]) for i, end in enumerate(ends)} for name, both in found.items()}
+        return _by_end(end_forces(self.scene, self.positions, self.tension))
+
+    def end_angles(self) -> dict[str, dict[str, dict[str, float]]]:
+        """The same of the angles [deg] of the end links above the horizontal: the uplift at an anchor."""
+        return _by_end(end_angles(self.positions, whole_lines(self.scene)))
 
     def _extent(self, links: slice | np.ndarray) -> dict[str, float]:
         found = extent(self.tension[:, links])
@@ -276,6 +278,13 @@ def extent(values: np.ndarray) -> dict[str, float]:
     """min, mean and max of values (k, n), and the mean of the last row."""
     found = {"min": np.min(values), "mean": np.mean(values), "max": np.max(values), "final": np.mean(values[-1])}
     return {key: float(value) for key, value in found.items()}
+
+
+def _by_end(found: dict[str, np.ndarray]) -> dict[str, dict[str, dict[str, float]]]:
+    """Extents of values (k, 2) of the first and the last point of each line."""
+    return {
+        name: {end: extent(both[:, [i]]) for i, end in enumerate(("first", "last"))} for name, both in found.items()
+    }
 
 
 def body_extents(position: np.ndarray, attitude: np.ndarray) -> dict[str, dict[str, float]]:

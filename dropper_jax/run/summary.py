@@ -72,6 +72,7 @@ def summary(run: Samples) -> dict[str, Any]:
         ),
         "step_facts": step_facts(run),
         "end_forces_n": run.end_forces(),
+        "end_angles_deg": run.end_angles(),
         "line_weights": line_weights(run.scene),
         "link_mass_nodes": run.scene.link_mass_nodes,
         "broken": run.broken,

@@ -55,6 +55,7 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
         "final_check": len(site.seeds) >= FINAL_SEEDS and not failed,
         "characteristic": site.run.characteristic,
         "factors": asdict(site.factors),
+        "standard": site.lists.standard,
         "cases": cases,
         "parts": parts,
         "anchors": [anchor_found(site, name, held[name]) for name in runs.held],
@@ -76,6 +77,8 @@ def _labels(site: Site, storm: Storm) -> dict[str, Any]:
         "current": storm.current_name,
         **{kind.column: value for kind, value in zip(CASE_KINDS.values(), storm.kinds, strict=True)},
         "month": storm.month,
+        "crop": storm.crop,
+        "return_periods": storm.periods,
         "state": storm.state,
         "break_s": None if storm.broken is None else site.break_time,
     }

@@ -59,6 +59,8 @@ def flags_of(found: dict[str, Any], site: Site) -> list[str]:
         )
     if found["seeds"] < FINAL_SEEDS:
         notes.append(f"{found['seeds']} seeds: not a final check, which needs at least {FINAL_SEEDS}")
+    if found["standard"] and found["standard"]["broken"] and "broken" not in site.kinds:
+        notes.append(f"{found['standard']['name']}: the check includes one broken line; `states` has none")
     for part in found["parts"]:
         notes += _part(part)
     for case in found["cases"]:

@@ -15,7 +15,7 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
 from dropper_jax.report.sections import table
 
-LABELS = ("case", "sea_state", "direction_deg", "current", "level_m", "month", "state")
+LABELS = ("case", "sea_state", "direction_deg", "current", "level_m", "month", "crop", "state")
 COLUMNS = (
     *("kind", "part", *LABELS, "line", "load_n", "load_error_n", "load_low_n", "load_high_n"),
     *(
@@ -61,11 +61,12 @@ def page(found: dict[str, Any]) -> str:
             ["part", "lines", "worst line", "load [N]", "+- seeds", "+- step", "at rest [N]", "utilisation", "case"],
             [_part_cells(part, storms) for part in found["parts"]],
         ),
+        _standard(found),
         "## Factors",
         table(
-            ["part", *found["factors"]],
+            ["part", "factor x load / capacity, worst case", *found["factors"]],
             [
-                [part["part"], *("-" if x is None else str(x) for x in part["factors"].values())]
+                [part["part"], _utilisation(part), *("-" if x is None else str(x) for x in part["factors"].values())]
                 for part in found["parts"]
             ],
         ),
@@ -87,6 +88,29 @@ def page(found: dict[str, Any]) -> str:
         _worst_cases(found, storms),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _standard(found: dict[str, Any]) -> str:
+    """Pairs of return periods with their sea states, currents and number of cases; empty without them."""
+    own = found["standard"]
+    if own is None:
+        return ""
+    rows = []
+    for pair in own["pairs"]:
+        cases = [case for case in found["cases"] if list(case["return_periods"]) == pair]
+        names = (", ".join(dict.fromkeys(str(case[key]) for case in cases)) for key in ("sea_state", "current"))
+        rows.append([*pair, *names, *(str(sum((c["state"] == "intact") == x for c in cases)) for x in (True, False))])
+    head = ["waves [years]", "current [years]", "sea states", "currents", "intact cases", "with a broken line"]
+    last = f"{own['source']}. Edition: {own['edition']}. Clause: {own['clause']}. Compared with: {own['checked']}."
+    return f"## Return periods\n\n{last}\n\n{table(head, rows)}"
+
+
+def _utilisation(part: dict[str, Any]) -> str:
+    """The calculation of a part's utilisation."""
+    row = part["worst"]
+    if row is None:
+        return "-"
+    return f"{row['factor']:g} x {row['load_n']:.0f} / {row['capacity_n']:.0f} = {row['utilisation']:.3f}"
 
 
 def _quantities(found: dict[str, Any], storms: dict[int, Any]) -> str:

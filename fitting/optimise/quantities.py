@@ -20,7 +20,6 @@ from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.model import Model
 from dropper_jax.report.extremes import EULER, LEAST_RUNS
 from dropper_jax.run import quantities as named
-from dropper_jax.run.quantities import line_links
 from fitting.site import Anchor, Part
 from fitting.site.sections import RunValues
 
@@ -155,7 +154,7 @@ def named_quantity(name: str, model: Model, option: str, limit: float = 1.0) -> 
 
 def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Numbers of the free nodes of each line, including free ends."""
-    links, graph = line_links(model, names), model.geometry
+    links, graph = model.geometry.line_links(names), model.geometry
     return {
         name: np.array([i for i in dict.fromkeys([*graph.first[own], *graph.last[own]]) if i < graph.free], int)
         for name, own in links.items()
@@ -164,7 +163,7 @@ def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
 
 def part_load(model: Model, part: Part, kind: str = "intact") -> Load:
     """Utilisation of a part: load times factor over capacity, the worst of its links."""
-    links = line_links(model, part.lines)
+    links = model.geometry.line_links(part.lines)
     scale = [part.factor[kind] / c for name, c in zip(part.lines, part.capacity, strict=True) for _ in links[name]]
     return Load(part.name, tuple(int(i) for name in part.lines for i in links[name]), tuple(map(float, scale)))
 

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -19,7 +18,7 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.load.paths import describe, locate_written
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from dropper_jax.run.build import build_model
+from dropper_jax.run.build import build_model, model_slopes
 from dropper_jax.scene import PriorSpec
 from fitting.parameters.parameter import Parameter, check_once, paths, resolve
 from fitting.parameters.target import Direction, ModelPlace
@@ -60,29 +59,15 @@ def scene_parameter(scene: Scene, model: Model, path: str) -> Parameter:
     Raises:
         SceneError: no such path, not a number, a number without effect on the model, or one that changes its shape.
     """
-    value = scene.value(path)
-    if isinstance(value, bool) or not isinstance(value, float):
-        raise SceneError(f"{path}: {value!r} is not a number that can vary. Use paths of such numbers")
-    size = abs(value) or 1.0
-
-    def at(shift: float) -> list[np.ndarray]:
-        changed = build_model(scene.with_values({path: value + shift * size}))
-        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(changed)]
-        if [leaf.shape for leaf in leaves] != [jnp.shape(leaf) for leaf in jax.tree.leaves(model)]:
-            raise SceneError(f"{path}: changes the model's shape. Use numbers that do not")
-        return leaves
-
-    # two relative steps, extrapolated: an error of 1e-12 for smooth functions
-    wide, narrow = (
-        [(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)] for step in (1e-3, 5e-4)
+    slopes, value = model_slopes(scene, model, path), scene.value(path)
+    shift = LINEAR_REACH * (abs(value) or 1.0)
+    here, there = (
+        [np.asarray(leaf) for leaf in jax.tree.leaves(build_model(scene.with_values({path: at})))]
+        for at in (value, value + shift)
     )
-    slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(zip(wide, narrow, strict=True)) if np.any(b != 0)}
-    if not slopes:
-        raise SceneError(f"{path}: has no effect on the model. Use numbers that do")
-    here, there = at(0.0), at(LINEAR_REACH)
     linear = all(
         np.allclose(
-            here[i] + LINEAR_REACH * size * slope,
+            here[i] + shift * slope,
             there[i],
             rtol=LINEAR_TOLERANCE,
             atol=LINEAR_TOLERANCE * np.max(np.abs(here[i])),

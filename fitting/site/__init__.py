@@ -26,6 +26,9 @@
     levels = [-1.0, 1.0]            [m] of the tide above the scene's level
     months = ["may", "september"]   of [[growth]]; default: the bare scene
     states = ["intact", "west-leg"] or a line (patterns: each of their lines) that breaks in its middle link,
+    standard = "ns-9415"            keeps pairs of return periods: `return_period` of sea states and currents; or
+                                    pairs = [[50, 10], [10, 50]], see docs/load-cases.md
+    crops = ["low", "high"]         values of [crop]; default: all three
     break_time = 60.0               [s], so that the transient is in the run ("west-leg:3" breaks in link 3);
                                     default: the middle of the counted time
 
@@ -33,6 +36,9 @@
     month = "may"
     lines = "loop-*"
     depth = [0.0, 10.0]             [m]; thickness [m] and density [kg/m^3] as in [line.growth]
+
+    [crop]                          low, expected and high values of numbers of the scene, by path; `growth`: factor of
+    line_type.sock.cdn = [1.0, 1.4, 3.9]    the thickness of [[growth]]
 
     [factors]                       the user's table: load times factor is compared with capacity
     intact = 1.67

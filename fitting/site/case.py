@@ -121,6 +121,8 @@ class Storm:
         direction: of the waves [rad]; `kinds`: a value for each of `CASE_KINDS`.
         current: table of `[sea.current]`, None for that of the scene.
         current_name, month, state: names; month None for the bare scene, state `intact` or the broken line.
+        crop: which values of `[crop]`; None for those of the scene.
+        periods: return periods of waves and current, as texts; None where they are not given.
     """
 
     number: int
@@ -131,6 +133,8 @@ class Storm:
     kinds: tuple[float, ...]
     month: str | None
     broken: Break | None
+    crop: str | None = None
+    periods: tuple[str | None, str | None] = (None, None)
 
     @property
     def level(self) -> float:
@@ -150,13 +154,14 @@ class Storm:
     def still(self) -> tuple[Any, ...]:
         """The values that the equilibrium depends on."""
         heading = None if self.current is None else self.current["direction"]
-        return self.current_name, heading, *self.kinds, self.month
+        return self.current_name, heading, *self.kinds, self.month, self.crop
 
     @property
     def name(self) -> str:
         """A short label."""
         parts = [self.sea_state.name, f"{np.degrees(self.direction):g} deg", self.current_name]
-        parts += [kind.label(value) for kind, value in zip(CASE_KINDS.values(), self.kinds, strict=True)] + [self.month]
+        parts += [kind.label(value) for kind, value in zip(CASE_KINDS.values(), self.kinds, strict=True)]
+        parts += [self.month, self.crop and f"crop {self.crop}"]
         return ", ".join(p for p in [*parts, None if self.broken is None else f"{self.state} broken"] if p)
 
 
@@ -169,20 +174,37 @@ class Case:
 
 
 def storms(site: Any) -> tuple[Storm, ...]:
-    """All load cases of a site; states vary fastest, sea states slowest."""
-    lists = site.lists
-    combined = itertools.product(
-        site.sea_states,
-        np.radians(lists.directions).tolist(),
-        lists.currents or (None,),
-        itertools.product(*lists.kinds.values()),
-        lists.months or (None,),
-        site.states,
-    )
-    return tuple(
-        Storm(i, sea, way, *_current(site, current, way), kinds, month, state)
-        for i, (sea, way, current, kinds, month, state) in enumerate(combined)
-    )
+    """All load cases of a site, with a standard those of its return periods; states vary fastest, sea states slowest.
+
+    Raises:
+        SceneError: a pair of return periods without a sea state or a current.
+    """
+    lists, standard = site.lists, site.lists.standard
+    combined = [
+        Storm(0, sea, way, *_current(site, current, way), kinds, month, state, crop, _periods(sea, current))
+        for sea, way, current, kinds, month, crop, state in itertools.product(
+            site.sea_states,
+            np.radians(lists.directions).tolist(),
+            lists.currents or (None,),
+            itertools.product(*lists.kinds.values()),
+            lists.months or (None,),
+            lists.crops or tuple(site.crop) or (None,),
+            site.states,
+        )
+    ]
+    if standard is not None:
+        for pair in map(tuple, standard["pairs"]):
+            if pair not in {storm.periods for storm in combined}:
+                needed = "a [[sea_state]] and a current with these, each as `return_period`"
+                raise SceneError(
+                    f"cases.pairs: waves of {pair[0]}, current of {pair[1]} years: missing; needed: {needed}"
+                )
+        combined = [storm for storm in combined if list(storm.periods) in standard["pairs"]]
+    return tuple(dataclasses.replace(storm, number=i) for i, storm in enumerate(combined))
+
+
+def _periods(sea: SeaState, current: dict[str, Any] | None) -> tuple[str | None, str | None]:
+    return sea.return_period, None if current is None else current.get("return_period")
 
 
 def _current(site: Any, given: dict[str, Any] | None, direction: float) -> tuple[dict[str, Any] | None, str | None]:
@@ -192,7 +214,10 @@ def _current(site: Any, given: dict[str, Any] | None, direction: float) -> tuple
     heading = site.lists.current_direction
     own = site.scene.sea.current
     profile = {} if own is None else {k: v for k, v in own.table().items() if k in PROFILE}
-    table = {**(profile if "kind" not in given else {}), **{k: v for k, v in given.items() if k != "name"}}
+    table = {
+        **(profile if "kind" not in given else {}),
+        **{k: v for k, v in given.items() if k not in ("name", "return_period")},
+    }
     table.setdefault("direction", direction if heading is None else float(np.radians(heading)))
     return table, given["name"]
 

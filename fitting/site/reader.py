@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_table, read_text, refuse
+from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_number, read_table, read_text, refuse
 from dropper_jax.base.renamed import new_keys
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
@@ -42,8 +42,10 @@ from fitting.site.site import Site
 #: Sections that are read here, and those that other modules read.
 SITE_KEYS = (
     *("name", "description", "scene", "unchecked", "parameters", "set", "run", "sea_state", "cases"),
-    *("growth", "factors", "part", "anchor", "exclusion", "backbone", "season", "quantities"),
+    *("growth", "crop", "factors", "part", "anchor", "exclusion", "backbone", "season", "quantities"),
 )
+#: Values of a number of `[crop]`, in order.
+CROP_LEVELS = ("low", "expected", "high")
 PASSED = ("variable", "objective", "constraint", "optimise")
 
 
@@ -77,6 +79,10 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     for i, month in enumerate(lists.months):
         read_text(month, f"cases.months.{i}", growth)
     _unique("cases.months", list(lists.months))
+    crop = _crop(table)
+    for i, level in enumerate(lists.crops):
+        read_text(level, f"cases.crops.{i}", crop)
+    _unique("cases.crops", list(lists.crops))
     unchecked = table.get("unchecked", [])
     unchecked = [unchecked] if isinstance(unchecked, str) else read_list(unchecked, "unchecked", None, "patterns")
     held = [point.name for point in scene.points if not point.is_free]
@@ -99,6 +105,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
         sea_states=states,
         lists=lists,
         growth=growth,
+        crop=crop,
         states=broken,
         factors=factors,
         parts=_parts(table, scene, lines, factors, kinds, unchecked),
@@ -204,6 +211,17 @@ def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[
     tables = [GrowthTable.read(item, f"growth.{i}") for i, item in _items(table, "growth")]
     months = dict.fromkeys(item.month for item in tables)
     return {month: growth_of(tuple(t for t in tables if t.month == month), lines, "growth") for month in months}
+
+
+def _crop(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """Values of `[crop]` by level and path; empty without the section."""
+    rows = {
+        path: [
+            read_number(x, f"crop.{path}", {}, "a number") for x in read_list(row, f"crop.{path}", 3, "three numbers")
+        ]
+        for path, row in _flat(_table(table, "crop")).items()
+    }
+    return {level: {p: row[i] for p, row in rows.items()} for i, level in enumerate(CROP_LEVELS) if rows}
 
 
 def _parts(

@@ -26,8 +26,17 @@ from dropper_jax.scene import GrowthSpec
 from dropper_jax.scene.point import KINDS
 from dropper_jax.sea.spectrum import SHAPES
 
-#: Factors by name of the standard, each with edition and clause.
-STANDARDS = resources.files("dropper_jax") / "data" / "standards.toml"
+
+def standards(what: str) -> dict[str, dict[str, Any]]:
+    """`factors` or load `cases` by name of the standard, each with edition and clause."""
+    return tomllib.loads((resources.files("dropper_jax") / "data" / "standards.toml").read_text())[what]
+
+
+def read_years(value: Plain, path: str) -> str:
+    """A return period as text: years, or `associated`."""
+    if isinstance(value, str):
+        return read_text(value, path)
+    return f"{read_number(value, path, {'low': 0.0, 'open_low': True, 'unit': 'years'}, 'years, or a text'):g}"
 
 
 class Section:
@@ -87,6 +96,14 @@ class SeaState(Section):
     spreading: float | None = parameter("s of cos^2s spreading", unit="-", low=0.0, optional=True)
     directions: int = whole_number("directions per frequency", default=1)
     hours: float | None = parameter("hours of it in a year", unit="h", low=0.0, high=8766.0, optional=True)
+    return_period: str | None = option("years, or `associated`", type=str, default=None)
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> Self:
+        own = dict(read_table(table, path))
+        if "return_period" in own:
+            own["return_period"] = read_years(own["return_period"], f"{path}.return_period")
+        return super().read(own, path)
 
     def waves(self, direction: float, seed: int) -> dict[str, Any]:
         """`[sea.waves]` for a travel direction [rad] and a seed."""
@@ -134,7 +151,7 @@ CASE_KINDS: dict[str, type[CaseKind]] = {"levels": Levels}
 class CaseLists(Section):
     """`[cases]`: values to be combined."""
 
-    PATTERNS = ("states", "months")
+    PATTERNS = ("states", "months", "crops")
 
     directions: Any = parameter("travel directions of the waves", unit="deg", shape="table", default=(0.0,))
     currents: tuple[dict[str, Any], ...] = ()
@@ -143,11 +160,14 @@ class CaseLists(Section):
     months: tuple[str, ...] = option("months of [[growth]]", type=list, default=())
     states: tuple[str, ...] = option("intact, and lines that break", type=list, default=("intact",))
     break_time: float | None = parameter("when lines break", unit="s", low=0.0, open_low=True, optional=True)
+    crops: tuple[str, ...] = option("values of [crop]", type=list, default=())
+    standard: dict[str, Any] | None = None
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
         """A checked section; currents become tables with `name`; those without `direction` use the common one."""
         own = dict(read_table(table, path))
+        standard = _case_standard(own, path)
         currents = own.pop("currents", [])
         heading = own.pop("current_direction", "waves")
         if heading != "waves":
@@ -169,7 +189,32 @@ class CaseLists(Section):
         if len(set(names)) < len(names):
             raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
         heading = None if heading == "waves" else heading
-        return dataclasses.replace(found, currents=tuple(tables), current_direction=heading, kinds=kinds)
+        return dataclasses.replace(found, currents=tuple(tables), current_direction=heading, kinds=kinds, standard=standard)
+
+
+def _case_standard(own: dict[str, Any], path: str) -> dict[str, Any] | None:
+    """Pairs of return periods, taken out of `[cases]`: those of a standard, or the site's `pairs`; None without any."""
+    name, given = own.pop("standard", None), own.pop("pairs", None)
+    if name is None and given is None:
+        return None
+    known = standards("cases")
+    found = {"broken": False, "source": "", "edition": "-", "clause": "-", "checked": "to be checked by you"}
+    if name is not None:
+        found |= known[read_text(name, f"{path}.standard", known)]
+    if given is not None:
+        rows = [read_list(row, f"{path}.pairs.{i}", 2, "[waves, current]") for i, row in enumerate(_pairs(given, path))]
+        found["pairs"] = [[read_years(x, f"{path}.pairs.{i}") for x in row] for i, row in enumerate(rows)]
+        found["source"] = "; ".join(filter(None, (found["source"], "pairs: given for this site")))
+    if not found.get("pairs"):
+        raise SceneError(
+            f"{path}.standard: the return periods of {name!r} are not known here. Use `pairs` with those of waves and "
+            "current, such as [[50, 10], [10, 50]]"
+        )
+    return {"name": name, **found}
+
+
+def _pairs(value: Plain, path: str) -> list[Any]:
+    return read_list(value, f"{path}.pairs", None, "pairs of return periods of waves and current [years]")
 
 
 def _list(value: Plain, path: str) -> list[Any]:
@@ -184,6 +229,8 @@ def _current(item: Plain, path: str) -> dict[str, Any]:
     found = plain(item)
     speed = found.get("speed")
     own = f"{speed:g} m/s" if isinstance(speed, int | float) else "given"
+    if "return_period" in found:
+        found["return_period"] = read_years(found["return_period"], f"{path}.return_period")
     return {**found, "name": read_text(found.get("name", own), f"{path}.name")}
 
 
@@ -218,11 +265,11 @@ class Factors(Section):
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
-        """Factors of a table; those of `standard = NAME` (see `STANDARDS`) where it has none of its own."""
+        """Factors of a table; those of `standard = NAME` (see `standards`) where it has none of its own."""
         own = dict(read_table(table, path))
         if "standard" not in own:
             return super().read(own, path)
-        known = tomllib.loads(STANDARDS.read_text())
+        known = standards("factors")
         standard = known[read_text(own.pop("standard"), f"{path}.standard", known)]
         given = [f"; {kind}: given for this site" for kind in ("intact", "broken") if kind in own]
         return super().read({**standard, "source": standard["source"] + "".join(given), **own}, path)

@@ -24,6 +24,7 @@ class Site:
     Attributes:
         scene: the farm with the values of `[parameters]` and `[set]`; its template is kept.
         growth: mussels by month, and by line the table of `[line.growth]`.
+        crop: changes of the scene by `low`, `expected` and `high` of `[crop]`; `growth` is a factor of the thickness.
         states: the broken line; None for the intact farm.
         quantities: names of further quantities to report for each case (see `dropper_jax.run.quantities`).
         raw: sections that are passed on (`variable`, `objective`, `constraint`, `optimise`), unchanged.
@@ -42,6 +43,7 @@ class Site:
     factors: Factors
     parts: tuple[Part, ...]
     anchors: tuple[Anchor, ...]
+    crop: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
     exclusion: Exclusion | None = None
     backbone: Backbone | None = None
     season: SeasonValues | None = None
@@ -145,8 +147,11 @@ class Site:
             found |= kind.changes(value)
         if storm.current is not None:
             found["sea.current"] = storm.current
+        crop = self.crop.get(storm.crop, {})
+        found |= {path: value for path, value in crop.items() if path != "growth"}
         for name in self.grown_lines:
-            table = self.growth[storm.month].get(name, BARE)
+            table = dict(self.growth[storm.month].get(name, BARE))
+            table["thickness"] = [crop.get("growth", 1.0) * t for t in table["thickness"]]
             found |= {f"line.{name}.growth.{key}": value for key, value in table.items()}
         return found
 

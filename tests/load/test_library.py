@@ -9,7 +9,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import SceneError
 from dropper_jax.cli import library as command
-from dropper_jax.load.library import FAMILIES, part
+from dropper_jax.load.library import FAMILIES, part, published_crops
 
 POUND = 4.4482216
 
@@ -115,3 +115,35 @@ def test_every_family_prints_a_block_that_a_scene_takes(family, capsys):
         table |= block
         table["line"][0]["type"] = name
     assert dj.load_scene(table).lines[0].links == 8
+
+
+def test_drag_of_a_half_grown_dropper_of_the_library_is_the_published_one():
+    """1/2 rho Cd D U^2 per metre across a vertical dropper: 0.13 m, Cd 1.3, 7.53 kg/m (Zhu et al. 2020)."""
+    speed, links = 0.5, 8
+    table = scene("library:mussel-dropper-7.53")
+    table["sea"]["current"] = {"kind": "uniform", "speed": speed, "direction": np.pi / 2}
+    table["line"][0]["length"] = 8.0
+    model = dj.build(table)[0]
+    assert np.allclose(model.line.mass, 7.53 * 8.0 / links)
+    r = np.zeros((model.free_nodes, 3))
+    r[:, 2] = -30.0 + np.arange(1, links + 1)
+    instant = model.instant(r, 0.0 * r, 0.0)
+    drag = np.asarray(model.effect("morison_drag").force(instant))[1:-1, 1]
+    published = 0.5 * 1025.0 * 1.3 * 0.13 * speed**2
+    assert drag[1:4] == pytest.approx(published, rel=0.1)
+
+
+def test_a_lighter_dropper_of_the_library_is_the_one_published_for_january():
+    january = next(crop for crop in published_crops() if crop["mass"] == 4.46)
+    values = part("mussel-dropper-4.46")[1]
+    assert values["outer_diameter"] == pytest.approx(january["outer_diameter"], rel=0.01)
+    assert values["cdn"] == january["cdn"]
+    assert values["can"] == january["can"]
+
+
+def test_every_published_crop_says_what_was_read_and_resembles_a_family():
+    for crop in published_crops():
+        assert crop["read"]
+        assert FAMILIES[crop["like"]].spread
+        missing = all(crop[key] is None for key in ("mass", "outer_diameter", "cdn", "can", "EI"))
+        assert missing == ("not at hand" in crop["read"])

@@ -7,6 +7,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError
+from dropper_jax.run.bends import curvature
 from dropper_jax.run.quantities import quantity, static_quantity
 from dropper_jax.scene import held_loads, line_slices
 from dropper_jax.study.offsets import solve_design
@@ -27,6 +28,12 @@ SCENE = {
     "sea": {"depth": 10.0},
     "effects": {"weight": {}, "buoyancy": {}},
 }
+
+
+def _angle(positions, end, inner):
+    """Angle of a line above the horizontal as it leaves its end [rad]."""
+    along = positions[inner] - positions[end]
+    return np.arcsin(along[2] / np.linalg.norm(along))
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +65,12 @@ def test_names_of_lines_ends_and_points_are_those_of_the_pose(posed):
         "offset.buoy.max": np.hypot(*(buoy[:2] - [0.5, 0.0])),
         "depth.buoy.mean": -buoy[2],
         "z.west.final": -10.0,
+        "anchor.west.uplift.max": np.arctan2(loads["west"][2], np.hypot(*loads["west"][:2])),
+        "line.west-leg.fairlead.tension.max": pose.tension[west.links.stop - 1],
+        "line.west-leg.anchor.angle.max": _angle(pose.positions, west.nodes.start, west.nodes.start + 1),
+        "line.west-leg.buoy.angle.mean": _angle(pose.positions, west.nodes.stop - 1, west.nodes.stop - 2),
+        "line.east-leg.fairlead.angle.min": _angle(pose.positions, east.nodes.start, east.nodes.start + 1),
+        "curvature.east-leg.max": curvature(scene, pose.positions[None])[0, east.nodes].max(),
     }
     for name, value in expected.items():
         assert float(quantity(name, model).of_pose(model, pose.state)) == pytest.approx(value, rel=1e-9), name
@@ -73,10 +86,15 @@ def test_names_of_lines_ends_and_points_are_those_of_the_pose(posed):
         ("tension.7.max", "'7' is not a link; allowed: 1 to 6"),
         ("anchor.buoy.total.max", "'buoy' is not a fixed point; known: east, west"),
         ("anchor.west.horizontl.max", "'horizontl' is not a direction; did you mean 'horizontal'?"),
-        ("anchor.west.max", "has no direction; allowed: horizontal, vertical, total"),
+        ("anchor.west.max", "has no direction; allowed: horizontal, vertical, total, uplift"),
         ("offset.buo.max", "'buo' is not a point; did you mean 'buoy'?"),
         ("offset.max", "has no node; allowed: such as offset.buoy.max"),
         ("energy.1.max", "'1' is not a part"),
+        ("line.west-leg.angle.max", "has no end and signal; allowed: such as line.leg.fairlead.angle.max"),
+        ("line.west-leg.fairlaed.angle.max", "'fairlaed' is not an end of line 'west-leg'; did you mean 'fairlead'?"),
+        ("line.max", "has no end; allowed: such as line.leg.first.angle.max"),
+        ("curvature.west-leg.first.max", "allowed: a line of two links or more"),
+        ("curvature.2.max", "'2' is not a line"),
     ],
 )
 def test_a_wrong_name_shows_the_near_ones(posed, name, words):

@@ -29,7 +29,7 @@ from fitting.cases.page import page
 from fitting.cases.run import CaseStore as Store
 from fitting.cases.run import step_errors
 from fitting.site import Case, read_site
-from fitting.site.sections import RunValues
+from fitting.site.sections import RunValues, standards
 
 DT = 0.02
 #: A buoy on two legs.
@@ -298,6 +298,48 @@ def test_the_page_and_the_table_name_parts_by_group(found, tmp_path):
     assert len(rows) == 4 + 2 * 4  # a part and two anchors in four cases
     assert {row["state"] for row in rows} == {"intact", "west-leg"}
     assert files["picture"].stat().st_size > 5000
+
+
+@pytest.fixture(scope="module")
+def by_standard(tmp_path_factory):
+    """The small site by NS 9415, with its crop at both ends of its spread."""
+    seas = [{"name": f"{years} years", "hs": hs, "tp": 5.0, "count": 12, "return_period": years} for years, hs in SEAS]
+    currents = [
+        {"name": "slow", "speed": 0.3, "return_period": 10},
+        {"name": "fast", "speed": 0.5, "return_period": 50},
+    ]
+    site = small_site(
+        sea_state=seas,
+        cases={"standard": "ns-9415", "currents": currents, "crops": ["low", "high"]},
+        crop={"line_type": {"rope": {"cdn": [1.0, 1.2, 3.9]}}},
+        factors={"standard": "ns-9415-rope"},
+        run={**SITE["run"], "seeds": 1},
+    )
+    folder = tmp_path_factory.mktemp("by-standard")
+    run_cases(site, folder)
+    return assess(site, folder, DT)
+
+
+SEAS = ((10, 0.8), (50, 1.0))
+
+
+def test_every_number_of_the_page_can_be_followed_to_edition_and_clause(by_standard):
+    text, factors = page(by_standard), standards("factors")["ns-9415-rope"]
+    cases = standards("cases")["ns-9415"]
+    assert f"Edition: {cases['edition']}. Clause: {cases['clause']}. Compared with: {cases['checked']}." in text
+    assert "| 50 | 10 | 50 years | slow | 2 | 0 |" in text
+    assert "| 10 | 50 | 10 years | fast | 2 | 0 |" in text
+    row = next(row for row in text.splitlines() if row.startswith("| legs | 3.45 x"))
+    worst = by_standard["parts"][0]["worst"]
+    assert f"{worst['load_n']:.0f} / 8000 = {3.45 * worst['load_n'] / 8000.0:.3f}" in row
+    assert all(f"| {factors[key]} |" in row for key in ("source", "edition", "clause", "checked"))
+    assert "ns-9415: the check includes one broken line; `states` has none" in text
+
+
+def test_a_rougher_crop_raises_the_mean_load_of_its_case(by_standard):
+    rows = {(case["sea_state"], case["crop"]): case["case"] for case in by_standard["cases"]}
+    mean = {row["case"]: row["mean_n"] for row in by_standard["parts"][0]["cases"]}
+    assert mean[rows["10 years", "high"]] > mean[rows["10 years", "low"]] + 1.0
 
 
 def test_a_broken_case_has_the_time_of_its_break_and_the_page_says_it(found):

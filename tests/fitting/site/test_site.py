@@ -210,3 +210,71 @@ def test_a_number_that_a_standard_lacks_is_asked_for_or_named_with_its_own_sourc
     legs = read_site(changed(factors={"standard": "api-rp-2sk"}, part=parts)).parts[1].factors
     assert (legs.intact, legs.broken) == (2.3, 1.25)
     assert "broken: API RP 2SK" in legs.source
+
+
+SEAS = [
+    {"name": "10 years", "hs": 2.5, "tp": 8.0, "return_period": 10},
+    {"name": "50 years", "hs": 3.5, "tp": 9.5, "return_period": 50},
+]
+CURRENTS = [
+    {"name": "slow", "speed": 0.5, "return_period": 10},
+    {"name": "fast", "speed": 0.9, "return_period": 50},
+]
+
+
+def test_a_standard_takes_its_pairs_of_return_periods_and_leaves_the_others_out():
+    cases = {"standard": "ns-9415", "currents": CURRENTS, "states": ["intact", "west-leg"]}
+    found = read_site(changed(sea_state=SEAS, cases=cases))
+    assert [(s.sea_state.name, s.current_name, s.state) for s in found.storms] == [
+        ("10 years", "fast", "intact"),
+        ("10 years", "fast", "west-leg"),
+        ("50 years", "slow", "intact"),
+        ("50 years", "slow", "west-leg"),
+    ]
+    assert [s.number for s in found.storms] == [0, 1, 2, 3]
+    assert found.lists.standard["edition"] == "2009"
+    assert "return_period" not in found.storms[0].current
+    own = read_site(changed(sea_state=SEAS, cases={**cases, "pairs": [[50, 50]]}))
+    assert [s.periods for s in own.storms] == 2 * [("50", "50")]
+    assert own.lists.standard["source"].endswith("pairs: given for this site")
+
+
+def test_what_occurs_together_with_the_other_of_a_pair_is_associated():
+    seas = [{**SEAS[0], "return_period": "associated"}, {**SEAS[1], "return_period": 100}]
+    currents = [{**CURRENTS[0], "return_period": "associated"}, {**CURRENTS[1], "return_period": 100}]
+    found = read_site(changed(sea_state=seas, cases={"standard": "api-rp-2sk", "currents": currents}))
+    assert [s.periods for s in found.storms] == [("associated", "100"), ("100", "associated")]
+
+
+@pytest.mark.parametrize(
+    ("cases", "said"),
+    [
+        ({"standard": "ns-9415", "currents": CURRENTS[:1]}, "cases.pairs: waves of 10, current of 50 years: missing"),
+        ({"standard": "ns-9416", "currents": CURRENTS}, "'ns-9416' is unknown; did you mean 'ns-9415'"),
+        ({"standard": "scottish-technical-standard"}, "are not known here. Use `pairs`"),
+        ({"pairs": [[50]]}, "cases.pairs.0: .* has 1 entries"),
+        ({"pairs": [[50, -1.0]]}, "cases.pairs.0: -1.0 is out of range; allowed: years"),
+    ],
+)
+def test_return_periods_that_are_missing_or_wrong_are_named(cases, said):
+    with pytest.raises(SceneError, match=said):
+        read_site(changed(sea_state=SEAS, cases=cases))
+
+
+def test_load_cases_carry_a_crop_with_its_spread():
+    crop = {"line_type": {"sock": {"cdn": [1.0, 1.4, 3.9]}}, "growth": [0.8, 1.0, 1.25]}
+    cases = {"months": ["may"], "currents": [0.9]}
+    found = read_site(changed(crop=crop, cases=cases))
+    assert [s.crop for s in found.storms] == 2 * ["low", "expected", "high"]
+    assert len({s.still for s in found.storms}) == 3
+    for storm, drag, share in zip(found.storms, 2 * [1.0, 1.4, 3.9], 2 * [0.8, 1.0, 1.25], strict=True):
+        changes = found.still_changes(storm)
+        assert changes["line_type.sock.cdn"] == drag
+        assert changes["line.dropper-1.growth.thickness"] == [0.02 * share, 0.01 * share]
+        assert storm.name.endswith(f"may, crop {storm.crop}")
+    heavy = read_site(changed(crop=crop, cases={**cases, "crops": ["high"]}))
+    assert [s.crop for s in heavy.storms] == 2 * ["high"]
+    with pytest.raises(SceneError, match="cases.crops.0: 'heavy' is unknown"):
+        read_site(changed(crop=crop, cases={**cases, "crops": ["heavy"]}))
+    with pytest.raises(SceneError, match=r"crop.growth: \[1.0\] has 1 entries; allowed: three numbers"):
+        read_site(changed(crop={"growth": [1.0]}))

@@ -151,7 +151,8 @@ def same_bits(site, one, other):
     for case in site.cases:
         a, b = here.read(case), there.read(case)
         assert a.keys() == b.keys()
-        assert all(np.array_equal(a[name], b[name], equal_nan=True) for name in a)
+        for name in a:
+            np.testing.assert_array_equal(a[name], b[name], err_msg=f"{case}: {name}", strict=True)
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")

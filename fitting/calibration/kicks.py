@@ -190,10 +190,14 @@ QUANTILE, NORMAL = 0.9, 1.645
 
 
 class Kick(NamedTuple):
-    """From `time` [s] of a run on, some windows follow no motion of the model; `lasting`: more than one."""
+    """From `time` [s] of a run on, some windows follow no motion of the model; `lasting`: more than one.
+
+    Samples from `begin` [s] on are left out: the previous window may have some after the kick.
+    """
 
     run: int
     time: float
+    begin: float
     windows: np.ndarray
     lasting: bool
 
@@ -223,10 +227,12 @@ def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> t
     off = np.isin(np.arange(windows.count), np.concatenate([kick.windows for kick in found]))
     names, removed = [], []
     for kick in found:
-        begin, last = float(windows.begin[kick.windows[0]]), float(windows.ends[kick.windows[-1]])
+        begin, last = kick.begin, float(windows.ends[kick.windows[-1]])
         what = "is disturbed, or moves out of its plane, from" if kick.lasting else "is kicked or touched at"
         words = f"{prepared.traces[kick.run].name} {what} about {kick.time:.2f} s"
         words += f": windows from {begin:.3g} to {last:.3g} s left out"
+        if begin < windows.begin[kick.windows[0]]:
+            windows = windows.end_early(kick.windows[0] - 1, begin)
         names.append(Candidate(words, (), {}, {}, 0.0, 0.0))
         removed.append((kick.run, begin, last))
     starts = Starts(*(part[~off] for part in clean.starts))
@@ -271,7 +277,8 @@ def find_kicks(
         times, found, left = _fit_following(clean, claimed, first, starts_from_previous_windows(own, ~good), limit)
         whole = left <= limit
         if not whole.any():
-            kicked = [_kick(claimed, good, k, time) for k, time in zip(first, times, strict=True)]
+            early = _first_missed(clean, claimed, first - 1, starts, limit)
+            kicked = [_kick(claimed, good, *one) for one in zip(first, times, early, strict=True)]
             return kicked, replace(clean, starts=starts)
         # on a wrong branch, not kicked
         mine = first[whole]
@@ -280,11 +287,27 @@ def find_kicks(
     return [], solution
 
 
-def _kick(windows: Windows, good: np.ndarray, k: int, time: float) -> Kick:
-    """The kick in window k, with all windows that it disturbs."""
+def _kick(windows: Windows, good: np.ndarray, k: int, time: float, early: float) -> Kick:
+    """The kick in window k, or earlier at the end of the previous one, with all windows that it disturbs."""
     ends = (j for j in range(k + 1, windows.count) if good[j] or windows.run[j] != windows.run[k])
     last = next(ends, windows.count)
-    return Kick(int(windows.run[k]), float(time), np.arange(k, last), last > k + 1)
+    begin = min(float(early), float(windows.begin[k]))
+    return Kick(int(windows.run[k]), min(float(early), float(time)), begin, np.arange(k, last), last > k + 1)
+
+
+def _first_missed(solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float) -> np.ndarray:
+    """Times [s] from which windows `which`, before kicks, miss their last frames; infinite if they explain them.
+
+    A window's misfit is a quantile of its residuals, which a kick in its last frames does not change. They are
+    predicted from the other frames. Frames that are missing around a kick leave such a window.
+    """
+    mine, starts = windows.pick(which), Starts(*(part[which] for part in starts))
+    known = (mine.weight > 0).any(axis=2)
+    late = known & (np.cumsum(known, axis=1) > QUANTILE * known.sum(axis=1, keepdims=True))
+    found = _only_starts(solution, replace(mine, weight=np.where(late[..., None], 0.0, mine.weight)), starts)
+    error = np.abs(wrap_angle(found.evaluation.theta - mine.theta)) * mine.weight
+    missed = late & ~(error < limit).all(axis=2)
+    return np.where(missed, mine.times(), np.inf).min(axis=1)
 
 
 def misfit(solution: Solution, claimed: Windows) -> np.ndarray:

@@ -136,6 +136,15 @@ class Windows:
         elapsed = self.index / self.step_counts[:, None]
         return replace(self, weight=self.weight * (elapsed <= part)[:, :, None])
 
+    def end_early(self, k: int, end: float) -> Windows:
+        """The same windows, of which window k ends at a time [s]; its later slots are empty."""
+        late = np.zeros(self.index.shape, bool)
+        late[k] = self.times()[k] > end - 0.5 * self.dt
+        counts = self.step_counts.copy()
+        counts[k] = round((end - self.begin[k]) / self.dt)
+        emptied = {f: np.where(late, 0, getattr(self, f)) for f in ("index", "fraction")}
+        return replace(self, step_counts=counts, weight=np.where(late[..., None], 0.0, self.weight), **emptied)
+
     def pick(self, which: np.ndarray) -> Windows:
         """Some of the windows, none of which follows another."""
         part = {f: getattr(self, f)[which] for f in (*PER_WINDOW, *OF_NOISE) if getattr(self, f) is not None}

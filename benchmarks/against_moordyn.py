@@ -1,9 +1,10 @@
 """The paper's cases and a driven chain in MoorDyn v2 and here: motions, tensions, conventions, and speed on one thread.
 
     python benchmarks/against_moordyn.py [--only case_4|cases|step_sizes|schemes|speed|peaks]
+        [--peaks hard|case_1|case_3]
 
 Needs the extra `moordyn`; takes about 15 minutes, a few more with the explicit schemes,
-an hour more with peaks.
+an hour more with peaks, of which `--peaks` measures one scene.
 
 Writes results/moordyn.json and prints what it finds. Both codes start
 from the paper's positions. MoorDyn's component waves (WaveKin 7) carry no dynamic pressure: an upright cylinder held
@@ -26,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from explicit_schemes import schemes
 from moordyn_runs import Ours, theirs
-from moordyn_speed import peaks, speed
+from moordyn_speed import PEAKS, peaks, speed
 from paper_cases import TABLE_7, case
 from study import collect, command, describe, versions
 
@@ -152,7 +153,7 @@ def conventions() -> Iterator[dict[str, Any]]:
     yield {"convention": "MoorDyn v2, after 300 s", "anchor_n": value}
 
 
-@command(only=(None, "case_4", "cases", "step_sizes", "schemes", "speed", "peaks"))
+@command(only=(None, "case_4", "cases", "step_sizes", "schemes", "speed", "peaks"), peaks=(None, *PEAKS))
 def main(given) -> None:
     parts = {
         "case_4": conventions(),
@@ -162,7 +163,7 @@ def main(given) -> None:
         "step_sizes": (row for ratio in RATIOS for row in step_sizes(ratio)),
         "schemes": schemes(case),
         "speed": speed(case),
-        "peaks": peaks(case),
+        "peaks": peaks(case, given.peaks),
     }
     packages = versions("moordyn", "jax", "dropper-jax", "numpy")
     collect("moordyn", parts, given.only, schema=1, machine=describe(), versions=packages, table_7=TABLE_7)

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 from moordyn_runs import SAMPLE, Ours, Rows, theirs
-from study import say
+from study import say, stored
 from table7_edulis import turned
 
 from dropper_jax import Scene
@@ -48,6 +48,12 @@ THEIR_STEPS = (0.002, 0.001, 0.0005, 0.00025)
 #: which bound its error.
 OUR_STEPS = ((None, 20), (None, 40), (None, 80), (0.3, 5), (0.1, 5), (0.03, 5))
 REFERENCE = 640
+#: Scenes of peaks by option, and their names in tables.
+PEAKS = {
+    "hard": "chain of 12 segments, top driven, hard",
+    "case_1": "case 1 (MoorDyn: wave grid)",
+    "case_3": "case 3, 29 components (both: exact kinematics)",
+}
 #: Time between looks at MoorDyn's peaks [s], and runs whose time is taken.
 CLOSE, TIMED = 1e-3, 2
 #: Our two ways: values of the scene.
@@ -179,13 +185,23 @@ def _errors_run(scene: Scene, dt: float, look: float, **options: Any) -> Rows:
     return theirs(scene, dt, SPAN, look=max(look, dt), call=call, **options)
 
 
-def peaks(case: Callable[[int], Scene], runs: int = RUNS) -> Iterator[dict[str, Any]]:
-    """One row per scene: errors of all steps in both codes, cheapest good ones, ratio."""
-    for name, drawn in (
-        ("chain of 12 segments, top driven, hard", lambda i: _hard(case, i)),
-        ("case 1 (MoorDyn: wave grid)", lambda i: (_shifted(case(1), i), {"grid": True})),
-        ("case 3, 29 components (both: exact kinematics)", lambda i: (_shifted(case(3), i), {})),
-    ):
+def peaks(case: Callable[[int], Scene], only: str | None = None, runs: int = RUNS) -> Iterator[dict[str, Any]]:
+    """One row per scene: errors of all steps in both codes, cheapest good ones, ratio.
+
+    Args:
+        only: one of `PEAKS`; the others keep their stored rows.
+    """
+    drawn_by = {
+        "hard": lambda i: _hard(case, i),
+        "case_1": lambda i: (_shifted(case(1), i), {"grid": True}),
+        "case_3": lambda i: (_shifted(case(3), i), {}),
+    }
+    earlier = {row["name"]: row for row in stored("moordyn", {}).get("peaks", [])} if only else {}
+    for key, name in PEAKS.items():
+        if only not in (None, key):
+            yield from [earlier[name]] if name in earlier else []
+            continue
+        drawn = drawn_by[key]
         scenes = [(scene.with_values(WAYS["damped_rope"]), options) for scene, options in map(drawn, range(runs))]
         ours, there = _our_peaks([scene for scene, _ in scenes]), _their_peaks(scenes)
         ratio = there["best"] and ours["best"] and there["best"]["cpu_per_s"] / ours["best"]["cpu_per_s"]
@@ -227,14 +243,14 @@ def _their_peaks(scenes: list[tuple[Scene, dict[str, Any]]]) -> dict[str, Any]:
         return [_errors_run(scene, dt, CLOSE, **options) for scene, options in scenes]
 
     reference, rows = [_three(one) for one in run(0.5 * THEIR_STEPS[-1])], []
-    for dt in THEIR_STEPS:
+    bound = _over_runs([_three(one) for one in run(THEIR_STEPS[-1])], reference)
+    for dt in THEIR_STEPS[:-1]:
         done = run(dt)
         for i, (scene, options) in enumerate(scenes[:TIMED]):
             look = LOOK if "drive" in options else SAMPLE
             timed = [theirs(scene, dt, SPAN, look=look, **options) for _ in range(REPEATS)]
             done[i].cpu_s = min(one.cpu_s for one in timed)
         rows.append({"dt_s": dt, "tolerance": None, **_judged(done, reference)})
-    bound = rows.pop()["errors"]
     return _chosen(rows, reference, bound)
 
 

@@ -11,6 +11,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import plain
 from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.load.checks_water import bed_height
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.scene import LineSlice, LineSpec, WholeLine, grown, line_slices, whole_lines
@@ -148,7 +149,8 @@ def end_forces(
     """Force (k, 2) [N] of every line on its first and its last point, by name.
 
     The force is the tension of the end link plus the weight in water of the part of the link that belongs to the point:
-    the tension of a link is that at its middle. Drag and inertia of this part, and the seabed, are left out.
+    the tension of a link is that at its middle. At a point on the seabed the bed carries this part as far as the line
+    does not lift it. Drag and inertia of this part are left out.
 
     Args:
         positions: nodes of all lines (k, nodes, 3) [m]; tension: of their links (k, n) [N].
@@ -163,11 +165,23 @@ def end_force_vectors(
 ) -> dict[str, np.ndarray]:
     """The same as vectors (k, 2, 3) [N]."""
     weights = wet_weights(scene)
-    first, last = _end_shares(scene)
+    first, last = (share * weights for share in _end_shares(scene))
     found = {}
     for name, start, stop, links in _ends(lines):
         rows = ((start, start + 1, links.start, first), (stop, stop - 1, links.stop - 1, last))
-        found[name] = np.stack([_force(positions, tension, weights, *row) for row in rows], axis=1)
+        found[name] = np.stack(
+            [
+                _force(
+                    positions[:, end],
+                    positions[:, inner],
+                    tension[:, link],
+                    weight[link],
+                    _on_bed(scene, positions[:, end]),
+                )
+                for end, inner, link, weight in rows
+            ],
+            axis=1,
+        )
     return found
 
 
@@ -206,16 +220,20 @@ def _end_shares(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return first, 1.0 - first
 
 
-def _force(
-    positions: np.ndarray, tension: np.ndarray, weights: np.ndarray, end: int, inner: int, link: int, share: np.ndarray
-) -> np.ndarray:
-    """Force (k, 3) [N] of an end link on its point."""
+def _force(end: np.ndarray, inner: np.ndarray, tension: np.ndarray, weight: float, on_bed: np.ndarray) -> np.ndarray:
+    """Force (k, 3) [N] of an end link on its point, with the weight in water at that point."""
     with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
-        along = positions[:, inner] - positions[:, end]
-        size = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-        force = tension[:, link, None] * along / size
-        force[:, 2] -= share[link] * weights[link]
+        along = inner - end
+        force = tension[:, None] * along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+        force[:, 2] -= np.where(on_bed, np.minimum(weight, np.maximum(force[:, 2], 0.0)), weight)
         return force
+
+
+def _on_bed(scene: Scene, positions: np.ndarray) -> np.ndarray:
+    """Whether a point (k, 3) lies on the seabed (k,)."""
+    bed = bed_height(scene, positions)
+    # points within a millimetre of the bed lie on it: anchors are at its height
+    return np.zeros(len(positions), bool) if bed is None else positions[:, 2] < bed + 1e-3
 
 
 def line_weights(scene: Scene) -> list[dict[str, Any]]:

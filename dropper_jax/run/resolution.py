@@ -13,18 +13,24 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.load.scene import Scene
 from dropper_jax.residual import Implicit
+from dropper_jax.run.growth import lines_in_words
 from dropper_jax.run.samples import Kind, Samples
-from dropper_jax.scene import line_slices
+from dropper_jax.scene import WholeLine, line_slices, whole_lines
 from dropper_jax.scene.data import point_nodes
 
 
 def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
-    """One warning for each line above its breaking load or stretched by 10 %, each buoy under water or on the seabed.
+    """Warnings of lines above their breaking load, stretched by 10 % or of too few links, and of sunken buoys.
 
     Args:
         positions: all nodes (n + 1, 3) [m]; tension: (n,) [N].
     """
-    return (*_check_loads(scene, tension), *_check_stretch(scene, positions), *_check_buoys(scene, positions))
+    return (
+        *_check_loads(scene, tension),
+        *_check_stretch(scene, positions),
+        *_check_bends(scene, positions, tension),
+        *_check_buoys(scene, positions),
+    )
 
 
 def check_stretch(scene: Scene, positions: np.ndarray) -> None:
@@ -55,6 +61,33 @@ def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     for line, strain in _strains(scene, positions):
         if strain > 0.1:
             yield f"{line}: is stretched by {strain:.0%} at rest; check its length and EA"
+
+
+def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> Iterator[str]:
+    """One warning of all elastic lines whose links are too few for the forces at their ends."""
+    coarse = {}
+    for line in whole_lines(scene):
+        bend = 0.0 if line.spec.rigid else _largest_bend(line, positions, tension[line.links])
+        # A sag of N links between two points has a tension that is off by 1/(2 N^2). Sharp bends add an error of the
+        # loads on their nodes.
+        if bend >= 72.0 or (line.spec.links <= 3 and bend >= 5.0):
+            coarse[line.name] = bend
+    if coarse:
+        yield (
+            f"{lines_in_words(list(coarse))}: too few links: at rest neighbouring links turn by up to "
+            f"{max(coarse.values()):.0f} degrees, and forces at the ends can be off by more than 5%. Take four times "
+            "the links; run --errors shows the difference"
+        )
+
+
+def _largest_bend(line: WholeLine, positions: np.ndarray, tension: np.ndarray) -> float:
+    """Maximum angle [degrees] between neighbouring links of a line that both carry tension, without attached points."""
+    along = np.diff(positions[line.nodes], axis=0)
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    turns = np.degrees(np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0)))
+    turns[[node - 1 for node in line.stops if 0 < node < line.spec.links]] = 0.0
+    taut = np.minimum(tension[1:], tension[:-1]) > 0.01 * np.max(tension)
+    return float(np.max(turns * taut, initial=0.0))
 
 
 def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:

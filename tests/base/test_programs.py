@@ -7,6 +7,7 @@ import pytest
 
 from dropper_jax.backend import programs
 from dropper_jax.backend.programs import Store, cached_jit
+from dropper_jax.cli import main
 
 
 @pytest.fixture
@@ -129,3 +130,11 @@ def test_known_compiler_options_are_tried_once_for_all_processes(monkeypatch, tm
         )  # others are asked for by another name
     finally:
         programs.supported_options.cache_clear()
+
+
+def test_doctor_reports_an_option_that_the_compiler_no_longer_knows(monkeypatch, capsys):
+    monkeypatch.setattr("dropper_jax.study.doctor.BRIEFLY", {"xla_cpu_is_not_an_option": True, **programs.BRIEFLY})
+    main(["doctor", "--repeats", "2"])
+    shown = capsys.readouterr().out
+    assert "xla_cpu_is_not_an_option UNKNOWN" in shown
+    assert all(f"{name} known" in shown for name in programs.BRIEFLY)

@@ -52,6 +52,26 @@ def test_end_forces_of_a_coarse_line_are_those_of_the_catenary_and_link_tensions
     assert line["mean_first_link_n"] == pytest.approx(link[0], rel=1e-3)
 
 
+def test_the_bed_carries_the_half_link_beside_an_anchor_that_is_not_lifted():
+    """A catenary that ends on a smooth bed: its horizontal tension a w is all that the anchor feels."""
+    depth, span, length = 20.0, 40.0, 56.0
+    scene = hanging(links=16)
+    scene["point"][0]["position"], scene["point"][1]["position"] = [0.0, 0.0, -depth], [span, 0.0, 0.0]
+    scene["line"][0]["length"], scene["sea"]["depth"] = length, depth
+    scene["effects"]["seabed"] = {"stiffness": 1e6}
+    weight = 9.81 * (MASS - 1000.0 * np.pi / 4 * 0.06**2)
+
+    def too_long(a):
+        return length - np.sqrt(depth**2 + 2.0 * a * depth) + a * np.arccosh(1.0 + depth / a) - span
+
+    a = brentq(too_long, 0.1, 50.0)
+    pose = dj.equilibrium(scene)
+    first, last = end_forces(dj.load_scene(scene), pose.positions[None], pose.tension[None])["rope"][0]
+    assert first == pytest.approx(weight * a, rel=0.03)
+    assert last == pytest.approx(weight * (a + depth), rel=0.01)
+    assert 0.5 * weight * length / 16 > 0.9 * first  # what the bed carries there
+
+
 def test_ends_of_a_line_by_the_link_have_the_weight_that_its_nodes_carry():
     scene = hanging()
     weight = 9.81 * MASS * 5.0

@@ -189,7 +189,8 @@ class CaseLists(Section):
         if len(set(names)) < len(names):
             raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
         heading = None if heading == "waves" else heading
-        return dataclasses.replace(found, currents=tuple(tables), current_direction=heading, kinds=kinds, standard=standard)
+        more = {"current_direction": heading, "kinds": kinds, "standard": standard}
+        return dataclasses.replace(found, currents=tuple(tables), **more)
 
 
 def _case_standard(own: dict[str, Any], path: str) -> dict[str, Any] | None:

@@ -16,8 +16,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write, remove
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.cli.faults import defer_signals
-from dropper_jax.cli.options import output_file, output_folder
-from dropper_jax.cli.output import Failure, print_line, print_result, table, with_failure
+from dropper_jax.cli.options import Failure, output_file, output_folder, print_line, print_result, table, with_failure
 
 if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution

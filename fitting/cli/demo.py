@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dropper_jax.cli.output import listing, table
+from dropper_jax.cli.options import listing, table
 
 if TYPE_CHECKING:
     from dropper_jax.base.errors import Progress

@@ -8,16 +8,22 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import (
+    FAILED,
+    OK,
     add_allow_outside,
     add_examples,
     add_json,
     add_quiet,
     add_set,
+    listing,
     number,
     output_folder,
+    print_line,
+    print_warnings,
+    progress,
     read_scene,
+    table,
 )
-from dropper_jax.cli.output import FAILED, OK, listing, print_line, print_warnings, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 if TYPE_CHECKING:

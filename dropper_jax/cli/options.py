@@ -1,32 +1,30 @@
-"""Arguments that several commands share."""
+"""What several commands share: their arguments and their output.
+
+One JSON object or a short table is on standard output, all else on standard error.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
+import re
+import sys
+import time
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import leftovers, references_of, refuse_pipe
-from dropper_jax.base.toml_text import parsed_toml
+from dropper_jax.base.toml_text import SCHEMA, jsonable, parsed_toml
 from dropper_jax.integrators import SCHEMES
 from dropper_jax.load.packaged import find_scene, folder_of
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from dropper_jax.run.simulate import Solution
-from __future__ import annotations
-
-import json
-import re
-import sys
-import time
-from collections.abc import Callable, Iterable
-from contextlib import suppress
-
-from dropper_jax.base.toml_text import SCHEMA, jsonable
 
 #: Value of `--dt` for the suggested step, which `run` shortens as its check advises.
 AUTO = "auto"
@@ -229,7 +227,7 @@ RUN_VALUES: dict[str, dict[str, Any]] = {
 }
 
 
-# Output of commands: one JSON object or a short table on standard output, all else on standard error. Exit codes
+# Output of commands and exit codes
 
 OK = 0
 INVALID_INPUT = 2

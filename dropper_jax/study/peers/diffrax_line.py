@@ -30,8 +30,8 @@ from dropper_jax.backend.tridiagonal import one_kernel_of
 from dropper_jax.integrators.projected import moving
 from dropper_jax.model import Model, State
 from dropper_jax.study.march import link_vectors
-from dropper_jax.study.work_precision import peer_row, time_runs
 from dropper_jax.study.reference import Reference
+from dropper_jax.study.work_precision import peer_row, time_runs
 
 NAME = "diffrax"
 SOLVERS = ("Tsit5", "Dopri5", "Dopri8", "Kvaerno5")

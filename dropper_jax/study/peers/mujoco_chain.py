@@ -8,8 +8,8 @@ import numpy as np
 
 from dropper_jax.model import Model, State
 from dropper_jax.study.march import link_vectors
-from dropper_jax.study.work_precision import peer_row, time_runs
 from dropper_jax.study.reference import Reference
+from dropper_jax.study.work_precision import peer_row, time_runs
 
 NAME = "mujoco"
 INTEGRATORS = ("RK4", "implicitfast", "Euler")

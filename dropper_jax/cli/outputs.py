@@ -119,13 +119,10 @@ def deliver(as_json: bool, found: dict[str, Any], text: str, out: Path | None, f
 
 def weights_table(scene: Scene) -> list[str]:
     """Mass, weight in water and density of the lines, a row for equal lines; empty without water."""
-    from dropper_jax.run.growth import line_weights, lines_in_words
+    from dropper_jax.run.growth import line_weights, weight_cells
 
-    rows = [("line", "mass [kg/m]", "displaced [kg/m]", "weight in water [N/m]", "density [kg/m^3]")]
-    keys = ("mass_kg_per_m", "displaced_kg_per_m", "wet_weight_n_per_m", "density_kg_per_m3")
-    for row in line_weights(scene):
-        rows.append((lines_in_words(row["lines"]), *(f"{row[key]:.4g}" for key in keys)))
-    return ["", table(rows)] if len(rows) > 1 else []
+    rows = line_weights(scene)
+    return ["", table(weight_cells(rows))] if rows else []
 
 
 def plot_target(text: str | None) -> Path | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import jax
@@ -145,7 +144,7 @@ class Tabulated(Rope):
     slope: jax.Array | None = None  # (n, k) [N]
 
     def soften(self, share: float) -> AxialLaw:
-        return replace(self, EA=share * self.EA, force=share * self.force, slope=share * self.slope)
+        return dataclasses.replace(self, EA=share * self.EA, force=share * self.force, slope=share * self.slope)
 
     def _shares(self, size: jax.Array, length: jax.Array) -> tuple[jax.Array, ...]:
         """Passed fraction of each interval (n, k - 1), the strain beyond each, and widths of the intervals."""

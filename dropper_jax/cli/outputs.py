@@ -19,6 +19,7 @@ from dropper_jax.cli.faults import defer_signals
 from dropper_jax.cli.options import Failure, output_file, output_folder, print_line, print_result, table, with_failure
 
 if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
     from dropper_jax.run.simulate import Solution
 
 
@@ -70,10 +71,6 @@ def save_or_report(solution: Solution, out: Path | None) -> str | None:
             except (SceneError, OSError):
                 remove(folder)
     return f"{reason}; the run could not be saved"
-
-
-if TYPE_CHECKING:
-    from dropper_jax.load.scene import Scene
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:

@@ -25,7 +25,7 @@ import numpy as np
 from IPython.display import Image, display
 
 import dropper_jax as dj
-from dropper_jax.cli.output import table
+from dropper_jax.cli.options import table
 from dropper_jax.plots import style
 from fitting.cases import assess, run_cases
 from fitting.cli.optimise import text

@@ -42,7 +42,8 @@ class Row(NamedTuple):
 
 RENAMED = (
     Row("module", "dropper_jax.base", "place", "numerics", "0.2"),
-    Row("module", "dropper_jax.cli", "codes", "dropper_jax.cli.output", "0.2"),
+    Row("module", "dropper_jax.cli", "codes", "dropper_jax.cli.options", "0.2"),
+    Row("module", "dropper_jax.cli", "output", "dropper_jax.cli.options", "0.2"),
     Row("module", "dropper_jax.study", "schemes", "dropper_jax.study.march", "0.2"),
     Row("module", "fitting.optimise", "picture", "run", "0.2"),
     Row("module", "fitting.parameters", "fitted", "of_scene", "0.2"),

@@ -18,7 +18,7 @@ from dropper_jax.cli.faults import (
     terminated_as_interrupted,
     with_streams,
 )
-from dropper_jax.cli.output import OK
+from dropper_jax.cli.options import OK
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -7,8 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_quiet, add_scene, number, read_scene
-from dropper_jax.cli.output import done_object, print_line, progress, table
+from dropper_jax.cli.options import (
+    add_examples,
+    add_quiet,
+    add_scene,
+    done_object,
+    number,
+    print_line,
+    progress,
+    read_scene,
+    table,
+)
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:

@@ -5,8 +5,16 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from dropper_jax.cli.options import add_examples, add_run_values, add_scene, read_scene
-from dropper_jax.cli.output import done_object, listing, print_warnings, table
+from dropper_jax.cli.options import (
+    add_examples,
+    add_run_values,
+    add_scene,
+    done_object,
+    listing,
+    print_warnings,
+    read_scene,
+    table,
+)
 from dropper_jax.cli.outputs import add_out, deliver, out_file, weights_table
 from dropper_jax.cli.run import OVERRIDES
 

@@ -62,7 +62,7 @@ class Command(Protocol):
         """Declare the arguments, without heavy imports."""
 
     def run(self, args: argparse.Namespace) -> int:
-        """Run the command; returns an exit code of `dropper_jax.cli.output`."""
+        """Run the command; returns an exit code of `dropper_jax.cli.options`."""
 
 
 class _Parser(argparse.ArgumentParser):

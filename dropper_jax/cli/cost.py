@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from dropper_jax.cli.options import add_examples, add_scene, read_scene
-from dropper_jax.cli.output import done_object, table
+from dropper_jax.cli.options import add_examples, add_scene, done_object, read_scene, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "operations, bytes and microseconds per step, with and without each effect"

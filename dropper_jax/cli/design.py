@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_scene, number, read_scene
-from dropper_jax.cli.output import done_object, listing
+from dropper_jax.cli.options import add_examples, add_scene, done_object, listing, number, read_scene
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 help = "solve for a value of the scene that gives a required static tension or depth"

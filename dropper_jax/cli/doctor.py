@@ -6,8 +6,7 @@ import argparse
 from typing import Any
 
 from dropper_jax.base.memory import in_words
-from dropper_jax.cli.options import add_examples, add_json, positive_integer
-from dropper_jax.cli.output import done_object, listing, print_result
+from dropper_jax.cli.options import add_examples, add_json, done_object, listing, positive_integer, print_result
 
 help = "versions, devices, cache, and checks against known results"
 

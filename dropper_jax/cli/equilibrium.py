@@ -9,8 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax.cli.options import add_examples, add_scene, positive_integer, read_scene
-from dropper_jax.cli.output import done_object, print_warnings, table
+from dropper_jax.cli.options import (
+    add_examples,
+    add_scene,
+    done_object,
+    positive_integer,
+    print_warnings,
+    read_scene,
+    table,
+)
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder, weights_table
 
 if TYPE_CHECKING:

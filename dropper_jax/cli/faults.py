@@ -19,7 +19,7 @@ from types import FrameType
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.renamed import SINCE
-from dropper_jax.cli.output import FAILED, INTERRUPTED, INVALID_INPUT, failure_object, print_json, print_line
+from dropper_jax.cli.options import FAILED, INTERRUPTED, INVALID_INPUT, failure_object, print_json, print_line
 
 #: Environment variable that shows the traceback of an internal error.
 TRACEBACK = "DROPPER_TRACEBACK"

@@ -10,8 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_scene, number, positive_integer, read_scene
-from dropper_jax.cli.output import FAILED, OK, done_object, failure_object, print_line, print_warnings, table
+from dropper_jax.cli.options import (
+    FAILED,
+    OK,
+    add_examples,
+    add_scene,
+    done_object,
+    failure_object,
+    number,
+    positive_integer,
+    print_line,
+    print_warnings,
+    read_scene,
+    table,
+)
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.cli.options import add_examples, add_scene, number, read_scene
-from dropper_jax.cli.output import done_object, table
+from dropper_jax.cli.options import add_examples, add_scene, done_object, number, read_scene, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "mussels of a scene by month and depth: mass, diameter, wet weight"

@@ -6,8 +6,7 @@ import argparse
 from typing import Any
 
 from dropper_jax.base.toml_text import as_toml
-from dropper_jax.cli.options import add_examples, add_json
-from dropper_jax.cli.output import OK, done_object, listing, print_json, print_result, table
+from dropper_jax.cli.options import OK, add_examples, add_json, done_object, listing, print_json, print_result, table
 
 help = "list ropes, chains, floats and crops, or print one as TOML to paste"
 

@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_scene, number, positive_integer, read_scene
-from dropper_jax.cli.output import done_object, print_result, table
+from dropper_jax.cli.options import (
+    add_examples,
+    add_scene,
+    done_object,
+    number,
+    positive_integer,
+    print_result,
+    read_scene,
+    table,
+)
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:

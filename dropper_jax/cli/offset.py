@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
-from dropper_jax.cli.output import done_object, progress, table
+from dropper_jax.cli.options import add_examples, add_quiet, add_scene, done_object, progress, read_scene, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "restoring force and tension over the horizontal offset of fixed points, all else in equilibrium"

@@ -16,10 +16,10 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write, remove
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.cli.faults import defer_signals
-from dropper_jax.cli.options import output_file, output_folder
-from dropper_jax.cli.output import Failure, print_line, print_result, table, with_failure
+from dropper_jax.cli.options import Failure, output_file, output_folder, print_line, print_result, table, with_failure
 
 if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
     from dropper_jax.run.simulate import Solution
 
 
@@ -73,10 +73,6 @@ def save_or_report(solution: Solution, out: Path | None) -> str | None:
     return f"{reason}; the run could not be saved"
 
 
-if TYPE_CHECKING:
-    from dropper_jax.load.scene import Scene
-
-
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
     """--plot."""
     parser.add_argument("--plot", metavar="DIR", help=f"write {what} to a folder (or FILE.png)")
@@ -120,13 +116,10 @@ def deliver(as_json: bool, found: dict[str, Any], text: str, out: Path | None, f
 
 def weights_table(scene: Scene) -> list[str]:
     """Mass, weight in water and density of the lines, a row for equal lines; empty without water."""
-    from dropper_jax.run.growth import line_weights, lines_in_words
+    from dropper_jax.run.growth import line_weights, weight_cells
 
-    rows = [("line", "mass [kg/m]", "displaced [kg/m]", "weight in water [N/m]", "density [kg/m^3]")]
-    keys = ("mass_kg_per_m", "displaced_kg_per_m", "wet_weight_n_per_m", "density_kg_per_m3")
-    for row in line_weights(scene):
-        rows.append((lines_in_words(row["lines"]), *(f"{row[key]:.4g}" for key in keys)))
-    return ["", table(rows)] if len(rows) > 1 else []
+    rows = line_weights(scene)
+    return ["", table(weight_cells(rows))] if rows else []
 
 
 def plot_target(text: str | None) -> Path | None:

@@ -7,8 +7,17 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_json, number, output_folder, read_run
-from dropper_jax.cli.output import FAILED, OK, print_line, print_result
+from dropper_jax.cli.options import (
+    FAILED,
+    OK,
+    add_examples,
+    add_json,
+    number,
+    output_folder,
+    print_line,
+    print_result,
+    read_run,
+)
 from dropper_jax.report.record import Settings
 
 if TYPE_CHECKING:

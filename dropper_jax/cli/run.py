@@ -11,27 +11,25 @@ from typing import TYPE_CHECKING, Any
 from dropper_jax.base.files import unfinished_folder
 from dropper_jax.cli.options import (
     AUTO,
+    FAILED,
+    INTERRUPTED,
+    OK,
     add_examples,
     add_quiet,
     add_run_values,
     add_scene,
     given_values,
+    listing,
     output_file,
     output_folder,
-    read_run,
-    read_scene,
-    with_step,
-)
-from dropper_jax.cli.output import (
-    FAILED,
-    INTERRUPTED,
-    OK,
-    listing,
     print_json,
     print_line,
     print_warnings,
     progress,
+    read_run,
+    read_scene,
     table,
+    with_step,
 )
 from dropper_jax.cli.outputs import draw, plot_target, weights_table, write_channels, write_run_report
 

@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_scene, output_file, read_scene
-from dropper_jax.cli.output import done_object, listing, print_warnings, table
+from dropper_jax.cli.options import (
+    add_examples,
+    add_scene,
+    done_object,
+    listing,
+    output_file,
+    print_warnings,
+    read_scene,
+    table,
+)
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
@@ -153,11 +161,8 @@ def _coefficients(found: dict[str, Any]) -> list[str]:
     """Flow-dependent coefficients, by line."""
     if "coefficients" not in found:
         return []
-    keys = [key for key in ("cdn", "can") if key in found["coefficients"][0]]
-    rows = [("line", "KC", "Re", "share of the current", *keys)]
-    for row in found["coefficients"]:
-        shown = ("keulegan_carpenter", "reynolds", "current_share", *keys)
-        rows.append((row["line"], *(f"{row[key]['min']:.3g} to {row[key]['max']:.3g}" for key in shown)))
+    from dropper_jax.run.flow_coefficients import flow_cells
+
     low = [row["line"] for row in found["coefficients"] if not row["post_critical"]]
     note = f"Re below 1e5, where rough cylinders may not yet be post-critical: {', '.join(low)}"
-    return ["", table(rows), *([note] if low else [])]
+    return ["", table(flow_cells(found["coefficients"])), *([note] if low else [])]

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest, silent
-from dropper_jax.cli.options import add_examples, add_json, add_quiet
-from dropper_jax.cli.output import done_object, progress, table
+from dropper_jax.cli.options import add_examples, add_json, add_quiet, done_object, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 help = "run a catalogue of hard cases, each against its limit, with the thesis' schemes and MoorDyn for comparison"

@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_scene, output_file, read_scene
-from dropper_jax.cli.output import (
+from dropper_jax.cli.options import (
+    add_examples,
+    add_scene,
     done_object,
+    output_file,
     print_result,
     print_warnings,
+    read_scene,
     table,
 )
 from dropper_jax.cli.outputs import deliver

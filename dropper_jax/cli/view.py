@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.cli.options import add_examples, add_json, output_file, read_run
-from dropper_jax.cli.output import done_object, print_result
+from dropper_jax.cli.options import add_examples, add_json, done_object, output_file, print_result, read_run
 
 help = "make an interactive 3D page of a saved run"
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.axial import LAWS
-from dropper_jax.axial.force_table import ForceTable, tables_of
+from dropper_jax.axial.tabulated import ForceTable, tables_of
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (

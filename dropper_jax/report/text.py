@@ -7,8 +7,9 @@ from typing import Any
 from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
 from dropper_jax.report.parts import bodies_text, crop_text, parts_text
-from dropper_jax.report.sections import empty_unless_rows, newton, table
-from dropper_jax.run.growth import lines_in_words
+from dropper_jax.report.sections import empty_unless_rows, markdown_table, newton, table
+from dropper_jax.run.flow_coefficients import flow_cells
+from dropper_jax.run.growth import weight_cells
 from dropper_jax.scene import link_mass_words
 
 
@@ -93,10 +94,7 @@ def _weights(rows: list[dict[str, Any]]) -> list[str]:
     """Weights of lines in water; empty without water."""
     if not rows:
         return []
-    keys = ("mass_kg_per_m", "displaced_kg_per_m", "wet_weight_n_per_m", "density_kg_per_m3")
-    cells = [[lines_in_words(row["lines"]), *(f"{row[key]:.4g}" for key in keys)] for row in rows]
-    head = ["line", "mass [kg/m]", "displaced [kg/m]", "weight in water [N/m]", "density [kg/m^3]"]
-    return ["## Weights of lines", table(head, cells)]
+    return ["## Weights of lines", markdown_table(weight_cells(rows))]
 
 
 @empty_unless_rows
@@ -116,16 +114,7 @@ def _bending(found: list[dict[str, Any]]) -> list[str]:
 @empty_unless_rows
 def _coefficients(found: list[dict[str, Any]]) -> list[str]:
     """Flow-dependent coefficients; empty without any."""
-    keys = [key for key in ("cdn", "can") if key in found[0]]
-    rows = [
-        [row["line"]]
-        + [
-            f"{row[key]['min']:.3g} to {row[key]['max']:.3g}"
-            for key in ("keulegan_carpenter", "reynolds", "current_share", *keys)
-        ]
-        for row in found
-    ]
-    return ["## Coefficients from the flow", table(["line", "KC", "Re", "share of the current", *keys], rows)]
+    return ["## Coefficients from the flow", markdown_table(flow_cells(found))]
 
 
 def _spread(section: dict[str, Any]) -> str:

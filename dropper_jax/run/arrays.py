@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups, Tabulated
-from dropper_jax.axial.force_table import stack_tables
+from dropper_jax.axial.tabulated import stack_tables
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects import EFFECTS, Effect

@@ -130,3 +130,11 @@ def flow_table(scene: Scene) -> list[dict[str, Any]]:
         row["post_critical"] = bool(np.all(flow.re[at] >= POST_CRITICAL))
         rows.append(row)
     return rows
+
+
+def flow_cells(rows: list[dict[str, Any]]) -> list[tuple[str, ...]]:
+    """Rows of `flow_table` as text, with a heading."""
+    coefficients = [key for key in ("cdn", "can") if key in rows[0]]
+    keys = ("keulegan_carpenter", "reynolds", "current_share", *coefficients)
+    cells = ((row["line"], *(f"{row[key]['min']:.3g} to {row[key]['max']:.3g}" for key in keys)) for row in rows)
+    return [("line", "KC", "Re", "share of the current", *coefficients), *cells]

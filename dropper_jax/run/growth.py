@@ -9,28 +9,11 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import plain
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.scene import LineSlice, LineSpec, WholeLine, grown, line_slices, whole_lines
-
-
-def with_growth(
-    scene: Scene, depth: Sequence[float], thickness: Sequence[float], density: Sequence[float] | float
-) -> Scene:
-    """The scene with mussels on its bare line, thickness [m] and density [kg/m^3] given over depth [m] (rising).
-
-    The depth of a link is that of its middle in the equilibrium of the bare line in calm water. Changes `line.0.mass`
-    and `line.0.diameter`; `[line.growth]` does the same and keeps the bare rope in the scene.
-
-    Raises:
-        SceneError: no sea, no diameter of the bare rope, or tables that do not fit together.
-    """
-    table = scene.to_dict()
-    table["line"][0]["growth"] = {"depth": plain(depth), "thickness": plain(thickness), "density": plain(density)}
-    return overgrown(Scene.from_dict(table))
 
 
 def overgrown(scene: Scene) -> Scene:
@@ -276,6 +259,13 @@ def line_weights(scene: Scene) -> list[dict[str, Any]]:
 
 def lines_in_words(names: list[str]) -> str:
     return ", ".join(names) if len(names) <= 3 else f"{names[0]}, {names[1]} and {len(names) - 2} more"
+
+
+def weight_cells(rows: list[dict[str, Any]]) -> list[tuple[str, ...]]:
+    """Rows of `line_weights` as text, with a heading."""
+    heads = ("line", "mass [kg/m]", "displaced [kg/m]", "weight in water [N/m]", "density [kg/m^3]")
+    keys = ("mass_kg_per_m", "displaced_kg_per_m", "wet_weight_n_per_m", "density_kg_per_m3")
+    return [heads, *((lines_in_words(row["lines"]), *(f"{row[key]:.4g}" for key in keys)) for row in rows)]
 
 
 def floating_warnings(scene: Scene) -> list[str]:

@@ -25,7 +25,6 @@ less momentum than the drag. `Wakes.balance` is their ratio.
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
@@ -47,7 +46,7 @@ START = 0.5
 BEHIND = 2.0
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Elements:
     """Elements of lines (n,): positions [m], x along the current, extents across it [m], diameter [m], drag
     coefficient."""
@@ -66,7 +65,7 @@ class Elements:
         return self.diameter * np.hypot(self.wide, self.high)
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Wakes:
     """Solved wakes: the current [m/s] without them, inflow of each element (n,) [m/s], its drag over rho (n,)."""
 
@@ -95,7 +94,7 @@ class Wakes:
         return np.array([self.speed - self.plane(one).deficit(y, np.array([z]))[:, 0] for one in x])
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Plane:
     """Wakes at one x: centres, widths, profiles over `heights`, amplitudes with their weights c_i/U_c."""
 
@@ -181,7 +180,7 @@ def _plane(
     return Plane(y, z, wide, high, share, depth, momentum)
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class SceneWakes:
     """Solved wakes, fraction of the current per link (n,), the lines, direction of the current [rad], positions (n,
     3)."""

@@ -21,7 +21,7 @@ from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult, score_held_out
 from fitting.calibration.wrong_files import SUSPECT, name_wrong_file
-from fitting.estimate import lyapunov as chaos
+from fitting.estimate.gaps import lyapunov
 from fitting.estimate.loss import loss_of
 from fitting.estimate.problem import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.sandwich import FEW
@@ -131,7 +131,7 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
 def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     """The result of a solution: errors, held-out scores, warnings."""
     simulator, windows = prepared.simulator, solution.windows
-    rate = chaos.lyapunov(simulator, windows, solution.evaluation, solution.values)
+    rate = lyapunov(simulator, windows, solution.evaluation, solution.values)
     # held-out stretches use the same step size as the fit
     prepared = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     u = uncertainty(solution)

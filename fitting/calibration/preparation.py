@@ -21,7 +21,7 @@ from fitting.calibration.prepared import (
     without_held_starts,
 )
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
-from fitting.estimate import lyapunov as chaos
+from fitting.estimate.gaps import SHORTEST_PART, follow_motion, longest_window, lyapunov, transitions
 from fitting.estimate.marching import choose_stepper
 from fitting.estimate.release import release_of
 from fitting.estimate.rest import advice_on_rest, rests
@@ -124,8 +124,8 @@ def prepare(
         notes += [line for pair in zip(seen, sigma, strict=True) for line in advice_on_rest(*pair, slowest)]
     interval = max(trace.interval for trace in runs)
     fewest = fewest_frames(model.line.links, simulator.freedoms)
-    base = max(chaos.SHORTEST_PART * period, fewest * interval)
-    length = window or chaos.longest_window(
+    base = max(SHORTEST_PART * period, fewest * interval)
+    length = window or longest_window(
         simulator.freedoms // 2, float(np.mean(np.asarray(model.line.length))), span, base
     )
     if window is not None and window > span:
@@ -145,9 +145,9 @@ def prepare(
     starts = first_starts(model, seen, windows, sigma)
     windows = replace(windows, substeps=_substeps(starts, dt))
     evaluation = simulator(values, starts, windows)
-    rate = chaos.lyapunov(simulator, windows, evaluation, values)
-    move = chaos.transitions(simulator, windows, evaluation, values)
-    longer = fill(runs, chaos.follow_motion(windows, move, int(length / dt + 1e-6)), dt, sigma)
+    rate = lyapunov(simulator, windows, evaluation, values)
+    move = transitions(simulator, windows, evaluation, values)
+    longer = fill(runs, follow_motion(windows, move, int(length / dt + 1e-6)), dt, sigma)
     windows = replace(longer, substeps=windows.substeps)
     if release is not None:
         windows = release.mark(windows, runs)

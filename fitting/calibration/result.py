@@ -13,8 +13,8 @@ from dropper_jax.model import Model
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import Law
 from fitting.calibration.prepared import Prepared
+from fitting.estimate.gaps import HELD_GROWTH
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.lyapunov import HELD_GROWTH
 from fitting.estimate.problem import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.windows import Windows, first_starts

@@ -8,8 +8,18 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_cores
-from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_folder, positive_integer
-from dropper_jax.cli.output import FAILED, OK, listing, print_result, progress
+from dropper_jax.cli.options import (
+    FAILED,
+    OK,
+    add_examples,
+    add_json,
+    add_quiet,
+    listing,
+    output_folder,
+    positive_integer,
+    print_result,
+    progress,
+)
 
 help = "run the load cases of a site and report the utilisation of each part"
 

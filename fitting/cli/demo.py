@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dropper_jax.cli.output import listing, table
+from dropper_jax.cli.options import listing, table
 
 if TYPE_CHECKING:
     from dropper_jax.base.errors import Progress
@@ -17,7 +17,8 @@ title = "calibrating synthetic traces of scenarios A, B and C"
 def run_part(folder: Path, progress: Progress | None) -> DemoPart:
     """The calibration part of `dropper demo`."""
     from dropper_jax.cli.demo import DemoPart
-    from fitting.report.report import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows, markdown
+    from dropper_jax.report.sections import markdown_table
+    from fitting.report.report import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows
     from fitting.report.tables import summary
 
     result = calibrate_synthetic(folder, EXAMPLE, progress=progress)
@@ -29,7 +30,7 @@ def run_part(folder: Path, progress: Progress | None) -> DemoPart:
         status=result.status,
         text="\n".join([heading, "", table(rows), "", listing(summary(result)), "", status]),
         markdown="\n\n".join(
-            [f"## {heading}", markdown(rows), f"Status {status}; [report]({folder.name}/report.md).", pictures]
+            [f"## {heading}", markdown_table(rows), f"Status {status}; [report]({folder.name}/report.md).", pictures]
         ),
         values={"synthetic": True, "truth": EXAMPLE.truth, "start": EXAMPLE.start, **result.to_json()},
     )

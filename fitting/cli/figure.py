@@ -5,8 +5,18 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_json, add_quiet
-from dropper_jax.cli.output import FAILED, done_object, failure_object, listing, print_line, print_result, progress
+from dropper_jax.cli.options import (
+    FAILED,
+    add_examples,
+    add_json,
+    add_quiet,
+    done_object,
+    failure_object,
+    listing,
+    print_line,
+    print_result,
+    progress,
+)
 from dropper_jax.cli.outputs import picture, plot_folder
 
 help = "draw the paper's and the thesis' figures that show a simulation: runs their scenes"

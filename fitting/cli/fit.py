@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import (
+    FAILED,
+    OK,
     add_allow_outside,
     add_examples,
     add_json,
     add_quiet,
     add_set,
+    listing,
     number,
     output_folder,
+    print_line,
+    print_warnings,
+    progress,
     read_scene,
+    table,
 )
-from dropper_jax.cli.output import FAILED, OK, listing, print_line, print_warnings, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 if TYPE_CHECKING:
@@ -138,14 +144,18 @@ def run(args: argparse.Namespace) -> int:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     _check_numbers(args)
-    start = {key: _number("start", key, text) for key, text in _pairs("start", args.start)}
-    bounds = {key: _bounds(key, text) for key, text in _pairs("bounds", args.bounds)}
-    priors = {key: _prior(key, text) for key, text in _pairs("prior", args.prior)}
+    shared = {
+        **{key: getattr(args, key) for key in ("dt", "integrator", "huber", "student", "robust", "iterations")},
+        **intervals(args),
+        "start": {key: _number("start", key, text) for key, text in _pairs("start", args.start)},
+        "bounds": {key: _bounds(key, text) for key, text in _pairs("bounds", args.bounds)},
+        "priors": {key: _prior(key, text) for key, text in _pairs("prior", args.prior)},
+    }
     scene = read_scene(args)
     if any(name.lower().endswith(".toml") for name in args.traces):
         if plot:
             raise SceneError("--plot: only for traces of angles. Use --report for channels, which draws every run")
-        return fit_to_channels(args, scene, free, start, bounds, priors)
+        return fit_to_channels(args, scene, free, shared)
     if args.own is not None:
         raise SceneError("--own: only for channels named in a TOML file. Omit it for traces of angles")
 
@@ -157,28 +167,19 @@ def run(args: argparse.Namespace) -> int:
         scene,
         free,
         method=args.method,
-        start=start,
-        bounds=bounds,
-        priors=priors,
-        **intervals(args),
+        **shared,
         sampler=args.sampler,
         until=args.until,
         held_out=spans,
         rest=held_out_spans(args.rest, "--rest"),
         window=args.window,
-        dt=args.dt,
         zero=args.zero,
         sign=args.sign,
         unit=args.unit,
-        huber=args.huber,
-        student=args.student,
-        robust=args.robust,
-        iterations=args.iterations,
         static_start=args.static_start,
         compare_models=args.compare_models,
         advice=args.advice,
         auto_free=args.auto_free,
-        integrator=args.integrator,
         progress=progress(args.quiet),
         **descent,
     )
@@ -214,14 +215,7 @@ OF_TRACES = {
 }
 
 
-def fit_to_channels(
-    args: argparse.Namespace,
-    scene: Scene,
-    free: list[str] | None,
-    start: dict[str, float],
-    bounds: dict[str, tuple[float | None, float | None]],
-    priors: dict[str, tuple[float, float]],
-) -> int:
+def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | None, shared: dict[str, Any]) -> int:
     """Fit to the channels that a TOML file names."""
     for key, default in OF_TRACES.items():
         if getattr(args, key) != default:
@@ -238,16 +232,7 @@ def fit_to_channels(
         scene,
         free,
         own=[] if args.own is None else args.own.split(","),
-        start=start,
-        bounds=bounds,
-        priors=priors,
-        dt=args.dt,
-        integrator=args.integrator,
-        huber=args.huber,
-        student=args.student,
-        robust=args.robust,
-        iterations=args.iterations,
-        **intervals(args),
+        **shared,
         progress=progress(args.quiet),
     )
     if args.report:

@@ -6,8 +6,18 @@ import argparse
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import silent
-from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_file
-from dropper_jax.cli.output import FAILED, OK, print_json, print_line, print_warnings, progress
+from dropper_jax.cli.options import (
+    FAILED,
+    OK,
+    add_examples,
+    add_json,
+    add_quiet,
+    output_file,
+    print_json,
+    print_line,
+    print_warnings,
+    progress,
+)
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
@@ -70,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 def text(found: Optimum) -> str:
     """The design as text: before, after, active constraints, sensitivity to assumptions."""
-    from dropper_jax.cli.output import table
+    from dropper_jax.cli.options import table
     from fitting.optimise.run import ACTIVE, HELD
 
     head = [("", "before", "after", "bounds")]

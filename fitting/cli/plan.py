@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.errors import SceneError, silent
-from dropper_jax.cli.options import add_examples, add_json, add_quiet
-from dropper_jax.cli.output import progress, table
+from dropper_jax.cli.options import add_examples, add_json, add_quiet, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 help = "plan an experiment: which release, duration and camera determine the parameters best"

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from dropper_jax.cli.options import add_examples, add_json, add_quiet, output_folder
-from dropper_jax.cli.output import listing, print_result, progress
+from dropper_jax.cli.options import add_examples, add_json, add_quiet, listing, output_folder, print_result, progress
 from dropper_jax.cli.outputs import add_plot, picture, plot_folder
 
 help = "floats that carry the mussels of each month, and the resulting farm geometry"

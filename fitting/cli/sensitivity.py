@@ -13,10 +13,12 @@ from dropper_jax.cli.options import (
     add_quiet,
     add_run_values,
     add_scene,
+    done_object,
     output_file,
+    print_warnings,
+    progress,
     read_scene,
 )
-from dropper_jax.cli.output import done_object, print_warnings, progress
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:

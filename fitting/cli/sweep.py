@@ -13,13 +13,18 @@ from typing import TYPE_CHECKING, Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import ScenePath
-from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, output_folder, read_scene
-from dropper_jax.cli.output import (
+from dropper_jax.cli.options import (
+    add_examples,
+    add_quiet,
+    add_run_values,
+    add_scene,
     listing,
+    output_folder,
     print_line,
     print_result,
     print_warnings,
     progress,
+    read_scene,
     table,
 )
 from fitting.cli.fit import add_convention

@@ -10,8 +10,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_json, add_quiet, number, output_file
-from dropper_jax.cli.output import FAILED, OK, listing, print_line, print_result, print_warnings, progress
+from dropper_jax.cli.options import (
+    FAILED,
+    OK,
+    add_examples,
+    add_json,
+    add_quiet,
+    listing,
+    number,
+    output_file,
+    print_line,
+    print_result,
+    print_warnings,
+    progress,
+)
 
 if TYPE_CHECKING:
     from fitting.tracking.ordering import AmbiguousOrderError

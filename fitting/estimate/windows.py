@@ -87,11 +87,6 @@ class Windows:
         return int((self.weight > 0).sum())
 
     @property
-    def free_starts(self) -> int:
-        """Windows with a start of their own."""
-        return self.count - int(self.released.sum())
-
-    @property
     def lengths(self) -> np.ndarray:
         """Durations of the windows (K,) [s]."""
         return self.step_counts * self.dt

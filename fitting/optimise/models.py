@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import jax
@@ -229,15 +228,15 @@ def idle(found: Still, variables: Sequence[Variable]) -> list[str]:
 def sea_of(site: Site, scene: Scene, case: Case, ramp: float, begin: float = 0.0) -> Sea:
     """The sea of a case; its waves rise from t = 0 over the ramp [s], with the phase of time `begin` [s]."""
     spec = site.prepared(scene).with_values(site.changes(case)).sea
-    sea = make_sea(replace(spec, interpolation="none", ramp=ramp))
+    sea = make_sea(dataclasses.replace(spec, interpolation="none", ramp=ramp))
     waves = sea.waves
-    return replace(sea, waves=replace(waves, phase=waves.phase - waves.omega * begin))
+    return dataclasses.replace(sea, waves=dataclasses.replace(waves, phase=waves.phase - waves.omega * begin))
 
 
 def in_waves(model: Model, sea: Sea) -> Model:
     """The calm model in the waves of a sea."""
     waves = jax.tree.map(lambda x: jnp.asarray(x, model.dtype), sea.waves)
-    return replace(model, sea=replace(model.sea, waves=waves))
+    return dataclasses.replace(model, sea=dataclasses.replace(model.sea, waves=waves))
 
 
 def leaf_numbers(model: Model, still_: Still) -> dict[int, np.ndarray]:
@@ -287,7 +286,9 @@ def with_link_mask(model: Model, broken_link: int | None) -> Model:
     """The model with a mask of intact links, without `broken_link`; with None all are intact."""
     intact = jnp.ones(model.line.links, model.dtype)
     intact = intact if broken_link is None else intact.at[broken_link].set(0.0)
-    return replace(model, lines=(replace(model.line, axial=model.line.axial.with_broken_links(intact)),))
+    return dataclasses.replace(
+        model, lines=(dataclasses.replace(model.line, axial=model.line.axial.with_broken_links(intact)),)
+    )
 
 
 def masked_still(found: Still, broken_link: int | None) -> Still:

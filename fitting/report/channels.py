@@ -9,8 +9,8 @@ import numpy as np
 from dropper_jax.base.files import atomic_write, folder_without
 from dropper_jax.base.toml_text import as_toml, literal
 from dropper_jax.plots import style
+from dropper_jax.report.sections import markdown_table
 from fitting.channels.result import ChannelFit
-from fitting.report.report import markdown
 from fitting.report.tables import interval_rows, parameter_rows, significant, step_text
 
 
@@ -66,15 +66,15 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
         f"# Fit of {literal(result.scene.name)}",
         f"Status **{result.status}**{': ' + result.message if result.message else ''}.",
         "## Parameters",
-        markdown(parameter_rows(result)),
-        *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown(rows)]),
-        *(["## Over the runs", markdown(between_rows(result))] if result.between else []),
+        markdown_table(parameter_rows(result)),
+        *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown_table(rows)]),
+        *(["## Over the runs", markdown_table(between_rows(result))] if result.between else []),
         "## Channels",
-        markdown(channel_rows(result)),
+        markdown_table(channel_rows(result)),
         "## Sensitivity",
         "The percentage by which a channel changes for a change of a parameter by 1 %: for tensions relative to their "
         "root mean square, for other channels relative to their standard deviation.",
-        markdown(sensitivity_rows(result)),
+        markdown_table(sensitivity_rows(result)),
         "## Quality",
         "\n".join(f"- {name}: {value}" for name, value in summary(result)),
         "## Warnings",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.files import atomic_write, folder_without
 from dropper_jax.base.toml_text import as_toml, literal
 from dropper_jax.plots import style
-from dropper_jax.report.sections import table
+from dropper_jax.report.sections import markdown_table
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict
@@ -66,18 +66,18 @@ def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> 
         f"# Fit of {literal(result.scene.name)}",
         f"Method `{result.method}`; status **{result.status}**{': ' + result.message if result.message else ''}.",
         "## Parameters",
-        markdown(parameter_rows(result)),
-        *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown(rows)]),
+        markdown_table(parameter_rows(result)),
+        *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown_table(rows)]),
         "## Quality",
         "\n".join(f"- {name}: {value}" for name, value in summary(result)),
         *([] if energy is None else ["## Energy", f"Without any simulation: {energy.text} (1: the law is right)."]),
         "## Errors along the trace",
         "RMS of measured minus fitted angles [rad], window by window, each with its own start.",
-        markdown(part_rows(result)),
+        markdown_table(part_rows(result)),
         "## Damping of the slowest modes",
         _modes(result),
         "## Correlation",
-        markdown(correlation_rows(result)),
+        markdown_table(correlation_rows(result)),
         "## What was not identifiable",
         not_identifiable(result),
         "## Warnings",
@@ -86,12 +86,12 @@ def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> 
     if result.descent:
         parts += ["## Descent", "Loss and parameters from step to step.", "![descent](descent.png)"]
     if result.advice:
-        parts += ["## What may be wrong", markdown(advice_rows(result.advice))]
+        parts += ["## What may be wrong", markdown_table(advice_rows(result.advice))]
     if result.comparison:
         parts += [
             "## Damping laws",
             verdict(result.comparison) + ".",
-            markdown(comparison_rows(result.comparison)),
+            markdown_table(comparison_rows(result.comparison)),
         ]
     for run, trace in fitted_runs(result):
         parts.append(f"## {literal(trace.name)}")
@@ -114,7 +114,7 @@ def _modes(result: FitResult) -> str:
     rows = [("mode", "period [s]", "damping ratio, small swings (b_l)", f"swings of {amplitude:.3g} m (b_l and b_q)")]
     for i, period in enumerate(modes.period):
         rows.append((str(i + 1), f"{period:.4g}", *(f"{ratio[i]:.3g}" for ratio in ratios)))
-    return markdown(rows)
+    return markdown_table(rows)
 
 
 def part_rows(result: FitResult) -> list[tuple[str, ...]]:
@@ -150,11 +150,6 @@ def not_identifiable(result: FitResult) -> str:
         for direction in result.uncertainty.undetermined
     ]
     return "\n".join(found) or "Every direction is determined to better than its own size."
-
-
-def markdown(rows: Sequence[Sequence[str]]) -> str:
-    """Rows as a Markdown table; the first one is the heading."""
-    return table(rows[0], rows[1:])
 
 
 @style.plot_style()

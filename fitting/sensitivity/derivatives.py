@@ -19,7 +19,7 @@ import numpy as np
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.cli.output import listing, table
+from dropper_jax.cli.options import listing, table
 from dropper_jax.model import Model, Parted, State, state
 from dropper_jax.run.storage import extra
 from dropper_jax.study.reference import horizon, lyapunov

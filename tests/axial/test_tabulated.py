@@ -11,7 +11,7 @@ import pytest
 
 from dropper_jax import SceneError, equilibrium, integrate, load_scene, make_stepper, state
 from dropper_jax.axial import LinkStart, Rope, Tabulated
-from dropper_jax.axial.force_table import ForceTable, stack_tables
+from dropper_jax.axial.tabulated import ForceTable, stack_tables
 from dropper_jax.model import work_names
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.modes import natural_modes

@@ -8,7 +8,7 @@ from PIL import Image
 
 import dropper_jax as dj
 from dropper_jax import plots
-from dropper_jax.run.growth import with_growth
+from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import grown
 from dropper_jax.study.sea_facts import regime
 
@@ -36,22 +36,20 @@ def test_growth_from_a_bare_rope_gives_mass_diameter_and_wet_weight():
 
 @pytest.mark.slow
 def test_growth_over_depth_is_taken_where_the_links_hang():
-    scene = with_growth(dj.load_scene(SCENE), [2.0, 6.0], [0.05, 0.01], 1300.0)
+    growth = {"depth": [2, 6], "thickness": [0.05, 0.01], "density": 1300}
+    keyed = {**SCENE, "line": [{**SCENE["line"][0], "growth": growth}]}
+    bare = dj.load_scene(keyed)
+    scene = overgrown(bare)
     # the links' middles hang at 2.5, 3.5, 4.5 and 5.5 m
     np.testing.assert_allclose(scene.lines[0].diameter, 0.04 + 2 * (0.05 - 0.01 * np.array([0.5, 1.5, 2.5, 3.5])))
     assert np.all(scene.lines[0].mass > 2.0)
-    keyed = {
-        **SCENE,
-        "line": [{**SCENE["line"][0], "growth": {"depth": [2, 6], "thickness": [0.05, 0.01], "density": 1300}}],
-    }
-    bare = dj.load_scene(keyed)
     model = dj.build(bare)[0]
     np.testing.assert_array_equal(model.line.diameter, scene.lines[0].diameter)
     np.testing.assert_array_equal(model.line.mass, scene.lines[0].mass)
     assert bare.lines[0].mass[0] == 2.0  # the scene keeps the bare rope
     assert dj.load_scene(bare.to_dict()) == bare
     with pytest.raises(dj.SceneError, match="growth.depth"):
-        with_growth(dj.load_scene(SCENE), [6.0, 2.0], [0.05, 0.01], 1300.0)
+        overgrown(dj.load_scene({**SCENE, "line": [{**SCENE["line"][0], "growth": {**growth, "depth": [6, 2]}}]}))
 
 
 def test_growth_on_one_line_of_a_system_weighs_on_that_line_alone():

@@ -8,7 +8,8 @@ import pytest
 
 from dropper_jax.cli import main
 from dropper_jax.cli.stability import text
-from dropper_jax.study.stability import all_cases, catalogue, evaluate
+from dropper_jax.study import stability
+from dropper_jax.study.stability import all_cases, evaluate
 
 CASES = {case.name: case for case in all_cases()}
 #: One of each kind of compiled program is enough in every run.
@@ -81,7 +82,7 @@ def test_moordyn_stands_beside_a_case_that_can_be_written_for_it() -> None:
 
 
 def test_without_moordyn_there_is_no_column_of_it(monkeypatch) -> None:
-    monkeypatch.setattr(catalogue, "moordyn_there", lambda: False)
+    monkeypatch.setattr(stability, "moordyn_there", lambda: False)
     row = evaluate(CASES["bed-impact-depth"])
     assert "peers" not in row
     assert "moordyn" not in text([row])

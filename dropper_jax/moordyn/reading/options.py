@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.axial.force_table import ForceTable
+from dropper_jax.axial.tabulated import ForceTable
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import find_referenced, read_lines

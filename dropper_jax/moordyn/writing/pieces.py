@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dropper_jax.axial.force_table import ForceTable
+from dropper_jax.axial.tabulated import ForceTable
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain
 from dropper_jax.effects.buoyancy import displaced_diameter

@@ -160,7 +160,7 @@ def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = Non
         low = max(low, -float(sea.depth)) if bed is None else low
         axes.fill_between(along, eta, low, color=WATER)
         if bed is not None and bed.max() > low:
-            axes.fill_between(along, np.maximum(bed, low), low, color=system.BED, label="bed")
+            axes.fill_between(along, np.maximum(bed, low), low, color=system.BED, label="seabed")
         axes.plot(along, eta, color=SURFACE, label="surface")
         axes.axhline(0.0, color=style.FAINT, lw=0.7, ls="--")
         label = "line" if len(run.lines) == 1 else "lines"

@@ -185,10 +185,10 @@ def text(tracked: Tracked, out: Path) -> str:
     found = tracked.to_json()
     bridged = sum(found["bridged"])
     pairs = [
-        ("frames", f"{found['frames']} at {found['fps']:g} 1/s, {tracked.trace.t[-1] - tracked.trace.t[0]:.3g} s"),
+        ("frames", f"{found['frames']} at {found['fps']:g} Hz, {tracked.trace.t[-1] - tracked.trace.t[0]:.3g} s"),
         ("markers", f"{found['nodes']} of radius {found['marker_radius_pixel']:.3g} pixel, {found['links']} links"),
-        ("not seen", f"{bridged} samples, longest gap {found['longest_gap_s']:.2g} s" if bridged else "none"),
-        ("marked", f"{found['marked_frames']} frames, left empty" if found["marked_frames"] else "none"),
+        ("not detected", f"{bridged} samples, longest gap {found['longest_gap_s']:.2g} s" if bridged else "none"),
+        ("marked frames", f"{found['marked_frames']}, left empty" if found["marked_frames"] else "none"),
         ("angles", f"standard error {found['angle_se_rad']:.2g} rad (median)"),
     ]
     if tracked.lens is not None:

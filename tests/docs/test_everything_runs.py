@@ -175,9 +175,9 @@ def test_python_of_every_page_is_run_somewhere():
 @pytest.mark.check
 def test_the_first_screen_of_the_readme_says_what_comes_out():
     text = (ROOT / "README.md").read_text()
-    largest, when = re.search(r"(\d+\.\d) kN in the eastern chain at (\d+) s", text).groups()
+    largest, when = re.search(r"(\d+\.\d) kN in the western chain at (\d+) s", text).groups()
     run = dj.simulate("edulis-longline", duration=60.0)
-    chain = run.tension[:, next(line.links for line in run.lines if line.name == "east-leg")]
+    chain = run.tension[:, next(line.links for line in run.lines if line.name == "west-leg")]
     assert run.status == "ok"
     assert f"{chain.max() / 1e3:.1f}" == largest
     assert f"{run.t_tension[np.argmax(chain.max(axis=1))]:.0f}" == when

@@ -16,8 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
         "design paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 3730",
-        "design my-longline.toml --vary line.west-leg.length=37:39 --target anchor.west-anchor.horizontal --value 2200 "
-        "--vary point.buoy.volume=0.2:0.5 --target line.west-leg.anchor.angle --value 0.1",
+        "design my-longline.toml --vary line.west-leg.length=37:39 --target anchor.west-anchor.horizontal --value 2450 "
+        "--vary line.east-leg.length=37:39 --target x.west-float --value 0.2",
     )
     add_scene(parser)
     parser.add_argument(

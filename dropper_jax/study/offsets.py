@@ -301,7 +301,7 @@ class _DesignSearch:
         return found.x
 
 
-@cached_jit(static=("moving", "quantities"))
+@cached_jit(static=("moving", "quantities"), quick=True)
 def _slopes(
     moving: tuple[int, ...],
     quantities: tuple[Quantity, ...],

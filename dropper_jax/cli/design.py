@@ -1,4 +1,4 @@
-"""`dropper design SCENE`: solve for the value that gives a required static tension or depth."""
+"""`dropper design SCENE`: solve for values that give static quantities their required values."""
 
 from __future__ import annotations
 
@@ -8,53 +8,72 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_scene, done_object, listing, number, read_scene
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
-help = "solve for a value of the scene that gives a required static tension or depth"
+help = "solve for values of the scene that give static tensions, angles, depths or periods their required values"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
         "design paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 3730",
-        "design my-longline.toml --vary line.west-leg.length=37:39 --target anchor.west-anchor.horizontal --value 2200",
+        "design my-longline.toml --vary line.west-leg.length=37:39 --target anchor.west-anchor.horizontal --value 2450 "
+        "--vary line.east-leg.length=37:39 --target x.west-float --value 0.2",
     )
     add_scene(parser)
     parser.add_argument(
         "--vary",
         required=True,
+        action="append",
         metavar="PATH=LOW:HIGH",
-        help="the value to solve for and its range, such as line.0.EA=1e5:1e7",
+        help="a value to solve for and its range, such as line.0.EA=1e5:1e7; once for each target",
     )
     parser.add_argument(
         "--target",
         required=True,
+        action="append",
         metavar="WHAT",
         help="a quantity of the static pose: tension.LINE.fairlead, .first, .last or .max [N], "
-        "anchor.POINT.horizontal [N], depth.POINT or offset.POINT [m]; as for `dropper sensitivity --of`, no statistic",
+        "anchor.POINT.horizontal [N], anchor.POINT.uplift or line.LINE.fairlead.angle [rad], depth.POINT or "
+        "offset.POINT [m], period.1 [s]; as for `dropper sensitivity --of`, no statistic",
     )
-    parser.add_argument("--value", required=True, type=number, help="the required value of the target")
+    parser.add_argument(
+        "--value",
+        required=True,
+        action="append",
+        type=number,
+        help="the required value of the target, in the same order",
+    )
     add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    path, equals, limits = args.vary.partition("=")
-    try:
-        low, high = (float(x) for x in limits.split(":"))
-    except ValueError:
-        raise SceneError(f"--vary: {args.vary!r} is not PATH=LOW:HIGH. Use for example line.0.length=4.0:4.5") from None
+    ranges = [_range(text) for text in args.vary]
     out = out_file(args.out)
     scene = read_scene(args)
 
     from dropper_jax.study.offsets import solve_design
 
-    found = solve_design(scene, path.strip(), low, high, args.target, args.value)
-    values = {"path": found.path, "value": found.value, "target": found.target}
-    more = {"required": found.requested, "reached": found.reached, "solves": found.solves}
+    paths, low, high = zip(*ranges, strict=True)
+    found = solve_design(scene, paths, low, high, args.target, args.value)
+    values = [{"path": path, "value": value} for path, value in found.values.items()]
+    targets = [{"target": name, "required": pair[0], "reached": pair[1]} for name, pair in found.targets.items()]
+    more = {**values[0], **targets[0], "solves": found.solves, "values": values, "targets": targets}
     text = [
-        (found.path, f"{found.value:.9g}"),
-        (found.target, f"{found.reached:.9g}, required {found.requested:g}"),
+        *((path, f"{value:.9g}") for path, value in found.values.items()),
+        *((name, f"{pair[1]:.9g}, required {pair[0]:g}") for name, pair in found.targets.items()),
         ("static poses", str(found.solves)),
     ]
     if found.end_forces is not None:
-        more["end_forces_n"] = list(found.end_forces)
+        more |= {"end_forces_n": list(found.end_forces), "end_angles_deg": list(found.end_angles)}
         text.append(("forces on the line's end points", "{:.6g} N and {:.6g} N".format(*found.end_forces)))
-    return deliver(args.json, done_object(scene=scene.name, **values, **more), listing(text), out)
+        text.append(("angles of the line there, upwards", "{:.2f} and {:.2f} deg".format(*found.end_angles)))
+    failure = None if found.status == "ok" else (found.status, f"{found.status}: {found.message}")
+    return deliver(args.json, done_object(scene=scene.name, **more), listing(text), out, failure)
+
+
+def _range(text: str) -> tuple[str, float, float]:
+    path, _, limits = text.partition("=")
+    try:
+        low, high = (float(x) for x in limits.split(":"))
+    except ValueError:
+        raise SceneError(f"--vary: {text!r} is not PATH=LOW:HIGH. Use for example line.0.length=4.0:4.5") from None
+    return path.strip(), low, high

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError
+from dropper_jax.base.toml_text import as_toml
+from dropper_jax.cli import main
 from dropper_jax.run.bends import curvature
 from dropper_jax.run.quantities import quantity, static_quantity
 from dropper_jax.scene import held_loads, line_slices
@@ -116,3 +120,54 @@ def test_design_reaches_a_force_on_an_anchor():
     found = solve_design(SCENE, "point.buoy.volume", 0.1, 0.3, "anchor.west.vertical", 600.0)
     pose = dj.equilibrium(found.scene)
     assert held_loads(found.scene, pose.positions, pose.tension)["west"][2] == pytest.approx(600.0, rel=1e-6)
+
+
+TWO = (["point.buoy.volume", "line.west-leg.length"], [0.1, 9.0], [0.3, 11.0], ["anchor.west.uplift", "depth.buoy"])
+
+
+def test_design_reaches_two_targets_with_two_unknowns():
+    found = solve_design(SCENE, *TWO, [0.65, 3.6])
+    assert found.status == "ok"
+    assert found.solves <= 12  # exact derivatives: Newton's steps, not a search
+    assert list(found.values) == TWO[0]
+    pose = dj.equilibrium(found.scene)
+    load = held_loads(found.scene, pose.positions, pose.tension)["west"]
+    assert np.arctan2(load[2], np.hypot(*load[:2])) == pytest.approx(0.65, rel=1e-6)
+    west, _ = line_slices(found.scene)
+    assert -pose.positions[west.nodes.stop - 1, 2] == pytest.approx(3.6, rel=1e-6)
+
+
+def test_design_reports_targets_that_are_out_of_reach():
+    found = solve_design(SCENE, *TWO, [0.65, 1.0])
+    assert found.status == "not_reached"
+    assert "reaches" in found.message
+    assert "at a bound" in found.message
+    assert all(low <= x <= high for x, low, high in zip(found.values.values(), *TWO[1:3], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("paths", "targets", "words"),
+    [
+        (TWO[0], ["depth.buoy", "z.buoy"], "the system is singular"),
+        (TWO[0], ["depth.buoy"], "2 values for 1 targets with 1 goals; allowed: as many"),
+        (2 * TWO[0][:1], ["depth.buoy", "x.buoy"], "vary: .*: the same twice"),
+    ],
+)
+def test_design_refuses_systems_without_a_unique_solution(paths, targets, words):
+    with pytest.raises(SceneError, match=words):
+        solve_design(SCENE, paths, [0.1, 9.0], [0.3, 11.0], targets, [-4.5 if t == "z.buoy" else 4.5 for t in targets])
+
+
+def test_the_command_prints_values_targets_and_angles(tmp_path, capsys):
+    file = tmp_path / "mooring.toml"
+    file.write_text(as_toml(SCENE))
+    vary = [f"--vary={path}={low}:{high}" for path, low, high in zip(*TWO[:3], strict=True)]
+    wanted = [f"--target={TWO[3][0]}", "--value=0.65", f"--target={TWO[3][1]}", "--value=3.6"]
+    assert main(["design", str(file), *vary, *wanted, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [row["path"] for row in found["values"]] == TWO[0]
+    assert [row["reached"] for row in found["targets"]] == pytest.approx([0.65, 3.6], rel=1e-6)
+    assert (found["path"], found["target"]) == (TWO[0][0], TWO[3][0])
+    one = [vary[0], "--target=line.west-leg.anchor.angle", "--value=0.65"]
+    assert main(["design", str(file), *one]) == 0
+    assert "angles of the line there, upwards" in capsys.readouterr().out

@@ -94,14 +94,22 @@ def test_commands_print_forces_on_end_points_beside_link_tensions(tmp_path, caps
     assert main(["equilibrium", str(file), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["end_forces_n"]["rope"]["first"] > 1.02 * found["tension_n"][0]
-    assert main(["equilibrium", str(file)]) == 0
+    nodes = np.array(found["positions_m"])
+    along = nodes[1] - nodes[0]
+    angle = np.degrees(np.arctan2(along[2], np.hypot(*along[:2])))
+    assert found["end_angles_deg"]["rope"]["first"] == pytest.approx(angle)
+    assert len(found["curvature_per_m"]) == len(nodes)
+    assert main(["equilibrium", str(file), "--plot", str(tmp_path / "pictures")]) == 0
+    assert (tmp_path / "pictures" / "along.png").stat().st_size > 5000
     text = capsys.readouterr().out
+    assert "angle up [deg]" in text
     assert "force on first point [N]" in text
     assert "weight in water [N/m]" in text
     vary = ["--vary", "line.rope.length=38:45", "--target", "tension.rope.first", "--value", "1075"]
     assert main(["design", str(file), *vary, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["end_forces_n"][0] > 1.01 * found["reached"]
+    assert len(found["end_angles_deg"]) == 2
 
 
 def test_what_lines_weigh_in_water_is_reported(run):

@@ -55,7 +55,8 @@ class Lost(NamedTuple):
 def alone(solution: Solution) -> int:
     """Number of samples that deviate from the residuals on both sides of them: no smooth misfit does that."""
     windows, count = solution.windows, 0
-    residual = solution.errors * windows.weight
+    # frames that are late move fast links by many times the noise, which the whitened residuals allow for
+    residual = solution.errors * windows.weight if windows.jitter is None else solution.evaluation.residual
     known = windows.weight > 0
     inner = known[:, 1:-1] & known[:, :-2] & known[:, 2:]
     off = np.abs(residual[:, 1:-1] - 0.5 * (residual[:, :-2] + residual[:, 2:]))

@@ -81,12 +81,12 @@ def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> It
 
 
 def _largest_bend(line: WholeLine, positions: np.ndarray, tension: np.ndarray) -> float:
-    """Maximum angle [degrees] between neighbouring links of a line that both carry tension, without attached points."""
+    """Maximum angle [degrees] between neighbouring links that carry tension, without attached points."""
     along = np.diff(positions[line.nodes], axis=0)
     along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
     turns = np.degrees(np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0)))
     turns[[node - 1 for node in line.stops if 0 < node < line.spec.links]] = 0.0
-    taut = np.minimum(tension[1:], tension[:-1]) > 0.01 * np.max(tension)
+    taut = np.maximum(tension[1:], tension[:-1]) > 0.01 * np.max(tension)
     return float(np.max(turns * taut, initial=0.0))
 
 

@@ -10,6 +10,7 @@ from dropper_jax import SceneError, load_scene
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.load.checks_system import motion_warnings
+from dropper_jax.run.growth import end_forces
 from dropper_jax.run.resolution import pose_remarks
 
 
@@ -122,3 +123,39 @@ def test_a_line_that_is_much_too_short_is_warned_of_or_refused(reach, words):
     else:
         found = [text for text in dj.simulate(scene).warnings if "stretched" in text]
         assert found == ([] if words is None else ["rope: is stretched by 15% at rest; check its length and EA"])
+
+
+def sock(links, length=30.0):
+    """A mussel sock between two points 10 m apart, in a current across it."""
+    kind = {"name": "sock", "mass": 19.1, "diameter": 0.15, "EA": 1e6, "cdn": 1.3, "cdt": 0.05}
+    return load_scene(
+        {
+            "run": {"dt": 0.05, "duration": 1.0},
+            "line_type": [kind],
+            "point": [{"name": "a", "position": [0.0, 0.0, -5.0]}, {"name": "b", "position": [10.0, 0.0, -5.0]}],
+            "line": [{"name": "sock", "from": "a", "to": "b", "type": "sock", "length": length, "links": links}],
+            "sea": {"depth": 50.0, "current": {"kind": "uniform", "speed": 0.5, "direction": 1.5}},
+            "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}},
+        }
+    )
+
+
+def test_links_that_are_too_few_for_the_forces_at_the_ends_are_warned_of():
+    force, warned = {}, {}
+    for links in (4, 24):
+        scene = sock(links)
+        pose = dj.equilibrium(scene)
+        force[links] = end_forces(scene, pose.positions[None], pose.tension[None])["sock"][0]
+        warned[links] = [text for text in pose_remarks(scene, pose.positions, pose.tension) if "too few links" in text]
+    assert np.max(np.abs(force[4] / force[24] - 1.0)) > 0.05
+    assert len(warned[4]) == 1
+    assert warned[24] == []
+
+
+@pytest.mark.parametrize(("links", "sag", "warned"), [(3, 1.0, True), (3, 0.1, False), (6, 1.0, False)])
+def test_a_sag_of_three_links_is_warned_of(links, sag, warned):
+    """A taut line of three links turns by 11 and 1 degrees; tensions of six are off by 1/(2 6^2) = 1.4 %."""
+    x = np.linspace(0.0, 10.0, links + 1)
+    positions = np.stack([x, 0.0 * x, -5.0 - sag * 4.0 * x / 10.0 * (1.0 - x / 10.0)], axis=1)
+    found = pose_remarks(sock(links, 10.3), positions, np.full(links, 1e3))
+    assert any("too few links" in text for text in found) == warned

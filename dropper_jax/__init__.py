@@ -58,6 +58,7 @@ PUBLIC = {
     "simulate": "run.simulate",
     "state": "model.state",
     "step": "stepping.step",
+    "tension_deviation": "statics.frequency",
 }
 
 __all__ = sorted(PUBLIC)

@@ -142,7 +142,7 @@ def frequency_response(
     ends = [(line.name, list(line.stops.values())[at]) for line in lines for at in (0, -1)]
     points = [i for i, point in enumerate(scene.points) if point.is_free]
     nodes = np.array([model.geometry.node_of_point(i) for i in points], int)
-    solved, error = solve_states(still, pose.state, loads, waves, links, nodes)
+    solved, error = solve_states(still, pose.state, waves, links, nodes)
     static, tension, motion = np.asarray(pose.tension), np.asarray(solved.tension), np.asarray(solved.motion)
     mean, deviation, omega = static + np.asarray(solved.shift), np.asarray(solved.deviation), np.asarray(waves.omega)
     rate = np.sqrt(0.5 * np.sum(np.abs(omega[:, :, None] * tension) ** 2, axis=1))

@@ -110,7 +110,16 @@ class Tangent:
         """The factored map of displacements like x, stiffened by kappa [N/m]."""
         own = jnp.asarray(self.pattern.row == self.pattern.column, x.dtype)
         stiffer = kappa * own[:, None, None] * jnp.eye(3, dtype=x.dtype)
-        return eliminate(self.order, self.matrix(linear, x) + stiffer)
+        return self.factor_matrix(self.matrix(linear, x) + stiffer)
+
+    def factor_matrix(self, blocks: jax.Array) -> Elimination:
+        """The factored map of these blocks."""
+        return eliminate(self.order, blocks)
+
+    def multiply(self, blocks: jax.Array, x: jax.Array) -> jax.Array:
+        """The map of these blocks at displacements x (free, 3)."""
+        parts = jnp.sum(blocks * x[self.pattern.column][:, None, :], axis=-1)
+        return jnp.zeros_like(parts, shape=x.shape).at[self.pattern.row].add(parts)
 
     def apply(self, factor: Elimination, rows: jax.Array, transposed: bool = False) -> jax.Array:
         """The displacements for given forces."""
@@ -130,7 +139,13 @@ class DenseTangent:
         return matrix
 
     def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> LU:
-        return lu_factor(self.matrix(linear, x) + kappa * jnp.eye(x.size, dtype=x.dtype))
+        return self.factor_matrix(self.matrix(linear, x) + kappa * jnp.eye(x.size, dtype=x.dtype))
+
+    def factor_matrix(self, matrix: jax.Array) -> LU:
+        return lu_factor(matrix)
+
+    def multiply(self, matrix: jax.Array, x: jax.Array) -> jax.Array:
+        return matrix @ x
 
     def apply(self, factor: LU, rows: jax.Array, transposed: bool = False) -> jax.Array:
         return lu_solve(factor, rows, trans=int(transposed))
@@ -138,8 +153,18 @@ class DenseTangent:
 
 def solve_linear(tangent: Tangent | DenseTangent, linear: Linear, right: jax.Array) -> jax.Array:
     """dr [m] with `linear(dr) = right` [N]; differentiable in both modes; NaN if there is no solution."""
-    factor = tangent.factor(linear, tangent.kappa, right)
+    return _solve_factored(tangent, linear, tangent.factor(linear, tangent.kappa, right), right)
 
+
+def solve_matrix(tangent: Tangent | DenseTangent, matrix: jax.Array, right: jax.Array) -> jax.Array:
+    """The same for a matrix in the form of the tangent, real or complex, without free motions."""
+    factor = tangent.factor_matrix(jax.lax.stop_gradient(matrix))
+    return _solve_factored(tangent, partial(tangent.multiply, matrix), factor, right)
+
+
+def _solve_factored(
+    tangent: Tangent | DenseTangent, linear: Linear, factor: Elimination | LU, right: jax.Array
+) -> jax.Array:
     def solve_with(transposed: bool, matrix: Linear, b: jax.Array) -> jax.Array:
         return refine_solution(matrix, partial(tangent.apply, factor, transposed=transposed), b)
 
@@ -161,7 +186,7 @@ def refine_solution(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
         x = x + dx
         return x, b - matrix(x), jnp.max(jnp.abs(dx)), change, count + 1
 
-    never = jnp.full((), jnp.inf, b.dtype)
+    never = jnp.full((), jnp.inf, jnp.finfo(b.dtype).dtype)
     x, left, *_ = jax.lax.while_loop(keep_iterating, correct, (jnp.zeros_like(b), b, never, never, jnp.zeros((), int)))
     return jnp.where(jnp.max(jnp.abs(left)) <= LEFT * jnp.max(jnp.abs(b)), x, jnp.nan)
 
@@ -184,6 +209,22 @@ class NodeMoves:
     def rows(self, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
         """Unbalanced forces [N], minus F, at the displacement x from s."""
         return unbalanced_at(self.model, s, loads, x)[0]
+
+    def positions(self, s: State, x: jax.Array) -> jax.Array:
+        """Positions of all nodes (free, 3) [m] at the displacement x from s."""
+        return s.r + x
+
+    def from_nodes(self, s: State, field: jax.Array) -> jax.Array:
+        """x for displacements (free, 3) [m] of the nodes; of bodies the rigid motion nearest to those of its nodes."""
+        return field
+
+    def groups(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """The parts of x of nodes (nodes, 3) and of bodies (bodies, 6)."""
+        return x, jnp.zeros_like(x, shape=(0, 6))
+
+    def from_groups(self, nodes: jax.Array, bodies: jax.Array) -> jax.Array:
+        """x of these parts."""
+        return nodes
 
     def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
         """The configuration at the displacement x from s."""

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -169,3 +172,46 @@ def test_slack_chain_on_the_seabed_is_flagged_not_an_error():
     assert found.slack.all()
     assert np.isfinite(found.mean_tension).all()
     assert np.isfinite(found.tension_deviation).all()
+
+
+@pytest.fixture(scope="module")
+def sensitive():
+    """A mass on two links in a current with waves: deviations of the tensions by changes of three parameters."""
+    scene = hanging_mass(cdn=1.2)
+    scene["line"][0]["links"] = 2
+    scene["sea"]["waves"]["count"] = 6
+    scene["sea"]["current"] = {"speed": 0.3, "direction": 0.0}
+    scene["effects"] |= {"morison_drag": {}, "morison_inertia": {}}
+    model, start = dj.build(scene)
+
+    def deviation(changes):
+        """Standard deviation [N] of the upper tension for relative changes of stiffness, drag and length."""
+        line = model.line
+        axial = dataclasses.replace(line.axial, EA=line.axial.EA * (1.0 + changes[0]))
+        drag = model.effect("quadratic_damping")
+        stronger = dataclasses.replace(drag, b_q=drag.b_q * (1.0 + changes[1]))
+        line = dataclasses.replace(line, axial=axial, length=line.length * (1.0 + changes[2]))
+        own = dataclasses.replace(
+            model, lines=(line,), effects=tuple(stronger if e.name == drag.name else e for e in model.effects)
+        )
+        return dj.tension_deviation(own, dj.settle(own, start))[1][0]
+
+    return jax.jit(deviation)
+
+
+def test_derivatives_of_the_deviation_are_those_of_differences(sensitive):
+    at, step = jnp.zeros(3), 1e-4
+    reverse = jax.jit(jax.grad(sensitive))(at)
+    forward = jax.jit(jax.jacfwd(sensitive))(at)
+    # central differences of fourth order
+    difference = [
+        (
+            8.0 * (sensitive(step * axis) - sensitive(-step * axis))
+            - sensitive(2 * step * axis)
+            + sensitive(-2 * step * axis)
+        )
+        / (12.0 * step)
+        for axis in jnp.eye(3)
+    ]
+    np.testing.assert_allclose(reverse, difference, rtol=1e-6)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-8)

@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     remarks = (*remarks, *floating_warnings(scene), *body_warnings(scene))
     print_warnings(remarks)
     if plot and not failed:
-        from dropper_jax.plots.panels import along_lines
+        from dropper_jax.plots.tension import along_lines
         from dropper_jax.study.pictures import pose
 
         pose(scene, found, picture(plot, "pose"))

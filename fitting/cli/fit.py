@@ -144,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     _check_numbers(args)
-    shared = {
+    shared: dict[str, Any] = {
         **{key: getattr(args, key) for key in ("dt", "integrator", "huber", "student", "robust", "iterations")},
         **intervals(args),
         "start": {key: _number("start", key, text) for key, text in _pairs("start", args.start)},

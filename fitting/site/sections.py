@@ -128,7 +128,7 @@ class CaseKind(Protocol):
         """Its part of the name of a load case; None to omit it."""
 
 
-class Levels:
+class Levels(CaseKind):
     """Levels of the tide."""
 
     values = parameter("of the tide", unit="m", shape="table", default=(0.0,))

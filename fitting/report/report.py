@@ -195,7 +195,7 @@ def one_run_picture(found: OneRun, name: str, path: Path) -> Path:
 #
 # The traces are synthetic: the measured ones of the thesis exist as figures only. `dropper demo` runs it.
 
-LABEL = "the traces are synthetic: simulated with known damping, seen with artificial noise"
+LABEL = "the traces are synthetic: simulated with known damping and artificial noise"
 
 
 @dataclass(frozen=True)

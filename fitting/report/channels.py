@@ -120,7 +120,7 @@ def picture(result: ChannelFit, run: int, path: str | Path) -> Path:
             beside.plot(t, (measured - shown) / size, ".", ms=2, color=style.SECOND)
             beside.locator_params(axis="x", nbins=3)
             beside.axhline(0.0, color=style.DARK, lw=0.8)
-        axes[0, 0].legend(loc="upper right", ncols=2)
+        axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         more = f" ({left_out} further columns are not drawn)" if left_out > 0 else ""
         axes[0, 0].set_title(f"{problem.data.runs[run].name}{more}", loc="left")
         axes[0, 1].set_title("residual / noise", loc="left")

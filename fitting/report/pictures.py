@@ -121,7 +121,7 @@ def spectra(result: FitResult, run: int) -> Figure:
             frequency, amplitude = amplitude_spectrum(grid, even)
             axes[j].semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-7), lw=0.9, color=colour, label=label)
         axes[j].set_ylabel(f"link {j + 1}")
-    axes[0].legend(loc="upper right", ncols=2)
+    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     axes[-1].set_xlabel("frequency [Hz]")
     axes[-1].set_xlim(0, min(8.0, frequency[-1]))
     return figure

@@ -172,11 +172,16 @@ def one_run_picture(found: OneRun, name: str, path: Path) -> Path:
         axes[j].plot(found.t[good], simulated[good, j], lw=1.4, color=style.FIRST, label="one run")
         if not good.all():
             axes[j].plot(
-                found.t[~good], simulated[~good, j], lw=0.8, color=style.FIRST, alpha=0.55, label="beyond trust"
+                found.t[~good],
+                simulated[~good, j],
+                lw=0.8,
+                color=style.FIRST,
+                alpha=0.55,
+                label="beyond the prediction horizon",
             )
             axes[j].axvline(found.trusted, color=style.SECOND, lw=1.0, ls="--")
         axes[j].set_ylabel(f"link {j + 1}")
-    axes[0].legend(loc="upper right", ncols=3, markerscale=4)
+    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, markerscale=4)
     style.time_axis(axes[-1], found.t)
     return style.save(figure, path)
 
@@ -185,7 +190,7 @@ def one_run_picture(found: OneRun, name: str, path: Path) -> Path:
 #
 # The traces are synthetic: the measured ones of the thesis exist as figures only. `dropper demo` runs it.
 
-LABEL = "the traces are synthetic: simulated with known damping, seen with artificial noise"
+LABEL = "the traces are synthetic: simulated with known damping and artificial noise"
 
 
 @dataclass(frozen=True)

@@ -193,9 +193,9 @@ def solve_design(
     x = design.find_root(low[0], high[0]) if len(paths) == 1 else design.solve_together(low, high)
     reached, changed = design.evaluate(x), design.at(x)
     miss = np.abs(reached - goals) / design.scale(reached)
-    # relative miss of a target above which it counts as not reached
     worst, status, message = int(np.argmax(miss)), "ok", ""
-    if miss[worst] > 1e-6:
+    # relative miss above which a target counts as not reached; a root between two ends is as near as numbers allow
+    if len(paths) > 1 and miss[worst] > 1e-6:
         bound = [p for p, v, a, b in zip(paths, x, low, high, strict=True) if min(v - a, b - v) < 1e-6 * (b - a)]
         where = f"; at a bound: {', '.join(bound)}" if bound else ""
         status, message = "not_reached", f"{names[worst]} reaches {reached[worst]:.6g} of {goals[worst]:g}{where}"
@@ -214,7 +214,7 @@ class _DesignSearch:
     """Static quantities of a scene as functions of some of its numbers, each equilibrium solved once."""
 
     def __init__(self, scene: Scene, paths: list[str], names: list[str], goals: np.ndarray) -> None:
-        self.scene, self.paths, self.goals = scene, paths, goals
+        self.scene, self.paths, self.names, self.goals = scene, paths, names, goals
         model = bare_model(overgrown(scene))
         self.quantities = [static_quantity(name, model, "target") for name in names]
         self.poses: dict[tuple[float, ...], tuple[Model, State, np.ndarray]] = {}
@@ -263,7 +263,7 @@ class _DesignSearch:
         goal = self.goals[0]
         if (ends[0] - goal) * (ends[1] - goal) > 0:
             raise SceneError(
-                f"{self.paths[0]}: {low:g} to {high:g} gives {self.quantities[0].name} from {ends[0]:.6g} to "
+                f"{self.paths[0]}: {low:g} to {high:g} gives {self.names[0]} from {ends[0]:.6g} to "
                 f"{ends[1]:.6g}, which does not include {goal:g}. Use a range whose ends are on either side"
             )
         # relative change of the value at which the search stops
@@ -291,7 +291,7 @@ class _DesignSearch:
         rows, sizes, columns = np.linalg.svd(found.jac * (high - low))
         # ratio of singular values below which derivatives with errors of 1e-10 determine no combination
         if sizes[-1] <= 1e-8 * sizes[0]:
-            targets = [q.name for q, part in zip(self.quantities, rows[:, -1], strict=True) if abs(part) > 0.1]
+            targets = [name for name, part in zip(self.names, rows[:, -1], strict=True) if abs(part) > 0.1]
             values = [path for path, part in zip(self.paths, columns[-1], strict=True) if abs(part) > 0.1]
             raise SceneError(
                 f"design: {', '.join(targets)} do not determine {', '.join(values)}: the system is singular. Use other "

@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
             for name, f in FAMILIES.items()
         ]
         crops, published = crop_values(), published_crops()
-        text = f"{listing(rows)}\n\n{_crops(crops)}\n\n{_published(published)}"
+        text = f"{listing(rows)}\n\n{_crops(crops)}\n\n{_published_table(published)}"
         return print_result(args.json, done_object(parts=found, crops=crops, published_crops=published), text)
     name = args.name.removeprefix(PREFIX)
     section, values = part(name)
@@ -58,7 +58,7 @@ def _crops(crops: list[dict[str, Any]]) -> str:
     return table([*rows, *((crop["name"], *_numbers(crop, keys), crop["spread"]) for crop in crops)])
 
 
-def _published(crops: list[dict[str, Any]]) -> str:
+def _published_table(crops: list[dict[str, Any]]) -> str:
     """Published values, numbered, and their sources."""
     rows = [("published", "mass [kg/m]", "outer diameter [m]", "cdn", "can", "EI [N m^2]", "like")]
     keys = ("mass", "outer_diameter", "cdn", "can", "EI")

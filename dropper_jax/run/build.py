@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -174,6 +174,15 @@ def model_slopes(scene: Scene, model: Model, path: str) -> dict[int, np.ndarray]
     if not slopes:
         raise SceneError(f"{path}: has no effect on the model. Use numbers that do")
     return slopes
+
+
+def shift_model(model: Model, moving: Sequence[int], rows: Sequence[jax.Array], shift: jax.Array) -> Model:
+    """The model with leaves of the numbers `moving` changed by `shift` (p,) times `rows` (p, ...) of each;
+    differentiable."""
+    leaves, tree = jax.tree.flatten(model)
+    for i, row in zip(moving, rows, strict=True):
+        leaves[i] = leaves[i] + jnp.tensordot(shift, row, axes=1)
+    return jax.tree.unflatten(tree, leaves)
 
 
 def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:

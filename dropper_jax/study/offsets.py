@@ -22,7 +22,7 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.arrays import bare_model, static_pose
-from dropper_jax.run.build import SceneLike, build_model, equilibrium, model_slopes
+from dropper_jax.run.build import SceneLike, build_model, equilibrium, model_slopes, shift_model
 from dropper_jax.run.growth import end_angles, end_force_vectors, end_forces, overgrown
 from dropper_jax.run.quantities import Quantity, static_quantity
 from dropper_jax.scene import line_slices, whole_lines
@@ -148,11 +148,6 @@ class Design:
         """The first solved value."""
         return next(iter(self.values.values()))
 
-    @property
-    def reached(self) -> float:
-        """The reached value of the first target."""
-        return next(iter(self.targets.values()))[1]
-
 
 def solve_design(
     scene: SceneLike,
@@ -193,13 +188,13 @@ def solve_design(
             raise SceneError(f"{what}: {', '.join(given)}: the same twice; allowed: each once")
     if np.any(low >= high):
         raise SceneError(f"vary: {low.tolist()} to {high.tolist()}: an empty range; allowed: LOW < HIGH")
-    search_ = _DesignSearch(load_scene(scene), paths, names, goals)
-    x = search_.bracketed(low[0], high[0]) if len(paths) == 1 else search_.together(low, high)
-    reached, changed = search_.reached(x), search_.at(x)
-    miss = np.abs(reached - goals) / search_.scale(reached)
-    # relative miss of a target above which it counts as not reached
+    design = _DesignSearch(load_scene(scene), paths, names, goals)
+    x = design.find_root(low[0], high[0]) if len(paths) == 1 else design.solve_together(low, high)
+    reached, changed = design.evaluate(x), design.at(x)
+    miss = np.abs(reached - goals) / design.scale(reached)
     worst, status, message = int(np.argmax(miss)), "ok", ""
-    if miss[worst] > 1e-6:
+    # relative miss above which a target counts as not reached; a root between two ends is as near as numbers allow
+    if len(paths) > 1 and miss[worst] > 1e-6:
         bound = [p for p, v, a, b in zip(paths, x, low, high, strict=True) if min(v - a, b - v) < 1e-6 * (b - a)]
         where = f"; at a bound: {', '.join(bound)}" if bound else ""
         status, message = "not_reached", f"{names[worst]} reaches {reached[worst]:.6g} of {goals[worst]:g}{where}"
@@ -208,7 +203,7 @@ def solve_design(
         {name: pair for name, *pair in zip(names, goals.tolist(), reached.tolist(), strict=True)},
         status,
         message,
-        len(search_.seen),
+        len(design.poses),
         changed,
         *_ends_of(changed, names[0]),
     )
@@ -218,10 +213,10 @@ class _DesignSearch:
     """Static quantities of a scene as functions of some of its numbers, each equilibrium solved once."""
 
     def __init__(self, scene: Scene, paths: list[str], names: list[str], goals: np.ndarray) -> None:
-        self.scene, self.paths, self.goals = scene, paths, goals
+        self.scene, self.paths, self.names, self.goals = scene, paths, names, goals
         model = bare_model(overgrown(scene))
         self.quantities = [static_quantity(name, model, "target") for name in names]
-        self.seen: dict[tuple[float, ...], tuple[Model, State, np.ndarray]] = {}
+        self.poses: dict[tuple[float, ...], tuple[Model, State, np.ndarray]] = {}
 
     def at(self, x: np.ndarray) -> Scene:
         return self.scene.with_values(dict(zip(self.paths, map(float, x), strict=True)))
@@ -229,17 +224,21 @@ class _DesignSearch:
     def pose(self, x: np.ndarray) -> tuple[Model, State, np.ndarray]:
         """Model, static pose and quantities (p,)."""
         key = tuple(map(float, x))
-        if key not in self.seen:
+        if key not in self.poses:
             changed = self.at(x)
             model = build_model(changed)
             pose = static_pose(changed, model)
             if pose.status != "ok":
                 values = ", ".join(f"{path} = {value:g}" for path, value in zip(self.paths, key, strict=True))
                 raise SceneError(f"{values} has no equilibrium: {pose.message}")
-            self.seen[key] = model, pose.state, np.array([float(q.of_pose(model, pose.state)) for q in self.quantities])
-        return self.seen[key]
+            self.poses[key] = (
+                model,
+                pose.state,
+                np.array([float(q.of_pose(model, pose.state)) for q in self.quantities]),
+            )
+        return self.poses[key]
 
-    def reached(self, x: np.ndarray) -> np.ndarray:
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
         return self.pose(x)[2]
 
     def slopes(self, x: np.ndarray) -> np.ndarray:
@@ -257,29 +256,29 @@ class _DesignSearch:
         """Sizes (p,) of the targets: the required value, or what is reached where it is zero."""
         return np.where(self.goals != 0.0, np.abs(self.goals), np.maximum(np.abs(reached), 1.0))
 
-    def bracketed(self, low: float, high: float) -> np.ndarray:
+    def find_root(self, low: float, high: float) -> np.ndarray:
         """The value in an interval whose ends are on either side of the goal."""
-        ends = [float(self.reached([x])[0]) for x in (low, high)]
+        ends = [float(self.evaluate([x])[0]) for x in (low, high)]
         goal = self.goals[0]
         if (ends[0] - goal) * (ends[1] - goal) > 0:
             raise SceneError(
-                f"{self.paths[0]}: {low:g} to {high:g} gives {self.quantities[0].name} from {ends[0]:.6g} to "
+                f"{self.paths[0]}: {low:g} to {high:g} gives {self.names[0]} from {ends[0]:.6g} to "
                 f"{ends[1]:.6g}, which does not include {goal:g}. Use a range whose ends are on either side"
             )
         # relative change of the value at which the search stops
         tolerance = {"xtol": 1e-9 * max(abs(low), abs(high)), "rtol": 4 * np.finfo(float).eps}
-        return np.array([brentq(lambda x: self.reached([x])[0] - goal, low, high, **tolerance)])
+        return np.array([brentq(lambda x: self.evaluate([x])[0] - goal, low, high, **tolerance)])
 
-    def together(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    def solve_together(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Several values by least squares within their ranges.
 
         Raises:
             SceneError: a singular system at the end, or no equilibrium.
         """
         middle = 0.5 * (low + high)
-        scale = self.scale(self.reached(middle))
+        scale = self.scale(self.evaluate(middle))
         found = least_squares(
-            lambda x: (self.reached(x) - self.goals) / scale,
+            lambda x: (self.evaluate(x) - self.goals) / scale,
             middle,
             lambda x: self.slopes(x) / scale[:, None],
             (low, high),
@@ -291,7 +290,7 @@ class _DesignSearch:
         rows, sizes, columns = np.linalg.svd(found.jac * (high - low))
         # ratio of singular values below which derivatives with errors of 1e-10 determine no combination
         if sizes[-1] <= 1e-8 * sizes[0]:
-            targets = [q.name for q, part in zip(self.quantities, rows[:, -1], strict=True) if abs(part) > 0.1]
+            targets = [name for name, part in zip(self.names, rows[:, -1], strict=True) if abs(part) > 0.1]
             values = [path for path, part in zip(self.paths, columns[-1], strict=True) if abs(part) > 0.1]
             raise SceneError(
                 f"design: {', '.join(targets)} do not determine {', '.join(values)}: the system is singular. Use other "
@@ -310,13 +309,9 @@ def _slopes(
     loads: jax.Array,
 ) -> jax.Array:
     """Derivatives (q, p) of quantities of a static pose, along changes (p, ...) of some leaves of the model."""
-    leaves, tree = jax.tree.flatten(model)
 
     def values(shift: jax.Array) -> jax.Array:
-        moved = list(leaves)
-        for i, own in zip(moving, rows, strict=True):
-            moved[i] = leaves[i] + jnp.tensordot(shift, own, axes=1)
-        changed = jax.tree.unflatten(tree, moved)
+        changed = shift_model(model, moving, rows, shift)
         there = settle(changed, pose, loads, there=True)
         return jnp.stack([q.of_pose(changed, there) for q in quantities])
 

@@ -12,6 +12,7 @@ import numpy as np
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State, state
+from dropper_jax.run.build import shift_model
 from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
 from dropper_jax.statics.static_pose import equilibrium
 from dropper_jax.statics.system import find_rest
@@ -82,13 +83,9 @@ def _by_variables(
     moving: tuple[int, ...], model: Model, slopes: list[jax.Array], s: State, loads: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Derivative of minus the forces (p, free, 3), and of the tensions (p, n), at fixed positions."""
-    leaves, tree = jax.tree.flatten(model)
 
     def rows(shift: jax.Array) -> tuple[jax.Array, jax.Array]:
-        moved = list(leaves)
-        for i, slope in zip(moving, slopes, strict=True):
-            moved[i] = leaves[i] + jnp.tensordot(shift, slope, axes=1)
-        own = jax.tree.unflatten(tree, moved)
+        own = shift_model(model, moving, slopes, shift)
         return unbalanced(own, state(own, s.r, t=s.t), loads)
 
     zero = jnp.zeros(len(slopes[0]), s.r.dtype)

@@ -193,9 +193,9 @@ class CaseLists(Section):
         return dataclasses.replace(found, currents=tuple(tables), **more)
 
 
-def _case_standard(own: dict[str, Any], path: str) -> dict[str, Any] | None:
+def _case_standard(table: dict[str, Any], path: str) -> dict[str, Any] | None:
     """Pairs of return periods, taken out of `[cases]`: those of a standard, or the site's `pairs`; None without any."""
-    name, given = own.pop("standard", None), own.pop("pairs", None)
+    name, given = table.pop("standard", None), table.pop("pairs", None)
     if name is None and given is None:
         return None
     known = standards("cases")

@@ -17,7 +17,8 @@ from pathlib import Path
 
 from study import RESULTS, TABLES, command, markdown, stored
 
-for part in ("accuracy_tables", "fit_tables", "frequency_domain", "moordyn_tables", "paper_tables", "source_tables"):
+PARTS = ("accuracy_tables", "coarse_lines", "fit_tables", "frequency_domain", "moordyn_tables", "paper_tables")
+for part in (*PARTS, "source_tables"):
     import_module(part)  # enters its tables
 
 HERE = Path(__file__).parent

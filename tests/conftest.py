@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from collections import Counter
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -55,27 +55,23 @@ for threads in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
 os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", "threads;1")
 # Tracing makes millions of objects that stay: they are searched for garbage less often (another twelfth).
 gc.set_threshold(100_000, 50, 100)
-# Programs carry no lines of Python: a fourteenth of the time until a scene's programs are compiled.
-os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
+# Programs carry no lines of Python, and one file of tests shares a compiler context.
+os.environ.setdefault("DROPPER_SOURCE_LINES", "off")
 
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
-from jax._src.interpreters import mlir  # noqa: E402
 from jax.flatten_util import ravel_pytree  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
 from dropper_jax import Solution, compile_cache  # noqa: E402
-from dropper_jax.backend.programs import STORE, give_back_memory, memory_maps  # noqa: E402
+from dropper_jax.backend.programs import CONTEXTS, STORE, give_back_memory, memory_maps  # noqa: E402
 from dropper_jax.stepping.integrate import begin  # noqa: E402
 
 #: Programs compiled by an earlier run on this machine, or by the other worker, are read from here: two fifths of the
 #: time of a second run. Processes that tests start do not use it.
 COMPILED = Path(__file__).parents[1] / ".pytest_cache" / "compiled"
 compile_cache(COMPILED)
-# JAX makes a compiler context for each program, with all operations that there are: half of the time of a small
-# operation that is read from this folder, a quarter of one that is compiled. Here one file of tests shares one.
-mlir.make_ir_context = cache(mlir.make_ir_context)
 #: Memory maps (870 at first) beyond which programs go after a file: each would compile its small operations anew.
 MANY_MAPS = 3000
 
@@ -95,7 +91,7 @@ def _memory_given_back():
     A worker would otherwise end with 5 GB, and on the way meet the kernel's 65 530 maps.
     """
     yield
-    mlir.make_ir_context.cache_clear()
+    CONTEXTS.clear()
     if not 0 < memory_maps() < MANY_MAPS:
         STORE.clear()
         give_back_memory()

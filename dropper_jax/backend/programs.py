@@ -20,6 +20,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from threading import get_ident
 from typing import Generic, ParamSpec, TypeVar
 
 import jax
@@ -43,6 +44,10 @@ BRIEFLY = {"xla_disable_hlo_passes": "small-while-loop-hoisting", "xla_cpu_use_f
 QUICKLY = {"xla_backend_optimization_level": 0}
 #: Environment variable that enables them (`on`), for processes that run each scene once.
 QUICK, ON = "DROPPER_QUICK_COMPILATION", "on"
+#: Environment variable that omits lines of Python from programs (`off`), for processes that debug none.
+LINES, OFF = "DROPPER_SOURCE_LINES", "off"
+#: Compiler contexts by the number of their thread.
+CONTEXTS: dict[int, object] = {}
 
 
 @functools.cache
@@ -92,6 +97,7 @@ def give_back_memory() -> None:
     """Clear JAX's own caches and return their memory to the kernel: traces are reference cycles, and freed heap is
     retained."""
     jax.clear_caches()
+    CONTEXTS.clear()
     gc.collect()
     if sys.platform == "linux":
         # only glibc has it; elsewhere the heap is left unchanged
@@ -147,6 +153,29 @@ STORE = Store()
 # Done here because every run passes through here, and programs of other processes can only be used from now on.
 FOLDER = open_cache()
 TRACES = open_traces(FOLDER)
+
+
+def omit_source_lines() -> None:
+    """Trace and lower without the lines of Python that operations come from, in one compiler context per thread.
+
+    JAX records the stack at every operation, writes two names for it, and makes a compiler context for each program:
+    a tenth of the time until the programs of a scene are compiled. JAX's own errors then show no lines of traced
+    functions. A JAX that is organised differently is left unchanged.
+    """
+    with suppress(ImportError, AttributeError):
+        from jax._src.interpreters import mlir  # noqa: PLC0415
+        from jaxlib import _jax  # noqa: PLC0415
+        from jaxlib.mlir import ir  # noqa: PLC0415
+
+        make = mlir.make_ir_context
+        # threads do not share a context: the compiler reads it without the interpreter's lock
+        mlir.make_ir_context = lambda: CONTEXTS.setdefault(get_ident(), CONTEXTS.get(get_ident()) or make())
+        mlir.source_info_to_location = lambda *_: ir.Location.unknown()
+        _jax.set_tracebacks_enabled(False)
+
+
+if os.environ.get(LINES) == OFF and not is_plain():
+    omit_source_lines()
 
 
 def lower_cached(

@@ -20,6 +20,8 @@ COMPILE_CACHE, KEEP_TRACES, QUICK, ON = (
     "DROPPER_QUICK_COMPILATION",
     "on",
 )
+#: `on` in the first keeps lines of Python in programs.
+SOURCE_LINES, OFF = "DROPPER_SOURCE_LINES", "off"
 #: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
 XLA_LOG, FATAL = "TF_CPP_MIN_LOG_LEVEL", "3"
 
@@ -33,6 +35,7 @@ def prepare() -> None:
     os.environ.setdefault(COMPILE_CACHE, ON)
     os.environ.setdefault(KEEP_TRACES, ON)
     os.environ.setdefault(QUICK, ON)
+    os.environ.setdefault(SOURCE_LINES, OFF)
 
 
 GROUP = "dropper.commands"

@@ -2,8 +2,7 @@
 
     python benchmarks/frequency_domain.py [--runs N]     # N runs more; then the response, and the table
 
-The components are evenly spaced, so that the variance over one period of their differences has no sampling error. Runs
-start with a ramp of 15 s; what comes before `START` is left out, and a trend is removed.
+Runs start with a ramp of 15 s (see `dropper_jax.run.frequency.run_in_time`).
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import numpy as np
 from study import Rows, command, markdown, store, stored, table_of
 
 import dropper_jax as dj
+from dropper_jax.run.frequency import run_in_time
 from dropper_jax.scene import whole_lines
 
 SCENES = Path(dj.__file__).parent / "data" / "scenes"
@@ -42,21 +42,15 @@ def scene_in(name: str, hs: float, tp: float) -> dj.Scene:
 
 
 def run(name: str, hs: float, tp: float) -> list[dict[str, float]]:
-    """Mean and standard deviation [N] of each end of `LINES`, over a period of the differences of the components."""
-    start, period = LONGLINES[name][1], COUNT / 3.5 * tp
+    """Mean and standard deviation [N] of each end of `LINES` in a run."""
     scene = scene_in(name, hs, tp)
-    solution = dj.simulate(scene, duration=start + period, save_every=4, throw=True)
-    inside = solution.t_tension > start
-    links = [x for line in whole_lines(scene) if line.name in LINES for x in (line.links.start, line.links.stop - 1)]
-    return statistics(solution.t_tension[inside], solution.tension[inside][:, links])
-
-
-def statistics(t: np.ndarray, tension: np.ndarray) -> list[dict[str, float]]:
-    """Means and standard deviations about a trend of tensions (times, ends)."""
-    trend = np.stack([np.ones_like(t), t - np.mean(t)], axis=1)
-    left = tension - trend @ np.linalg.lstsq(trend, tension, rcond=None)[0]
-    each = zip(np.mean(tension, axis=0), np.std(left, axis=0), strict=True)
-    return [{"run_mean": float(mean), "run_deviation": float(deviation)} for mean, deviation in each]
+    each = zip(*run_in_time(scene, (hs, tp), frequencies=COUNT, start=LONGLINES[name][1]), strict=True)
+    ends = [line.name for line in whole_lines(scene) for _ in range(2)]
+    return [
+        {"run_mean": float(mean), "run_deviation": float(deviation)}
+        for end, (mean, deviation) in zip(ends, each, strict=True)
+        if end in LINES
+    ]
 
 
 def compare(name: str, runs: dict[str, Any]) -> list[dict[str, Any]]:

@@ -27,6 +27,7 @@ from dropper_jax.cli.options import (
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
     from dropper_jax.run.frequency import FrequencyResponse
 
 help = "tensions and motions in irregular waves in the frequency domain, with linearised drag, for many sea states"
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         "frequency edulis-longline --sea-states 0.5:4,1:6",
         "frequency edulis-longline --sea-states 0.5:5 --direction 90 --plot spectra.png",
+        "frequency edulis-longline --table states.csv --direction 90 --runs 10",
     )
     add_scene(parser)
     states = parser.add_mutually_exclusive_group()
@@ -49,6 +51,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--duration", type=number, default=10800.0, metavar="S", help="of the most probable maximum [s] (10800)"
     )
+    parser.add_argument(
+        "--runs",
+        type=positive_integer,
+        metavar="N",
+        help="run N of the states in time, from the most severe to the mildest, and report the differences",
+    )
     add_plot(parser, "the spectra of tension of the state with the maximum tension")
     add_out(parser)
 
@@ -57,12 +65,15 @@ def run(args: argparse.Namespace) -> int:
     states, plot, out = _sea_states(args), plot_folder(args.plot), out_file(args.out)
     if not 0.0 < args.duration < np.inf:
         raise SceneError(f"--duration: {args.duration:g} is out of range; allowed: above 0 s")
+    if args.runs and states is None:
+        raise SceneError("--runs: needs sea states. Use --sea-states or --table")
     scene = read_scene(args)
 
     from dropper_jax.run.frequency import frequency_response
 
     direction = None if args.direction is None else np.radians(args.direction)
     found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
+    runs = _runs(scene, found, args.runs, direction, args.frequencies) if args.runs else []
     if plot:
         _draw(scene.name, found, picture(plot, "frequency"))
     print_warnings(found.warnings)
@@ -74,7 +85,8 @@ def run(args: argparse.Namespace) -> int:
     message = "" if failed is None else f"{failures[failed]} (sea states: {found.status.count(failed)})"
     head = done_object() if failed is None else failure_object(failed, message)
     plain = {**head, "scene": scene.name, "duration_s": found.duration, "basis_error": found.basis_error}
-    deliver(args.json, {**plain, "warnings": found.warnings, "states": _rows(found)}, _text(found), out)
+    plain |= {"warnings": found.warnings, "states": _rows(found)} | ({"runs": runs} if runs else {})
+    deliver(args.json, plain, _text(found) + (f"\n\n{_text_of_runs(runs)}" if runs else ""), out)
     if failed:
         print_line(f"error: {failed}: {message}")
     return FAILED if failed else OK
@@ -100,6 +112,32 @@ def _sea_states(args: argparse.Namespace) -> np.ndarray | None:
     if not found.size or not np.all(np.isfinite(found) & (found > 0.0)):
         raise SceneError(f"{option}: a height or period is missing or not positive; allowed: above 0 m and 0 s")
     return found
+
+
+def _runs(
+    scene: Scene, found: FrequencyResponse, count: int, direction: float | None, frequencies: int
+) -> list[dict[str, Any]]:
+    """Runs in time of states at even distances in the order of the maximum tension, and the differences from them."""
+    from dropper_jax.run.frequency import run_in_time
+
+    order = np.argsort(-np.max(found.maximum_tension, axis=1))
+    rows = []
+    for i in order[np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))]:
+        hs, tp = found.sea_states[i]
+        mean, deviation = run_in_time(scene, (hs, tp), direction=direction, frequencies=frequencies)
+        own = {"hs_m": hs, "tp_s": tp, "status": found.status[i], "mean_tension_n": mean}
+        difference = found.tension_deviation[i] / deviation - 1.0
+        rows.append(own | {"tension_deviation_n": deviation, "deviation_difference": difference})
+    return rows
+
+
+def _text_of_runs(runs: list[dict[str, Any]]) -> str:
+    """The ranges of the differences of all ends."""
+    lines = [("hs [m]", "tp [s]", "status", "deviations against the run")]
+    for run in runs:
+        low, high = (100.0 * pick(run["deviation_difference"]) for pick in (np.min, np.max))
+        lines.append((f"{run['hs_m']:g}", f"{run['tp_s']:g}", run["status"], f"{low:+.1f} to {high:+.1f} %"))
+    return table(lines)
 
 
 def _rows(found: FrequencyResponse) -> list[dict[str, Any]]:

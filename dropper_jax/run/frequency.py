@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.load.scene import load_scene
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model
 from dropper_jax.model.slots import Displacement
 from dropper_jax.run.arrays import static_pose
 from dropper_jax.run.build import SceneLike, build_model
+from dropper_jax.run.simulate import simulate
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, wave_components, waves_on
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
@@ -137,8 +138,7 @@ def frequency_response(
     model, still, pose = _tangent_model(model, static_pose(scene, model), loads)
     if pose.status != "ok":
         raise SceneError(f"start: {pose.message}")
-    lines = whole_lines(scene)
-    links = np.array([link for line in lines for link in (line.links.start, line.links.stop - 1)])
+    lines, links = whole_lines(scene), _end_links(scene)
     ends = [(line.name, list(line.stops.values())[at]) for line in lines for at in (0, -1)]
     points = [i for i, point in enumerate(scene.points) if point.is_free]
     nodes = np.array([model.geometry.node_of_point(i) for i in points], int)
@@ -171,6 +171,50 @@ def frequency_response(
         basis_error=error,
         duration=duration,
     )
+
+
+def run_in_time(
+    scene: SceneLike,
+    sea_state: tuple[float, float],
+    *,
+    direction: float | None = None,
+    frequencies: int = 40,
+    start: float | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means and standard deviations (ends,) [N] of the tensions of `frequency_response` in a run with the same waves.
+
+    One period of the differences of the evenly spaced components is evaluated: its variance has no sampling error. A
+    trend is removed.
+
+    Args:
+        sea_state: significant height [m] and peak period [s].
+        direction, frequencies: see `frequency_response`.
+        start: time before the evaluated part [s]; None: 100 s, or ten peak periods if that is more.
+
+    Raises:
+        SceneError: see `frequency_response`.
+        SimulationError: the run does not reach its end.
+    """
+    scene = load_scene(scene)
+    if scene.sea is None:
+        raise SceneError("sea: missing; needed: the depth of the water, and waves")
+    hs, tp = sea_state
+    start = max(100.0, 10.0 * tp) if start is None else start
+    ramp = 15.0 if scene.sea.ramp is None else scene.sea.ramp
+    waves = replace(_spectrum(scene.sea, direction, frequencies), hs=hs, tp=tp)
+    scene = replace(scene, sea=replace(scene.sea, waves=waves, ramp=ramp))
+    duration = start + frequencies / 3.5 * tp  # the components are between 0.5 and 4 peak frequencies
+    solution = simulate(scene, duration=duration, save_every=4, throw=True)
+    inside = solution.t_tension > start
+    t, tension = solution.t_tension[inside], solution.tension[inside][:, _end_links(scene)]
+    trend = np.stack([np.ones_like(t), t - np.mean(t)], axis=1)
+    left = tension - trend @ np.linalg.lstsq(trend, tension, rcond=None)[0]
+    return np.mean(tension, axis=0), np.std(left, axis=0)
+
+
+def _end_links(scene: Scene) -> np.ndarray:
+    """The first and last link of each line."""
+    return np.array([link for line in whole_lines(scene) for link in (line.links.start, line.links.stop - 1)])
 
 
 def _tangent_model(model: Model, pose: Equilibrium, loads: jax.Array) -> tuple[Model, Model, Equilibrium]:
@@ -208,11 +252,16 @@ def _waves(
     states = np.atleast_2d(np.asarray(sea_states, float))
     if states.shape[1] != 2 or not np.all(np.isfinite(states) & (states > 0.0)):
         raise SceneError("sea_states: need rows of a significant height [m] and a peak period [s]; allowed: above 0")
-    if direction is None:
-        direction = 0.0 if spec.waves is None else float(np.mean(spec.waves.direction))
-    base = WaveSpec(kind="spectrum") if spec.waves is None else replace(spec.waves, kind="spectrum")
-    base = replace(base, frequencies="even", count=frequencies, direction=direction)
+    base = _spectrum(spec, direction, frequencies)
     waves = jax.jit(jax.vmap(lambda x: waves_of(replace(base, hs=x[0], tp=x[1]))))(jnp.asarray(states))
     if not np.all(np.isfinite(waves.wave_number)):
         raise SceneError("sea.wave_current: the current stops waves of these states. Use longer waves")
     return states, waves
+
+
+def _spectrum(spec: SeaSpec, direction: float | None, frequencies: int) -> WaveSpec:
+    """The waves of sea states, without their height and period."""
+    if direction is None:
+        direction = 0.0 if spec.waves is None else float(np.mean(spec.waves.direction))
+    base = WaveSpec(kind="spectrum") if spec.waves is None else replace(spec.waves, kind="spectrum")
+    return replace(base, frequencies="even", count=frequencies, direction=direction)

@@ -127,9 +127,21 @@ def test_command_prints_writes_and_draws(tmp_path, capsys, monkeypatch):
     assert "most probable maximum [N]" in capsys.readouterr().out
 
 
+def test_runs_in_time_are_reported_beside_the_response(capsys, monkeypatch):
+    """Linear waves on a spring with drag: the run has the same deviation within the error of the linearisation."""
+    monkeypatch.setattr(command, "read_scene", lambda args: dj.load_scene(hanging_mass()))
+    assert called("--sea-states", "0.2:4,0.5:5,1:5", "--frequencies", "20", "--runs", "2", "--json") == 0
+    runs = json.loads(capsys.readouterr().out)["runs"]
+    assert [(run["hs_m"], run["tp_s"]) for run in runs] == [(1.0, 5.0), (0.2, 4.0)]
+    for run in runs:
+        np.testing.assert_allclose(run["mean_tension_n"], MASS * GRAVITY, rtol=0.01)
+        assert np.max(np.abs(run["deviation_difference"])) < 0.1
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (["--runs", "2"], "--runs: needs sea states"),
         (["--sea-states", "1:2:3"], "--sea-states: needs HS:TP"),
         (["--sea-states", "0:5"], "--sea-states: a height or period is missing or not positive"),
         (["--table", "missing.csv"], "--table: missing.csv: No such file"),

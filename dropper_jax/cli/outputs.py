@@ -134,7 +134,7 @@ def plot_target(text: str | None) -> Path | None:
 def write_run_report(solution: Solution, folder: Path) -> None:
     """The report of this run, as by `dropper report`."""
     from dropper_jax.report.build import report_runs
-    from dropper_jax.report.record import Settings
+    from dropper_jax.report.settings import Settings
     from dropper_jax.report.write import write_report
 
     runs = {"run": solution}

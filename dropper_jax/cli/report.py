@@ -18,7 +18,7 @@ from dropper_jax.cli.options import (
     print_result,
     read_run,
 )
-from dropper_jax.report.record import Settings
+from dropper_jax.report.settings import Settings
 
 if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution

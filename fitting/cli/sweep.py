@@ -245,7 +245,7 @@ def text(found: dict[str, Any], results: str = "") -> str:
         ("cases", f"{found['cases']} of {found['steps_per_case']} steps, {found['resumed']} of them resumed"),
         ("ended", counts),
         ("wall time", f"{found['compile_s']:.2f} s compilation, {found['run_s']:.2f} s run and saving"),
-        ("speed", f"{found['steps_per_s'] / 1e6:.2f} million steps per second"),
+        ("speed", f"{found['steps_per_s']:.0f} steps per second"),
     ]
     if found["vmapped"]:
         slower = ", ".join(found["vmapped"])

@@ -248,8 +248,7 @@ def text(found: dict[str, Any], results: str = "") -> str:
         ("speed", f"{found['steps_per_s']:.0f} steps per second"),
     ]
     if found["vmapped"]:
-        slower = ", ".join(found["vmapped"])
-        pairs.append(("by jax.vmap", f"{slower}: slower, since the cases' axis is transposed twice; same results"))
+        pairs.append(("by jax.vmap", f"{', '.join(found['vmapped'])}: two transposes of the cases' axis, same results"))
     parts = [listing(pairs)]
     if results:
         parts.append(results)

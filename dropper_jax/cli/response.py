@@ -69,5 +69,6 @@ def _text(rows: list[dict[str, Any]]) -> str:
         lines.append((*(f"{value:.4g}" for value in values), "-" if more is None else f"{100 * more:+.1f} %"))
     return (
         f"{table(lines)}\nangle of the first link from the vertical in the plane of the waves; "
-        "phase ahead of the elevation at its fixed point\nwet: mean wet fraction of the far end; last column: change of the amplitude"
+        "phase ahead of the elevation at its fixed point\n"
+        "wet: mean wet fraction of the far end; last column: change of the amplitude"
     )

@@ -229,8 +229,7 @@ def _result_table(path: Path) -> str:
 
     with open_sweep(path) as found:
         # one number for each case: not angles of every link
-        names = [name for name, of in found.data_vars.items() if of.dims == found.status.dims]
-        names = [name for name in names if name not in ("status", "failed_at")]
+        names = [x for x, of in found.drop_vars(["status", "failed_at"]).items() if of.dims == found.status.dims]
         units = [f"{name} [{found[name].attrs['units']}]" for name in names]
         frame = found[names].to_dataframe().reset_index()
     inputs = [name for name in frame.columns if name not in names]

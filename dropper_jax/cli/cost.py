@@ -53,9 +53,10 @@ def text(found: dict[str, Any]) -> str:
         "operations": ("operations", "d"),
     }
     rows = [("", *(head for head, _ in columns.values()))]
-    for row in found["rows"]:
-        cells = ("-" if row[key] is None else f"{row[key]:{form}}" for key, (_, form) in columns.items())
-        rows.append((row["name"], *cells))
+    rows += [
+        (row["name"], *("-" if row[key] is None else f"{row[key]:{form}}" for key, (_, form) in columns.items()))
+        for row in found["rows"]
+    ]
     proof = found["proof"]
     yes = {True: "yes", False: "NO"}
     return "\n".join(

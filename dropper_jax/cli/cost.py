@@ -42,18 +42,20 @@ def run(args: argparse.Namespace) -> int:
 def text(found: dict[str, Any]) -> str:
     """The report as text."""
     columns = {
-        **{
-            "us_per_step": ("us/step", ".2f"),
-            "ratio": ("ratio", ".2f"),
-            "corrections_per_step": ("corrections/step", ".2f"),
-        },
-        **{"us_per_correction": ("us/correction", ".2f"), "correction_ratio": ("ratio", ".2f")},
-        **{"flops": ("flops", ".0f"), "bytes": ("bytes", ".0f"), "operations": ("operations", "d")},
+        "us_per_step": ("us/step", ".2f"),
+        "ratio": ("ratio", ".2f"),
+        "corrections_per_step": ("corrections/step", ".2f"),
+        "us_per_correction": ("us/correction", ".2f"),
+        "correction_ratio": ("ratio", ".2f"),
+        "flops": ("flops", ".0f"),
+        "bytes": ("bytes", ".0f"),
+        "operations": ("operations", "d"),
     }
     rows = [("", *(head for head, _ in columns.values()))]
-    for row in found["rows"]:
-        cells = ("-" if row[key] is None else f"{row[key]:{form}}" for key, (_, form) in columns.items())
-        rows.append((row["name"], *cells))
+    rows += [
+        (row["name"], *("-" if row[key] is None else f"{row[key]:{form}}" for key, (_, form) in columns.items()))
+        for row in found["rows"]
+    ]
     proof = found["proof"]
     yes = {True: "yes", False: "NO"}
     return "\n".join(
@@ -65,7 +67,7 @@ def text(found: dict[str, Any]) -> str:
             table(rows),
             "",
             "absent effects cost nothing:",
-            f"  a scene whose effects are removed compiles to the same program as one that never had them: "
+            "  a scene whose effects are removed compiles to the same program as one that never had them: "
             f"{yes[proof['removed_is_never_had']]}",
             f"  a new effect in the package leaves the program unchanged: {yes[proof['new_effect_changes_nothing']]}",
         ]

@@ -171,9 +171,7 @@ def _text(found: FrequencyResponse) -> str:
             numbers = (found.mean_tension, found.tension_deviation, found.tension_period, found.maximum_tension)
             values = (found.static_tension[j], *(x[i, j] for x in numbers))
             slack = str(int(np.sum(found.slack[i])))
-            lines.append(
-                (f"{hs:g}", f"{tp:g}", *found.ends[j], *(f"{round(float(x), 4) + 0.0:.5g}" for x in values), slack)
-            )
+            lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *(f"{x:.5g}" for x in np.round(values, 4)), slack))
     note = f"maximum in {found.duration:g} s of Rayleigh-distributed peaks; linear where no line goes slack"
     return f"{table(lines)}\n{note}"
 
@@ -181,21 +179,17 @@ def _text(found: FrequencyResponse) -> str:
 def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
     """Spectra of the tensions at the ends with the largest deviations, in the sea state with the maximum tension."""
     from dropper_jax.plots import style
-    from dropper_jax.plots.series import DASHES, Curve, hides
-    from dropper_jax.study.pictures import marks, title
+    from dropper_jax.plots.series import Curve, Panel, draw_panel
+    from dropper_jax.study.pictures import title
 
     state = int(np.argmax(np.max(found.maximum_tension, axis=1)))
     omega, tension, _ = found.spectra(state)
     with style.plot_style():
         figure = style.new_figure(7.0, 4.4)
         axes = figure.subplots()
-        # the six ends with the largest deviations; one that coincides with an earlier one is dashed and without marks
-        curves: list[Curve] = []
-        for i, end in enumerate(np.argsort(-found.tension_deviation[state])[:6]):
-            line, point = found.ends[end]
-            curves.append(Curve(f"{line} at {point}", omega, tension[:, end] / 1e6))
-            twin = {"ls": DASHES, "marker": ""} if hides(curves, i) else {}
-            axes.plot(omega, curves[i].values, label=curves[i].name, **{**marks(i), **twin})
+        # the six ends with the largest deviations
+        ends = np.argsort(-found.tension_deviation[state])[:6]
+        draw_panel(axes, Panel("", [Curve(" at ".join(found.ends[i]), omega, tension[:, i] / 1e6) for i in ends]))
         axes.set(xlabel="frequency [rad/s]", ylabel="spectrum of the tension [kN$^2$ s/rad]", ylim=(0.0, None))
         figure.legend(loc="outside right upper")
         hs, tp = found.sea_states[state]

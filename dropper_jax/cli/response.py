@@ -66,8 +66,8 @@ def _text(rows: list[dict[str, Any]]) -> str:
         more = row.get("amplitude_10_percent_more")
         values = (row["period_s"], row["mean_rad"], row["amplitude_rad"], row["phase_rad"], row["wet"])
         lines.append((*(f"{value:.4g}" for value in values), "-" if more is None else f"{100 * more:+.1f} %"))
-    note = (
-        "angle of the first link from the vertical in the plane of the waves; phase ahead of the elevation at its "
-        "fixed point\nwet: mean wet fraction of the far end; last column: change of the amplitude"
+    return (
+        f"{table(lines)}\nangle of the first link from the vertical in the plane of the waves; "
+        "phase ahead of the elevation at its fixed point\n"
+        "wet: mean wet fraction of the far end; last column: change of the amplitude"
     )
-    return f"{table(lines)}\n{note}"

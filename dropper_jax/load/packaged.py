@@ -245,9 +245,9 @@ def _read_file(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        new = isinstance(error, FileNotFoundError) and path.suffix == ".toml"
-        hint = f"; `dropper new longline {path}` writes one to edit" if new else ""
-        raise SceneError(f"scene: cannot read {str(path)!r}: {error.strerror or error}{hint}") from None
+        raise SceneError(
+            f"scene: cannot read {str(path)!r}: {error.strerror or error}; `dropper new` writes a scene to edit"
+        ) from None
 
 
 def folder_of(source: str | Path, allow_outside: bool) -> Path | None:

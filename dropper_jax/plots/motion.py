@@ -168,7 +168,7 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
     figure = style.new_figure(8.5, 1.2 + 1.75 * len(shown))
     all_axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     for axes, panel in zip(all_axes, shown, strict=True):
-        draw_panel(axes, panel, run)
+        draw_panel(axes, panel)
         axes.set_ylabel(panel.label)
         axes.set_title(panel.title, loc="left", fontsize=9)
         if any(curve.name for curve in panel.curves):

@@ -47,13 +47,13 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     ratios = [1.0] if zoom is None else [1.55, 1.0]
     grid = figure.subplots(len(panels), columns, sharex="col", squeeze=False, width_ratios=ratios)
     for row, panel in zip(grid, panels, strict=True):
-        draw_panel(row[0], panel, run, envelope=None if zoom is None else _shortest(panel, panels))
+        draw_panel(row[0], panel, envelope=None if zoom is None else _shortest(panel, panels))
         row[0].set_ylabel(panel.label)
         if panel.title:
             row[0].set_title(panel.title, loc="left", fontsize=9)
         if zoom is not None:
             row[0].axvspan(*zoom, color=style.FAINT, alpha=0.25, lw=0)
-            draw_panel(row[1], panel, run, part=zoom)
+            draw_panel(row[1], panel, part=zoom)
     for above, panel, row in zip([None, *panels], panels, grid, strict=False):
         names = [curve.name for curve in panel.curves]
         if any(names) and (above is None or names != [curve.name for curve in above.curves]):
@@ -87,7 +87,7 @@ def legend(axes: Axes) -> None:
 
 
 def draw_panel(
-    axes: Axes, panel: Panel, run: Run, envelope: float | None = None, part: tuple[float, float] | None = None
+    axes: Axes, panel: Panel, envelope: float | None = None, part: tuple[float, float] | None = None
 ) -> None:
     """Draw all curves of a panel; as an envelope with means over cycles of this length [s], or of a part of the
     time."""

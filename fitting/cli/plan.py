@@ -48,9 +48,13 @@ def run(args: argparse.Namespace) -> int:
         rate=_numbers("rate", args.rate)[0],
         progress=progress(args.quiet) or silent,
     )
-    note = "standard errors in the parameters' units; times the best: their geometric mean relative to the first row"
-    text = f"{table(rows(found))}\n{note}"
-    return deliver(args.json, {"status": "ok", "plans": [row.to_json() for row in found]}, text, out)
+    return deliver(
+        args.json,
+        {"status": "ok", "plans": [row.to_json() for row in found]},
+        f"{table(rows(found))}\n"
+        "standard errors in the parameters' units; times the best: their geometric mean relative to the first row",
+        out,
+    )
 
 
 def _numbers(option: str, text: str) -> list[float]:

@@ -234,8 +234,7 @@ def _result_table(path: Path) -> str:
 
     with open_sweep(path) as found:
         # one number for each case: not angles of every link
-        names = [name for name, of in found.data_vars.items() if of.dims == found.status.dims]
-        names = [name for name in names if name not in ("status", "failed_at")]
+        names = [x for x, of in found.drop_vars(["status", "failed_at"]).items() if of.dims == found.status.dims]
         units = [f"{name} [{found[name].attrs['units']}]" for name in names]
         frame = found[names].to_dataframe().reset_index()
     inputs = [name for name in frame.columns if name not in names]
@@ -250,11 +249,10 @@ def text(found: dict[str, Any], results: str = "") -> str:
         ("cases", f"{found['cases']} of {found['steps_per_case']} steps, {found['resumed']} of them resumed"),
         ("ended", counts),
         ("wall time", f"{found['compile_s']:.2f} s compilation, {found['run_s']:.2f} s run and saving"),
-        ("speed", f"{found['steps_per_s'] / 1e6:.2f} million steps per second"),
+        ("speed", f"{found['steps_per_s']:.0f} steps per second"),
     ]
     if found["vmapped"]:
-        slower = ", ".join(found["vmapped"])
-        pairs.append(("by jax.vmap", f"{slower}: slower, since the cases' axis is transposed twice; same results"))
+        pairs.append(("by jax.vmap", f"{', '.join(found['vmapped'])}: two transposes of the cases' axis, same results"))
     parts = [listing(pairs)]
     if results:
         parts.append(results)

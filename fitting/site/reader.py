@@ -152,8 +152,7 @@ def site_text(source: str | Path) -> bytes:
     try:
         return file.read_bytes()
     except OSError as error:
-        example = f"`dropper cases small-longline --print > {file}` writes one to edit"
-        hint = example if file.suffix else nearest(str(source), packaged)
+        hint = "see `dropper cases small-longline --print`" if file.suffix else nearest(str(source), packaged)
         raise SceneError(f"site: cannot read {str(file)!r}: {error.strerror or error}; {hint}") from None
 
 

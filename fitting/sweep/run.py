@@ -113,7 +113,7 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
     def words(ran: int, seconds: float) -> str:
         rate = ran / max(seconds, 1e-9)
         left = (missing - ran) / max(rate, 1e-9)
-        return f"{rate * plan.scene.run.steps / 1e6:.2f} million steps/s, {left:.0f} s left"
+        return f"{rate * plan.scene.run.steps:.0f} steps/s, {left:.0f} s left"
 
     if todo:
         source = _local(plan, todo, fallbacks) if scheduler is None else _remote(plan, todo, scheduler, fallbacks)

@@ -124,7 +124,7 @@ def test_of_two_curves_that_coincide_the_later_is_dashed():
     curves = [series.Curve(name, t, values) for name, values in (("a", np.sin(t)), ("b", np.cos(t)), ("c", np.sin(t)))]
     assert [series.hides(curves, i) for i in range(3)] == [False, False, True]
     axes = style.new_figure(4, 3).subplots()
-    series.draw_panel(axes, series.Panel("x [m]", curves), SimpleNamespace())
+    series.draw_panel(axes, series.Panel("x [m]", curves))
     assert [line.get_linestyle() for line in axes.get_lines()] == ["-", "-", "--"]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_scene, done_object, listing, number, read_scene
@@ -56,13 +57,13 @@ def run(args: argparse.Namespace) -> int:
     found = solve_design(scene, paths, low, high, args.target, args.value)
     values = [{"path": path, "value": value} for path, value in found.values.items()]
     targets = [{"target": name, "required": pair[0], "reached": pair[1]} for name, pair in found.targets.items()]
-    more = {**values[0], **targets[0], "solves": found.solves, "values": values, "targets": targets}
+    more: dict[str, Any] = {**values[0], **targets[0], "solves": found.solves, "values": values, "targets": targets}
     text = [
         *((path, f"{value:.9g}") for path, value in found.values.items()),
         *((name, f"{pair[1]:.9g}, required {pair[0]:g}") for name, pair in found.targets.items()),
         ("static poses", str(found.solves)),
     ]
-    if found.end_forces is not None:
+    if found.end_forces is not None and found.end_angles is not None:
         more |= {"end_forces_n": list(found.end_forces), "end_angles_deg": list(found.end_angles)}
         text.append(("forces on the line's end points", "{:.6g} N and {:.6g} N".format(*found.end_forces)))
         text.append(("angles of the line there, upwards", "{:.2f} and {:.2f} deg".format(*found.end_angles)))

@@ -60,7 +60,9 @@ def _crops(crops: list[dict[str, Any]]) -> str:
 
 def _published_table(crops: list[dict[str, Any]]) -> str:
     """Published values, numbered, and their sources."""
-    rows = [("published", "mass [kg/m]", "outer diameter [m]", "cdn", "can", "EI [N m^2]", "like")]
+    rows: list[tuple[str, ...]] = [
+        ("published", "mass [kg/m]", "outer diameter [m]", "cdn", "can", "EI [N m^2]", "like")
+    ]
     keys = ("mass", "outer_diameter", "cdn", "can", "EI")
     rows += [(f"{i}. {crop['crop']}", *_numbers(crop, keys), crop["like"]) for i, crop in enumerate(crops, 1)]
     sources = [

@@ -176,7 +176,7 @@ def model_slopes(scene: Scene, model: Model, path: str) -> dict[int, np.ndarray]
     return slopes
 
 
-def shift_model(model: Model, moving: Sequence[int], rows: Sequence[jax.Array], shift: jax.Array) -> Model:
+def shift_model(model: Model, moving: Sequence[int], rows: Sequence[jax.Array | np.ndarray], shift: jax.Array) -> Model:
     """The model with leaves of the numbers `moving` changed by `shift` (p,) times `rows` (p, ...) of each;
     differentiable."""
     leaves, tree = jax.tree.flatten(model)

@@ -49,8 +49,6 @@ SIGNALS = {
 #: Signals of all links or nodes at once.
 OF_ALL = ("tension", "excursion", "energy")
 DIRECTIONS = ("horizontal", "vertical", "total", "uplift")
-#: Names of the ends of a line; the last two need a line with one fixed end.
-ENDS = ("first", "last", "anchor", "fairlead")
 
 
 def _root(x: jax.Array, power: float = 0.5) -> jax.Array:

@@ -140,8 +140,8 @@ class Design:
     message: str
     solves: int
     scene: Scene
-    end_forces: tuple[float, float] | None = None
-    end_angles: tuple[float, float] | None = None
+    end_forces: tuple[float, ...] | None = None
+    end_angles: tuple[float, ...] | None = None
 
     @property
     def value(self) -> float:
@@ -178,29 +178,29 @@ def solve_design(
             that does not reach its required value, or targets that do not determine the values.
     """
     paths, names = ([x] if isinstance(x, str) else list(x) for x in (path, target))
-    low, high, goals = (np.atleast_1d(np.asarray(x, float)) for x in (low, high, goal))
-    if not len(paths) == len(low) == len(high) == len(names) == len(goals):
+    lows, highs, goals = (np.atleast_1d(np.asarray(x, float)) for x in (low, high, goal))
+    if not len(paths) == len(lows) == len(highs) == len(names) == len(goals):
         raise SceneError(
             f"design: {len(paths)} values for {len(names)} targets with {len(goals)} goals; allowed: as many"
         )
     for what, given in (("vary", paths), ("target", names)):
         if len(set(given)) < len(given):
             raise SceneError(f"{what}: {', '.join(given)}: the same twice; allowed: each once")
-    if np.any(low >= high):
-        raise SceneError(f"vary: {low.tolist()} to {high.tolist()}: an empty range; allowed: LOW < HIGH")
+    if np.any(lows >= highs):
+        raise SceneError(f"vary: {lows.tolist()} to {highs.tolist()}: an empty range; allowed: LOW < HIGH")
     design = _DesignSearch(load_scene(scene), paths, names, goals)
-    x = design.find_root(low[0], high[0]) if len(paths) == 1 else design.solve_together(low, high)
+    x = design.find_root(*lows, *highs) if len(paths) == 1 else design.solve_together(lows, highs)
     reached, changed = design.evaluate(x), design.at(x)
     miss = np.abs(reached - goals) / design.scale(reached)
     worst, status, message = int(np.argmax(miss)), "ok", ""
     # relative miss above which a target counts as not reached; a root between two ends is as near as numbers allow
     if len(paths) > 1 and miss[worst] > 1e-6:
-        bound = [p for p, v, a, b in zip(paths, x, low, high, strict=True) if min(v - a, b - v) < 1e-6 * (b - a)]
+        bound = [p for p, v, a, b in zip(paths, x, lows, highs, strict=True) if min(v - a, b - v) < 1e-6 * (b - a)]
         where = f"; at a bound: {', '.join(bound)}" if bound else ""
         status, message = "not_reached", f"{names[worst]} reaches {reached[worst]:.6g} of {goals[worst]:g}{where}"
     return Design(
         dict(zip(paths, x.tolist(), strict=True)),
-        {name: pair for name, *pair in zip(names, goals.tolist(), reached.tolist(), strict=True)},
+        {name: (want, got) for name, want, got in zip(names, goals.tolist(), reached.tolist(), strict=True)},
         status,
         message,
         len(design.poses),
@@ -216,12 +216,12 @@ class _DesignSearch:
         self.scene, self.paths, self.names, self.goals = scene, paths, names, goals
         model = bare_model(overgrown(scene))
         self.quantities = [static_quantity(name, model, "target") for name in names]
-        self.poses: dict[tuple[float, ...], tuple[Model, State, np.ndarray]] = {}
+        self.poses: dict[tuple[float, ...], tuple[Model, Any, np.ndarray]] = {}
 
-    def at(self, x: np.ndarray) -> Scene:
+    def at(self, x: np.ndarray | list[float]) -> Scene:
         return self.scene.with_values(dict(zip(self.paths, map(float, x), strict=True)))
 
-    def pose(self, x: np.ndarray) -> tuple[Model, State, np.ndarray]:
+    def pose(self, x: np.ndarray | list[float]) -> tuple[Model, State, np.ndarray]:
         """Model, static pose and quantities (p,)."""
         key = tuple(map(float, x))
         if key not in self.poses:
@@ -238,7 +238,7 @@ class _DesignSearch:
             )
         return self.poses[key]
 
-    def evaluate(self, x: np.ndarray) -> np.ndarray:
+    def evaluate(self, x: np.ndarray | list[float]) -> np.ndarray:
         return self.pose(x)[2]
 
     def slopes(self, x: np.ndarray) -> np.ndarray:
@@ -304,7 +304,7 @@ def _slopes(
     moving: tuple[int, ...],
     quantities: tuple[Quantity, ...],
     model: Model,
-    rows: list[jax.Array],
+    rows: Sequence[jax.Array | np.ndarray],
     pose: State,
     loads: jax.Array,
 ) -> jax.Array:
@@ -318,7 +318,7 @@ def _slopes(
     return jax.jacfwd(values)(jnp.zeros(len(rows[0]), model.dtype))
 
 
-def _ends_of(scene: Scene, target: str) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
+def _ends_of(scene: Scene, target: str) -> tuple[tuple[float, ...] | None, ...]:
     """Forces on the end points of the line of a tension, and its angles there; None for other targets."""
     kind, name, *_ = *target.split("."), ""
     if kind not in ("tension", "line"):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import numpy as np
@@ -59,7 +60,8 @@ def scene_parameter(scene: Scene, model: Model, path: str) -> Parameter:
     Raises:
         SceneError: no such path, not a number, a number without effect on the model, or one that changes its shape.
     """
-    slopes, value = model_slopes(scene, model, path), scene.value(path)
+    slopes = model_slopes(scene, model, path)
+    value: Any = scene.value(path)
     shift = LINEAR_REACH * (abs(value) or 1.0)
     here, there = (
         [np.asarray(leaf) for leaf in jax.tree.leaves(build_model(scene.with_values({path: at})))]

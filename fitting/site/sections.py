@@ -100,7 +100,7 @@ class SeaState(Section):
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
-        own = dict(read_table(table, path))
+        own: dict[str, Any] = dict(read_table(table, path))
         if "return_period" in own:
             own["return_period"] = read_years(own["return_period"], f"{path}.return_period")
         return super().read(own, path)
@@ -199,7 +199,13 @@ def _case_standard(table: dict[str, Any], path: str) -> dict[str, Any] | None:
     if name is None and given is None:
         return None
     known = standards("cases")
-    found = {"broken": False, "source": "", "edition": "-", "clause": "-", "checked": "to be checked by you"}
+    found: dict[str, Any] = {
+        "broken": False,
+        "source": "",
+        "edition": "-",
+        "clause": "-",
+        "checked": "to be checked by you",
+    }
     if name is not None:
         found |= known[read_text(name, f"{path}.standard", known)]
     if given is not None:
@@ -227,7 +233,7 @@ def _current(item: Plain, path: str) -> dict[str, Any]:
     if not isinstance(item, Mapping):
         speed = read_number(item, path, {"low": 0.0, "unit": "m/s"}, "a speed >= 0 m/s, or a table as [sea.current]")
         return {"name": f"{speed:g} m/s", "speed": speed}
-    found = plain(item)
+    found: dict[str, Any] = dict(plain(item))
     speed = found.get("speed")
     own = f"{speed:g} m/s" if isinstance(speed, int | float) else "given"
     if "return_period" in found:

@@ -152,19 +152,11 @@ def end_force_vectors(
     found = {}
     for name, start, stop, links in _ends(lines):
         rows = ((start, start + 1, links.start, first), (stop, stop - 1, links.stop - 1, last))
-        found[name] = np.stack(
-            [
-                _force(
-                    positions[:, end],
-                    positions[:, inner],
-                    tension[:, link],
-                    weight[link],
-                    _on_bed(scene, positions[:, end]),
-                )
-                for end, inner, link, weight in rows
-            ],
-            axis=1,
-        )
+        forces = [
+            _force(scene, positions[:, [end, inner]], tension[:, link], weight[link])
+            for end, inner, link, weight in rows
+        ]
+        found[name] = np.stack(forces, axis=1)
     return found
 
 
@@ -203,20 +195,16 @@ def _end_shares(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return first, 1.0 - first
 
 
-def _force(end: np.ndarray, inner: np.ndarray, tension: np.ndarray, weight: float, on_bed: np.ndarray) -> np.ndarray:
-    """Force (k, 3) [N] of an end link on its point, with the weight in water at that point."""
+def _force(scene: Scene, nodes: np.ndarray, tension: np.ndarray, weight: float) -> np.ndarray:
+    """Force (k, 3) [N] of an end link on its point, the first of its two nodes (k, 2, 3), with the weight there."""
+    bed = bed_height(scene, nodes[:, 0])
     with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
-        along = inner - end
+        along = nodes[:, 1] - nodes[:, 0]
         force = tension[:, None] * along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-        force[:, 2] -= np.where(on_bed, np.minimum(weight, np.maximum(force[:, 2], 0.0)), weight)
+        # points within a millimetre of the bed lie on it: anchors are at its height
+        lifts = np.inf if bed is None else np.where(nodes[:, 0, 2] < bed + 1e-3, np.maximum(force[:, 2], 0.0), np.inf)
+        force[:, 2] -= np.minimum(weight, lifts)
         return force
-
-
-def _on_bed(scene: Scene, positions: np.ndarray) -> np.ndarray:
-    """Whether a point (k, 3) lies on the seabed (k,)."""
-    bed = bed_height(scene, positions)
-    # points within a millimetre of the bed lie on it: anchors are at its height
-    return np.zeros(len(positions), bool) if bed is None else positions[:, 2] < bed + 1e-3
 
 
 def line_weights(scene: Scene) -> list[dict[str, Any]]:

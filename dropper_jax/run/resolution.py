@@ -25,12 +25,8 @@ def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tu
     Args:
         positions: all nodes (n + 1, 3) [m]; tension: (n,) [N].
     """
-    return (
-        *_check_loads(scene, tension),
-        *_check_stretch(scene, positions),
-        *_check_bends(scene, positions, tension),
-        *_check_buoys(scene, positions),
-    )
+    loads, bends = _check_loads(scene, tension), _check_bends(scene, positions, tension)
+    return (*loads, *_check_stretch(scene, positions), *bends, *_check_buoys(scene, positions))
 
 
 def check_stretch(scene: Scene, positions: np.ndarray) -> None:
@@ -65,29 +61,29 @@ def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
 
 def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> Iterator[str]:
     """One warning of all elastic lines whose links are too few for the forces at their ends."""
-    coarse = {}
-    for line in whole_lines(scene):
-        bend = 0.0 if line.spec.rigid else _largest_bend(line, positions, tension[line.links])
-        # A sag of N links between two points has a tension that is off by 1/(2 N^2). Loads on the node of a sharp bend
-        # add to it, less with more links: the limit follows 340 single lines of 3 to 12 links against 32 and 48.
-        if bend >= (5.0 if line.spec.links <= 3 else 12.0 * (line.spec.links + 2)):
-            coarse[line.name] = bend
-    if coarse:
+    # A sag of N links has a tension that is off by 1/(2 N^2). Loads on a sharp bend add to it, less so with more
+    # links: the limit follows 340 single lines of 3 to 12 links against 32 and 48.
+    bends = {
+        line.name: bend
+        for line in whole_lines(scene)
+        if not line.spec.rigid
+        and (bend := _largest_bend(line, positions[line.nodes], tension[line.links]))
+        >= (5.0 if line.spec.links <= 3 else 12.0 * (line.spec.links + 2))
+    }
+    if bends:
         yield (
-            f"{lines_in_words(list(coarse))}: too few links: at rest neighbouring links turn by up to "
-            f"{max(coarse.values()):.0f} degrees, and forces at the ends can be off by more than 5%. Take four times "
-            "the links; run --errors shows the difference"
+            f"{lines_in_words(list(bends))}: too few links: neighbouring links turn by up to {max(bends.values()):.0f} "
+            "degrees at rest, and end forces can be off by more than 5%. Take four times the links; see --errors"
         )
 
 
 def _largest_bend(line: WholeLine, positions: np.ndarray, tension: np.ndarray) -> float:
     """Maximum angle [degrees] between neighbouring links that carry tension, without attached points."""
-    along = np.diff(positions[line.nodes], axis=0)
+    along = np.diff(positions, axis=0)
     along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
     turns = np.degrees(np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0)))
     turns[[node - 1 for node in line.stops if 0 < node < line.spec.links]] = 0.0
-    taut = np.maximum(tension[1:], tension[:-1]) > 0.01 * np.max(tension)
-    return float(np.max(turns * taut, initial=0.0))
+    return float(np.max(turns * (np.maximum(tension[1:], tension[:-1]) > 0.01 * np.max(tension)), initial=0.0))
 
 
 def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:

@@ -66,6 +66,7 @@ class TraceLoss:
         self._cost.defjvp(self._half_square_jvp)
         self.loss = jax.jit(self._loss)
         self.value_and_grad = jax.jit(self._value_and_grad)
+        self._moved_starts = jax.jit(self._move_starts)
 
     def residuals(self, params: jax.Array, starts: Starts) -> jax.Array:
         """Simulated minus measured angles over their noise (windows, samples, links), 0 where there is no sample."""
@@ -90,7 +91,9 @@ class TraceLoss:
 
     def best_starts(self, params: jax.Array, starts: Starts | None = None) -> Starts:
         """The starts at their optimum for these parameters, for example for the next call of `value_and_grad`."""
-        first = self.starts if starts is None else starts
+        return self._moved_starts(params, self.starts if starts is None else starts)
+
+    def _move_starts(self, params: jax.Array, first: Starts) -> Starts:
         model = apply(self.prepared.simulator.model, self.prepared.parameters, params)
         z = self._best(params, first).z
         m = z.shape[1] // 2

@@ -12,6 +12,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from jax._src import compiler
+from jaxlib.mlir import ir
 from scipy.integrate import solve_ivp
 
 from fitting import Convention, Trace, prepare
@@ -52,6 +54,27 @@ def seen(motion, seed, size=NOISE):
     t, phi = motion
     noise = size * np.random.default_rng(seed).standard_normal(phi.shape)
     return Trace("rods", t, phi + noise, convention=Convention("down", 1, "rad"))
+
+
+#: Programs of windows and of the loss of a trace.
+RUN_LONG = ("jit_window", "jit__value_and_grad", "jit__move_starts")
+
+
+@pytest.fixture(scope="module")
+def optimised():
+    """Programs that run for seconds are optimised a little: they run twice as fast, and compile in twice the time."""
+    compile_program = compiler.compile_or_get_cached
+
+    def optimise(backend, computation, devices, options, *more, **named):
+        flags = options.executable_build_options.debug_options
+        name = ir.StringAttr(computation.operation.attributes["sym_name"]).value
+        if name in RUN_LONG and flags.xla_backend_optimization_level == 0:
+            flags.xla_backend_optimization_level = 1
+        return compile_program(backend, computation, devices, options, *more, **named)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiler, "compile_or_get_cached", optimise)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -13,6 +13,7 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
+pytestmark = pytest.mark.usefixtures("optimised")
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 TRUTH, NOISE, RATE = np.array([0.0015, 0.001]), 0.004, 100.0
 

@@ -18,6 +18,7 @@ from fitting.estimate.windows import Starts
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 DOCS = Path(__file__).parents[3] / "docs"
+pytestmark = pytest.mark.usefixtures("optimised")
 
 
 @pytest.fixture(scope="module")

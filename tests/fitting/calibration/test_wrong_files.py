@@ -16,6 +16,7 @@ from fitting.calibration.wrong_files import name_wrong_file, refuse_rising_energ
 from fitting.traces.conventions import settle_convention
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
+pytestmark = pytest.mark.usefixtures("optimised")
 HELD = """
 [run]
 dt = 0.002

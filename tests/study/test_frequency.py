@@ -229,17 +229,18 @@ def test_derivatives_of_the_deviation_are_those_of_differences(sensitive):
 
 @pytest.mark.slow
 def test_tethered_spar_has_the_tension_of_a_run():
-    """A rigid body with hydrostatics, drag and added mass on a taut tether, in waves: within 10 % of a run in time."""
+    """A rigid body with hydrostatics, drag and added mass on taut tethers, in waves: within 10 % of a run in time."""
     cylinder = {"from": [0.0, 0.0, 0.0], "to": [0.0, 0.0, 12.0], "diameter": 1.0, "slices": 4, "ends": "from"}
     spar = {"name": "spar", "position": [0.0, 0.0, -8.0], "mass": 4500.0, "centre_of_mass": [0.0, 0.0, 3.0]}
     spar |= {"inertia": [5e4, 5e4, 800.0], "attachments": {"base": [0.0, 0.0, 0.0]}}
+    line = {"type": "tether", "length": 43.86, "links": 2}
     scene = {
         "name": "tethered spar",
         "run": {"dt": 0.05, "duration": 1.0},
-        "line_type": [{"name": "tether", "mass": 2.0, "diameter": 0.03, "EA": 1e6, "damping_ratio": 0.05}],
-        "point": [{"name": "anchor", "position": [0.0, 0.0, -40.0]}],
+        "line_type": [{"name": "tether", "mass": 2.0, "diameter": 0.03, "EA": 1e7, "damping_ratio": 0.05}],
+        "point": [{"name": f"anchor-{i}", "position": [x, 0.0, -40.0]} for i, x in enumerate((-30.0, 30.0))],
         "body": [spar | {"cylinders": [cylinder | {"cdn": 1.0, "cdt": 1.0, "can": 1.0, "cat": 1.0}]}],
-        "line": [{"name": "tether", "from": "anchor", "to": "base", "type": "tether", "length": 32.0, "links": 2}],
+        "line": [{"name": f"line-{i}", "from": f"anchor-{i}", "to": "base", **line} for i in range(2)],
         "sea": {"depth": 40.0, "ramp": 10.0, "waves": {"kind": "spectrum", "hs": 0.6, "tp": 6.0, "count": 8}},
         "effects": {"weight": {}, "buoyancy": {}},
     }

@@ -431,7 +431,7 @@ def solve_states(
     linear, dragging, every = _linearise(still, pose), _dragging(still), np.asarray(waves.omega)
 
     def chunk(states: np.ndarray) -> Waves:
-        """The waves of these states, the last one repeated up to a full chunk."""
+        """The waves of these states, repeated up to a full chunk."""
         return jax.tree.map(lambda x: x[np.resize(states, CHUNK)], waves)
 
     # the basis: responses of the lowest, highest, shortest and longest seas, with the drag of fixed nodes and a tenth

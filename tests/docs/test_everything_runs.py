@@ -44,6 +44,7 @@ ELSEWHERE = {
     "fit releases.toml": "tests/fitting/channels/test_between.py",
     "fit RUN.csv --scene measured-single-pendulum": "tests/fitting/calibration/test_measured.py",
     "optimise": "tests/fitting/optimise/test_optimise.py",
+    "frequency": "tests/study/test_frequency.py",
     "season": "tests/fitting/season/test_season.py",
     "sweep dropper-release-a --paired --trace": "tests/fitting/sweep/test_against_trace.py",
     "figure all": "tests/cli/test_outputs.py",

@@ -13,6 +13,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.cli import frequency as command
+from dropper_jax.run.frequency import run_in_time
 
 #: Mass [kg] on a line of one link [m], axial stiffness [N], quadratic drag [kg/m], gravity [m/s^2].
 MASS, LENGTH, EA, DRAG, GRAVITY = 200.0, 5.0, 4000.0, 300.0, 9.81
@@ -188,16 +189,13 @@ def test_slack_chain_on_the_seabed_is_flagged_not_an_error():
 
 @pytest.fixture(scope="module")
 def sensitive():
-    """A mass on two links in a current with waves: deviations of the tensions by changes of three parameters."""
-    scene = hanging_mass(cdn=1.2)
-    scene["line"][0]["links"] = 2
+    """The hanging mass in few waves: deviation of the tension by changes of three parameters."""
+    scene = hanging_mass()
     scene["sea"]["waves"]["count"] = 6
-    scene["sea"]["current"] = {"speed": 0.3, "direction": 0.0}
-    scene["effects"] |= {"morison_drag": {}, "morison_inertia": {}}
     model, start = dj.build(scene)
 
     def deviation(changes):
-        """Standard deviation [N] of the upper tension for relative changes of stiffness, drag and length."""
+        """Standard deviation [N] for relative changes of stiffness, drag and length."""
         line = model.line
         axial = dataclasses.replace(line.axial, EA=line.axial.EA * (1.0 + changes[0]))
         drag = model.effect("quadratic_damping")
@@ -227,3 +225,29 @@ def test_derivatives_of_the_deviation_are_those_of_differences(sensitive):
     ]
     np.testing.assert_allclose(reverse, difference, rtol=1e-6)
     np.testing.assert_allclose(forward, reverse, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_tethered_spar_has_the_tension_of_a_run():
+    """A rigid body with hydrostatics, drag and added mass on taut tethers, in waves: within 10 % of a run in time."""
+    cylinder = {"from": [0.0, 0.0, 0.0], "to": [0.0, 0.0, 12.0], "diameter": 1.0, "slices": 4, "ends": "from"}
+    spar = {"name": "spar", "position": [0.0, 0.0, -8.0], "mass": 4500.0, "centre_of_mass": [0.0, 0.0, 3.0]}
+    spar |= {"inertia": [5e4, 5e4, 800.0], "attachments": {"base": [0.0, 0.0, 0.0]}}
+    line = {"type": "tether", "length": 43.86, "links": 2}
+    scene = {
+        "name": "tethered spar",
+        "run": {"dt": 0.05, "duration": 1.0},
+        "line_type": [{"name": "tether", "mass": 2.0, "diameter": 0.03, "EA": 1e7, "damping_ratio": 0.05}],
+        "point": [{"name": f"anchor-{i}", "position": [x, 0.0, -40.0]} for i, x in enumerate((-30.0, 30.0))],
+        "body": [spar | {"cylinders": [cylinder | {"cdn": 1.0, "cdt": 1.0, "can": 1.0, "cat": 1.0}]}],
+        "line": [{"name": f"line-{i}", "from": f"anchor-{i}", "to": "base", **line} for i in range(2)],
+        "sea": {"depth": 40.0, "ramp": 10.0, "waves": {"kind": "spectrum", "hs": 0.6, "tp": 6.0, "count": 8}},
+        "effects": {"weight": {}, "buoyancy": {}},
+    }
+    state = (0.6, 6.0)
+    found = dj.frequency_response(scene, [state], frequencies=8)
+    mean, deviation = run_in_time(scene, state, frequencies=8, start=60.0)
+    print(found.status, found.basis_error, found.mean_tension, mean, found.tension_deviation, deviation)
+    assert found.status == ("ok",)
+    np.testing.assert_allclose(found.mean_tension[0], mean, rtol=0.02)
+    np.testing.assert_allclose(found.tension_deviation[0], deviation, rtol=0.1)

@@ -68,10 +68,7 @@ def test_a_window_that_ends_early_is_the_one_that_is_cut_there(prepared, trace):
     k = int(np.argmax(windows.lengths))
     early = windows.end_early(k, trace.t[np.searchsorted(trace.t, windows.begin[k] - 1e-9) + 7])
     cut = fill(prepared.traces, [early.piece(k)], windows.dt, prepared.sigma)
-    assert cut.weight.shape[1] == 7
-    np.testing.assert_array_equal(early.weight[k, :7], cut.weight[0])
-    np.testing.assert_array_equal(early.index[k, :7], cut.index[0])
-    assert not early.weight[k, 7:].any()
+    np.testing.assert_array_equal(early.weight[k], np.pad(cut.weight[0], ((0, early.weight.shape[1] - 7), (0, 0))))
     assert early.samples == windows.samples - (windows.weight[k, 7:] > 0).sum()
 
 

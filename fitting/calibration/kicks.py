@@ -54,21 +54,16 @@ class Lost(NamedTuple):
 
 def alone(solution: Solution) -> int:
     """Number of samples that deviate from the residuals on both sides of them: no smooth misfit does that."""
-    windows, count = solution.windows, 0
+    windows = solution.windows
     # frames that are late move fast links by many times the noise, which the whitened residuals allow for
     residual = solution.errors * windows.weight if windows.jitter is None else solution.evaluation.residual
     known = windows.weight > 0
     inner = known[:, 1:-1] & known[:, :-2] & known[:, 2:]
     off = np.abs(residual[:, 1:-1] - 0.5 * (residual[:, :-2] + residual[:, 2:]))
-    for j in range(residual.shape[2]):
-        size = off[..., j][inner[..., j]]
-        if not len(size):
-            continue
-        out = np.where(inner[..., j], off[..., j], 0.0) > ALONE * max(np.median(size) / 0.6745, 1e-300)
-        # a neighbour of an outlier deviates half as much
-        before = np.concatenate([np.zeros_like(out[:, :1]), out[:, :-1]], axis=1)
-        count += int((out & ~before).sum())
-    return count
+    usual = np.ma.median(np.ma.array(off, mask=~inner), axis=(0, 1)) / 0.6745
+    out = inner & (off > ALONE * np.maximum(np.ma.filled(usual, np.inf), 1e-300))
+    # a neighbour of an outlier deviates half as much
+    return int((out & ~np.pad(out, ((0, 0), (1, 0), (0, 0)))[:, :-1]).sum())
 
 
 def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
@@ -119,7 +114,7 @@ def far_off(solution: Solution) -> np.ndarray:
     known = solution.windows.weight > 0
     size = np.sum(np.where(known, solution.errors, 0.0) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
     off = size > FAR * np.median(size)
-    return off if off.mean() <= FEW else np.zeros_like(off)
+    return off & (off.mean() <= FEW)
 
 
 def _extend_windows(windows: Windows, right: np.ndarray) -> Windows:
@@ -228,14 +223,13 @@ def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> t
     off = np.isin(np.arange(windows.count), np.concatenate([kick.windows for kick in found]))
     names, removed = [], []
     for kick in found:
-        begin, last = kick.begin, float(windows.ends[kick.windows[-1]])
+        last = float(windows.ends[kick.windows[-1]])
         what = "is disturbed, or moves out of its plane, from" if kick.lasting else "is kicked or touched at"
-        words = f"{prepared.traces[kick.run].name} {what} about {kick.time:.2f} s"
-        words += f": windows from {begin:.3g} to {last:.3g} s left out"
-        if begin < windows.begin[kick.windows[0]]:
-            windows = windows.end_early(kick.windows[0] - 1, begin)
-        names.append(Candidate(words, (), {}, {}, 0.0, 0.0))
-        removed.append((kick.run, begin, last))
+        words = f" about {kick.time:.2f} s: windows from {kick.begin:.3g} to {last:.3g} s left out"
+        names.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}", (), {}, {}, 0.0, 0.0))
+        removed.append((kick.run, kick.begin, last))
+        if kick.begin < windows.begin[kick.windows[0]]:
+            windows = windows.end_early(kick.windows[0] - 1, kick.begin)
     starts = Starts(*(part[~off] for part in clean.starts))
     fewer = replace(prepared, windows=windows.exclude(off), starts=starts, begin=clean.values)
     return replace(fewer, left_out=(*prepared.left_out, *removed)), names
@@ -292,8 +286,8 @@ def _kick(windows: Windows, good: np.ndarray, k: int, time: float, early: float)
     """The kick in window k, or earlier at the end of the previous one, with all windows that it disturbs."""
     ends = (j for j in range(k + 1, windows.count) if good[j] or windows.run[j] != windows.run[k])
     last = next(ends, windows.count)
-    begin = min(float(early), float(windows.begin[k]))
-    return Kick(int(windows.run[k]), min(float(early), float(time)), begin, np.arange(k, last), last > k + 1)
+    begin = float(min(early, windows.begin[k]))
+    return Kick(int(windows.run[k]), float(min(early, time)), begin, np.arange(k, last), last > k + 1)
 
 
 def _first_missed(solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float) -> np.ndarray:
@@ -313,8 +307,8 @@ def _first_missed(solution: Solution, windows: Windows, which: np.ndarray, start
 
 def misfit(solution: Solution, claimed: Windows) -> np.ndarray:
     """Size of every window's residuals relative to the claimed noise (K,); 0 for windows without samples."""
-    error = np.abs(wrap_angle(solution.evaluation.theta - claimed.theta))
-    rows = np.where(claimed.weight > 0, error * claimed.weight, np.nan).reshape(claimed.count, -1)
+    error = np.abs(wrap_angle(solution.evaluation.theta - claimed.theta)) * claimed.weight
+    rows = np.where(claimed.weight > 0, error, np.nan).reshape(claimed.count, -1)
     known = ~np.isnan(rows).all(axis=1)
     found = np.zeros(claimed.count)
     found[known] = np.nanquantile(rows[known], QUANTILE, axis=1) / NORMAL

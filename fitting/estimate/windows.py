@@ -133,10 +133,9 @@ class Windows:
 
     def end_early(self, k: int, end: float) -> Windows:
         """The same windows, of which window k ends at a time [s]; its later slots are empty."""
-        late = np.zeros(self.index.shape, bool)
-        late[k] = self.times()[k] > end - 0.5 * self.dt
-        counts = self.step_counts.copy()
-        counts[k] = round((end - self.begin[k]) / self.dt)
+        mine = np.arange(self.count) == k
+        late = mine[:, None] & (self.times() > end - 0.5 * self.dt)
+        counts = np.where(mine, round((end - self.begin[k]) / self.dt), self.step_counts)
         emptied = {f: np.where(late, 0, getattr(self, f)) for f in ("index", "fraction")}
         return replace(self, step_counts=counts, weight=np.where(late[..., None], 0.0, self.weight), **emptied)
 

@@ -10,7 +10,7 @@ from dropper_jax.run.summary import write_angles
 from fitting import fit, prepare, read_trace
 from fitting.calibration.estimating import estimate, lost_windows, recover_windows, with_sound_windows
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.windows import Starts
+from fitting.estimate.windows import Starts, fill
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 pytestmark = pytest.mark.usefixtures("optimised")
@@ -62,6 +62,15 @@ def test_windows_are_short_where_errors_grow_and_leave_no_sample_out(prepared, t
     assert windows.length > 2 * windows.lengths.min()
     assert windows.samples >= 0.98 * trace.theta.size
     np.testing.assert_allclose(windows.ends[:-1], windows.begin[1:], atol=1e-9)
+
+
+def test_a_window_that_ends_early_is_the_one_that_is_cut_there(prepared, trace):
+    windows = prepared.windows
+    k = int(np.argmax(windows.lengths))
+    early = windows.end_early(k, trace.t[np.searchsorted(trace.t, windows.begin[k] - 1e-9) + 7])
+    cut = fill(prepared.traces, [early.piece(k)], windows.dt, prepared.sigma)
+    np.testing.assert_array_equal(early.weight[k], np.pad(cut.weight[0], ((0, early.weight.shape[1] - 7), (0, 0))))
+    assert early.samples == windows.samples - (windows.weight[k, 7:] > 0).sum()
 
 
 def test_the_best_determined_combination_is_surer_than_linear_damping_alone(result):

@@ -52,7 +52,7 @@ def page(found: dict[str, Any]) -> str:
     what = "mean of the seeds' maxima" if found["characteristic"] == "mean" else "most probable maximum of the storm"
     parts = [
         f"# Load cases: {found['site']}",
-        f"{verdict} {len(storms)} load cases with {found['seeds']} seeds each, {found['duration_s']:g} s of which the "
+        f"{verdict} Load cases: {len(storms)}, seeds of each: {found['seeds']}, {found['duration_s']:g} s of which the "
         f"first {found['skip_s']:g} s do not count, steps of {found['dt_s']:g} s. Characteristic load: {what}. "
         f"Factors: {found['factors']['source']} (edition: {found['factors']['edition']}).",
         "\n".join(f"- {flag}" for flag in found["flags"]),
@@ -187,10 +187,10 @@ def _position_lines(found: dict[str, Any], storms: dict[int, Any]) -> list[str]:
             f"- Largest excursion {zone['value']:.2f} m of {zone['allowed_m']:g} m, in {_label(storms[zone['case']])}."
         )
     if backbone is not None:
-        low, high = ("-" if limit is None else f"{limit:g}" for limit in backbone["allowed_m"])
+        low, high = ("any" if limit is None else f"{limit:g}" for limit in backbone["allowed_m"])
         lines.append(
-            f"- Backbone at rest {backbone['shallowest_m']:.2f} to {backbone['deepest_m']:.2f} m below the water's "
-            f"level; allowed {low} to {high} m."
+            f"- Depth of the backbone at rest: {backbone['shallowest_m']:.2f} to {backbone['deepest_m']:.2f} m below "
+            f"the water's level; allowed: {low} to {high} m."
         )
     return lines
 

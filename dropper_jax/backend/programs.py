@@ -162,7 +162,7 @@ def omit_source_lines() -> None:
     """
     with suppress(ImportError, AttributeError):
         from jax._src.interpreters import mlir  # noqa: PLC0415
-        from jaxlib import _jax  # noqa: PLC0415
+        from jax._src.lib import _jax  # noqa: PLC0415
         from jaxlib.mlir import ir  # noqa: PLC0415
 
         make = mlir.make_ir_context
@@ -175,8 +175,7 @@ def omit_source_lines() -> None:
         def no_location(*_: object) -> ir.Location:
             return ir.Location.unknown()
 
-        mlir.make_ir_context = compiler_context
-        mlir.source_info_to_location = no_location
+        vars(mlir).update(make_ir_context=compiler_context, source_info_to_location=no_location)
         _jax.set_tracebacks_enabled(False)
 
 

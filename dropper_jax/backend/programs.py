@@ -21,7 +21,7 @@ from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from threading import get_ident
-from typing import Generic, ParamSpec, TypeVar
+from typing import Any, Generic, ParamSpec, TypeVar
 
 import jax
 import jaxlib
@@ -44,10 +44,8 @@ BRIEFLY = {"xla_disable_hlo_passes": "small-while-loop-hoisting", "xla_cpu_use_f
 QUICKLY = {"xla_backend_optimization_level": 0}
 #: Environment variable that enables them (`on`), for processes that run each scene once.
 QUICK, ON = "DROPPER_QUICK_COMPILATION", "on"
-#: Environment variable that omits lines of Python from programs (`off`), for processes that debug none.
-LINES, OFF = "DROPPER_SOURCE_LINES", "off"
 #: Compiler contexts by the number of their thread.
-CONTEXTS: dict[int, object] = {}
+CONTEXTS: dict[int, Any] = {}
 
 
 @functools.cache
@@ -164,17 +162,24 @@ def omit_source_lines() -> None:
     """
     with suppress(ImportError, AttributeError):
         from jax._src.interpreters import mlir  # noqa: PLC0415
-        from jaxlib import _jax  # noqa: PLC0415
+        from jax._src.lib import _jax  # noqa: PLC0415
         from jaxlib.mlir import ir  # noqa: PLC0415
 
         make = mlir.make_ir_context
-        # threads do not share a context: the compiler reads it without the interpreter's lock
-        mlir.make_ir_context = lambda: CONTEXTS.setdefault(get_ident(), CONTEXTS.get(get_ident()) or make())
-        mlir.source_info_to_location = lambda *_: ir.Location.unknown()
+
+        def compiler_context() -> ir.Context:
+            thread = get_ident()  # threads do not share one: the compiler reads it without the interpreter's lock
+            context = CONTEXTS[thread] = CONTEXTS.get(thread) or make()
+            return context
+
+        def no_location(*_: object) -> ir.Location:
+            return ir.Location.unknown()
+
+        vars(mlir).update(make_ir_context=compiler_context, source_info_to_location=no_location)
         _jax.set_tracebacks_enabled(False)
 
 
-if os.environ.get(LINES) == OFF and not is_plain():
+if os.environ.get("DROPPER_SOURCE_LINES") == "off" and not is_plain():
     omit_source_lines()
 
 

@@ -20,8 +20,6 @@ COMPILE_CACHE, KEEP_TRACES, QUICK, ON = (
     "DROPPER_QUICK_COMPILATION",
     "on",
 )
-#: `on` in the first keeps lines of Python in programs.
-SOURCE_LINES, OFF = "DROPPER_SOURCE_LINES", "off"
 #: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
 XLA_LOG, FATAL = "TF_CPP_MIN_LOG_LEVEL", "3"
 
@@ -35,7 +33,7 @@ def prepare() -> None:
     os.environ.setdefault(COMPILE_CACHE, ON)
     os.environ.setdefault(KEEP_TRACES, ON)
     os.environ.setdefault(QUICK, ON)
-    os.environ.setdefault(SOURCE_LINES, OFF)
+    os.environ.setdefault("DROPPER_SOURCE_LINES", "off")  # `on` keeps the lines of Python in programs
 
 
 GROUP = "dropper.commands"

@@ -20,7 +20,7 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, wave_components, waves_on
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.frequency import TOLERANCE, solve_states
+from dropper_jax.statics.frequency import TOLERANCE, check_no_bodies, solve_states
 from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
 from dropper_jax.statics.search import Equilibrium, outward
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
@@ -126,6 +126,7 @@ def frequency_response(
     if scene.sea is None:
         raise SceneError("sea: missing; needed: the depth of the water, and waves")
     model = build_model(scene, "float64")
+    check_no_bodies(model)
     for effect in model.having(Displacement):
         if not effect.needs_sea:
             raise SceneError(f"effects.{effect.name}: its motion does not come from the sea. Use a run in time")

@@ -11,7 +11,6 @@ with the attached nodes included. The descent is that of `system`. Dense: for hu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -130,25 +129,10 @@ class BodyMoves:
         size = arms(self.model)
         return generalised_forces(self.model, s, loads, x / size) / size
 
-    def positions(self, s: State, x: jax.Array) -> jax.Array:
-        (constraint,) = self.model.constraints
-        return Coordinates.of(self.model).positions_of(constraint, s.r, x / arms(self.model))
-
-    def from_nodes(self, s: State, field: jax.Array) -> jax.Array:
-        motions = jax.jacfwd(partial(self.positions, s))(self.none).reshape(s.r.size, -1)
-        return jnp.linalg.pinv(motions) @ field.ravel()
-
-    def groups(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
-        where = Coordinates.of(self.model)
-        count = 3 * len(where.retained_nodes)
-        bodies = jnp.zeros_like(x, shape=6 * len(where.corners)).at[where.moving].set(x[count:])
-        return x[:count].reshape(-1, 3), bodies.reshape(-1, 6)
-
-    def from_groups(self, nodes: jax.Array, bodies: jax.Array) -> jax.Array:
-        return jnp.concatenate([nodes.ravel(), bodies.ravel()[Coordinates.of(self.model).moving]])
-
     def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
-        return balanced(self.model, state(self.model, self.positions(s, x), t=s.t), loads)
+        where, (constraint,) = Coordinates.of(self.model), self.model.constraints
+        r = where.positions_of(constraint, s.r, x / arms(self.model))
+        return balanced(self.model, state(self.model, r, t=s.t), loads)
 
 
 def moves_of(model: Model) -> NodeMoves | BodyMoves:

@@ -139,13 +139,7 @@ class DenseTangent:
         return matrix
 
     def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> LU:
-        return self.factor_matrix(self.matrix(linear, x) + kappa * jnp.eye(x.size, dtype=x.dtype))
-
-    def factor_matrix(self, matrix: jax.Array) -> LU:
-        return lu_factor(matrix)
-
-    def multiply(self, matrix: jax.Array, x: jax.Array) -> jax.Array:
-        return matrix @ x
+        return lu_factor(self.matrix(linear, x) + kappa * jnp.eye(x.size, dtype=x.dtype))
 
     def apply(self, factor: LU, rows: jax.Array, transposed: bool = False) -> jax.Array:
         return lu_solve(factor, rows, trans=int(transposed))
@@ -156,8 +150,8 @@ def solve_linear(tangent: Tangent | DenseTangent, linear: Linear, right: jax.Arr
     return _solve_factored(tangent, linear, tangent.factor(linear, tangent.kappa, right), right)
 
 
-def solve_matrix(tangent: Tangent | DenseTangent, matrix: jax.Array, right: jax.Array) -> jax.Array:
-    """The same for a matrix in the form of the tangent, real or complex, without free motions."""
+def solve_matrix(tangent: Tangent, matrix: jax.Array, right: jax.Array) -> jax.Array:
+    """The same for a matrix as blocks, real or complex, without free motions."""
     factor = tangent.factor_matrix(jax.lax.stop_gradient(matrix))
     return _solve_factored(tangent, partial(tangent.multiply, matrix), factor, right)
 
@@ -209,22 +203,6 @@ class NodeMoves:
     def rows(self, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
         """Unbalanced forces [N], minus F, at the displacement x from s."""
         return unbalanced_at(self.model, s, loads, x)[0]
-
-    def positions(self, s: State, x: jax.Array) -> jax.Array:
-        """Positions of all nodes (free, 3) [m] at the displacement x from s."""
-        return s.r + x
-
-    def from_nodes(self, s: State, field: jax.Array) -> jax.Array:
-        """x for displacements (free, 3) [m] of the nodes; of bodies the rigid motion nearest to those of its nodes."""
-        return field
-
-    def groups(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """The parts of x of nodes (nodes, 3) and of bodies (bodies, 6)."""
-        return x, jnp.zeros_like(x, shape=(0, 6))
-
-    def from_groups(self, nodes: jax.Array, bodies: jax.Array) -> jax.Array:
-        """x of these parts."""
-        return nodes
 
     def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
         """The configuration at the displacement x from s."""

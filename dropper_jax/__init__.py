@@ -58,7 +58,7 @@ PUBLIC = {
     "simulate": "run.simulate",
     "state": "model.state",
     "step": "stepping.step",
-    "tension_deviation": "statics.frequency",
+    "tension_deviation": "statics.linear_waves",
 }
 
 __all__ = sorted(PUBLIC)

@@ -33,7 +33,7 @@ from dropper_jax.run.frequency import frequency_response as frequency_response
 from dropper_jax.run.simulate import Solution as Solution
 from dropper_jax.run.simulate import simulate as simulate
 from dropper_jax.scene.data import SceneData as SceneData
-from dropper_jax.statics.frequency import tension_deviation as tension_deviation
+from dropper_jax.statics.linear_waves import tension_deviation as tension_deviation
 from dropper_jax.statics.modes import natural_periods as natural_periods
 from dropper_jax.statics.static_pose import settle as settle
 from dropper_jax.statics.stiffness import mooring_stiffness as mooring_stiffness

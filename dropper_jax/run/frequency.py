@@ -20,7 +20,8 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, wave_components, waves_on
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.frequency import TOLERANCE, check_no_bodies, solve_states
+from dropper_jax.statics.frequency import TOLERANCE, solve_states
+from dropper_jax.statics.linear_waves import check_no_bodies
 from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
 from dropper_jax.statics.search import Equilibrium, outward
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads

@@ -14,7 +14,7 @@ from fitting.cases.flags import FINAL_SEEDS, characteristic, flags_of
 from fitting.cases.one import Found
 from fitting.cases.run import Runs
 from fitting.site import Anchor, Part, Site, Storm
-from fitting.site.sections import CASE_KINDS
+from fitting.site.case_lists import CASE_KINDS
 
 
 def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | None = None) -> dict[str, Any]:

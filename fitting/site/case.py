@@ -14,7 +14,8 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import refuse
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import AnchorSpec, LineSpec, whole_lines
-from fitting.site.sections import CASE_KINDS, AnchorTable, Curve, Factors, GrowthTable, SeaState
+from fitting.site.case_lists import CASE_KINDS
+from fitting.site.sections import AnchorTable, Curve, Factors, GrowthTable, SeaState
 
 
 @dataclasses.dataclass(frozen=True)

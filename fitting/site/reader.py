@@ -24,10 +24,10 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from fitting.site.case import Anchor, Part, breaks, growth_of, match_names, refuse_overlap, short
+from fitting.site.case_lists import CaseLists
 from fitting.site.sections import (
     AnchorTable,
     Backbone,
-    CaseLists,
     Curve,
     Exclusion,
     Factors,

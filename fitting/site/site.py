@@ -11,7 +11,8 @@ from typing import Any
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import whole_lines
 from fitting.site.case import BROKEN, INTACT, NEVER, Anchor, Break, Case, Part, Storm, match_names, storms
-from fitting.site.sections import CASE_KINDS, Backbone, CaseLists, Exclusion, Factors, RunValues, SeasonValues, SeaState
+from fitting.site.case_lists import CASE_KINDS, CaseLists
+from fitting.site.sections import Backbone, Exclusion, Factors, RunValues, SeasonValues, SeaState
 
 #: Growth of a line in a month without any.
 BARE = {"depth": [0.0], "thickness": [0.0], "density": 0.0}

@@ -16,7 +16,7 @@ FILES = {
     "axial_law": ("axial/__init__.py", "axial/prestressed.py", "axial/test_prestressed.py"),
     "scheme": ("integrators/__init__.py", "integrators/heun3.py", "integrators/test_heun3.py"),
     "loss": ("estimate/loss.py", "estimate/cauchy.py", "estimate/test_cauchy.py"),
-    "load_case": ("site/sections.py", "site/densities.py", "site/test_densities.py"),
+    "load_case": ("site/case_lists.py", "site/densities.py", "site/test_densities.py"),
     "channel": ("channels/reading.py", "channels/acoustic_range.py", "channels/test_acoustic_range.py"),
 }
 OF_FITS = ("loss", "load_case", "channel")

@@ -1,0 +1,278 @@
+"""Motions and tensions in irregular waves about an equilibrium: linear equations, and the drag in them.
+
+    (K + i w (C + D) - w^2 M) x = F + D u,    D = -E[R(v) z'] L^-1,    v = L z ~ N(0, S),    S = E[v v'],  v = i w x - u
+
+K, C, M are the exact derivatives of all forces by positions, velocities and accelerations, as in
+`dropper_jax.linearised`. F is the exact derivative of all forces by the amplitude of a wave component: Froude-Krylov
+force, added mass, waterline, drag of the mean current, ends that follow the sea. R(v) is what the force on nodes with
+velocity v relative to the waves, in the mean current, has beyond its linear part at rest; C and F contain the latter.
+u is the velocity of the waves. D is the stochastic linearisation (`sqrt(8/pi) b sigma` for `b |v| v`) of each node: by
+Stein's lemma the mean derivative of R. S follows from the motion, so D is found by iteration. The mean force changes by
+E[R], and positions and tensions shift by the static response to it.
+
+Nodes on the seabed have the stiffness of contact and, where they stick, of friction; sliding friction is left out.
+Inextensible links are springs that stretch by 0.01 %.
+
+Source of the linearisation: Krolikowski and Gay (1980), for drag in irregular waves and a current.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from itertools import permutations, product
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.linalg import solve_triangular
+from jax.scipy.sparse.linalg import gmres
+
+from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.errors import SceneError
+from dropper_jax.effects.seabed import Seabed
+from dropper_jax.model import Model, State
+from dropper_jax.model.slots import Prepared
+from dropper_jax.sea.waves import Waves
+from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
+from dropper_jax.statics.search import outward
+from dropper_jax.statics.tangent import Linear, Tangent, solve_matrix
+
+
+class LinearMotion(NamedTuple):
+    """Stiffness, damping and mass in the form of the tangent, and derivatives of tensions by link vectors and their
+    rates (n, 3)."""
+
+    stiffness: jax.Array
+    damping: jax.Array
+    mass: jax.Array
+    stretch: jax.Array
+    stretch_rate: jax.Array
+
+
+class WaveLoads(NamedTuple):
+    """Complex amplitudes by component: forces (c, free, 3) [N], tensions from moving ends (c, n) [N], and velocities of
+    the water (c, free, 3) [m/s]."""
+
+    force: jax.Array
+    tension: jax.Array
+    flow: jax.Array
+
+
+def _normal_points() -> tuple[np.ndarray, np.ndarray]:
+    """Points (k, 3) and weights (k,) of means over a standard normal vector: two radii, exact for powers up to 3, and
+    directions symmetric in every coordinate, whose mean of |cos| is right within 3 %."""
+    # the vector whose permutations and signs have the most even |cos|
+    even = (0.878084, 0.235282, 0.416667)
+    directions = np.array([np.multiply(p, s) for p in permutations(even) for s in product((1, -1), repeat=3)])
+    mean = 2.0 * np.sqrt(2.0 / np.pi)
+    far, near = np.roots([1.0, -mean / (3.0 - mean**2), mean**2 / (3.0 - mean**2) - 3.0])
+    share = (mean - near) / (far - near)
+    weights = np.repeat([share, 1.0 - share], len(directions)) / len(directions)
+    return np.concatenate([far * directions, near * directions]), weights
+
+
+def check_no_bodies(model: Model) -> None:
+    """Reject rigid bodies: tensions of two moored spars are 12 to 14 % below those of runs, 10 % allowed."""
+    if model.constraints:
+        raise SceneError("body: rigid bodies are not accurate in the frequency domain. Use a run in time")
+
+
+@cached_jit(brief=True)
+def linearise(still: Model, pose: State) -> LinearMotion:
+    """The matrices about an equilibrium without waves."""
+    line, none, ends = still.line, jnp.zeros_like(pose.r), still.ends(pose.t)
+
+    def rows(x: jax.Array, v: jax.Array, a: jax.Array) -> jax.Array:
+        k = still.instant(pose.r + x, v, pose.t, ends)
+        tension = line.axial.tension(k.links, k.link_velocities, line.length)
+        direction = line.axial.direction(k.links, k.links, k.links, line.length)
+        return still.inertia(k, a) - still.force(k) - still.tension_force(tension, direction)
+
+    linear, tangent = jax.linearize(rows, none, none, none)[1], Tangent.of(still)
+    of = lambda shares: tangent.matrix(lambda d: linear(*(share * d for share in shares)), none)  # noqa: E731
+    tension = lambda d, rate: jnp.sum(line.axial.tension(d, rate, line.length))  # noqa: E731
+    links = still.links(pose.r, ends)
+    return LinearMotion(*jax.vmap(of)(jnp.eye(3)), *jax.grad(tension, argnums=(0, 1))(links, jnp.zeros_like(links)))
+
+
+def _components(waves: Waves, together: bool) -> Waves:
+    """Each component as waves, with a leading axis; `together`: as all components, of which one has an amplitude."""
+    size = waves.size
+    if together:
+        each = jax.tree.map(lambda x: jnp.broadcast_to(x, (size, *x.shape)), waves)
+        return replace(each, amplitude=jnp.diag(waves.amplitude))
+    return jax.tree.map(lambda x: jnp.broadcast_to(x, (size,))[:, None], replace(waves, ramp=None))
+
+
+def wave_loads(model: Model, pose: State, waves: Waves) -> WaveLoads:
+    """The loads of all components; the model is without waves."""
+    still = jnp.zeros_like(pose.r)
+
+    def of(component: Waves, later: jax.Array) -> tuple[jax.Array, ...]:
+        def loads(amplitude: jax.Array) -> tuple[jax.Array, ...]:
+            sea = replace(model.sea, waves=replace(component, amplitude=amplitude, phase=component.phase + later))
+            moved = replace(model, sea=sea)
+            k = moved.instant(pose.r, still, pose.t)
+            tension = moved.line.axial.tension(k.links, k.link_velocities, moved.line.length)
+            direction = moved.line.axial.direction(k.links, k.links, k.links, moved.line.length)
+            inertia = moved.inertia(k, still, moved.end_acceleration(pose.t))
+            force = moved.force(k) + moved.tension_force(tension, direction) - inertia
+            return force, tension, sea.at(pose.r, pose.t).velocity
+
+        return jax.jvp(loads, (jnp.zeros_like(component.amplitude),), (component.amplitude,))[1]
+
+    # effects that know every component of the waves
+    each = _components(replace(waves, ramp=None), model.effect("vessel_motion") is not None)
+    # a quarter period later by the phase: Re(H exp(i w t)) there is -Im(H)
+    both = jax.vmap(jax.vmap(of, (0, None)), (None, 0))(each, jnp.array([0.0, -0.5 * jnp.pi]))
+    return WaveLoads(*(x[0] - 1j * x[1] for x in both))
+
+
+def dragging_effects(still: Model) -> tuple[Model, Model]:
+    """The model with the effects of the water, without contact, and with those that do not know the waves."""
+    bed, prepared = ({e.name for e in still.having(kind)} for kind in (Seabed, Prepared))
+    effects = [e for e in still.effects if e.name not in bed]
+    wet = tuple(e for e in effects if e.needs_water or e.name in prepared)
+    other = tuple(e for e in effects if not (e.needs_water or e.name in prepared))
+    return replace(still, effects=wet), replace(still, effects=other)
+
+
+def linear_drag(
+    dragging: tuple[Model, Model], pose: State, v: jax.Array, flow: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """D (2, free, 3, 3) of the water and of the other effects, and the change of the mean force (free, 3), for complex
+    velocities (c, free, 3)."""
+    points, weights = (jnp.asarray(x) for x in _normal_points())
+
+    def of(model: Model, velocity: jax.Array) -> tuple[jax.Array, jax.Array]:
+        ends = model.ends(pose.t)
+        covariance = 0.5 * jnp.einsum("cni,cnj->nij", velocity, velocity.conj()).real
+        # the root of a covariance of plane motion needs a small one in the third direction
+        size = jnp.trace(covariance, axis1=1, axis2=2)[:, None, None]
+        root = jnp.linalg.cholesky(covariance + (1e-9 * size + 1e-12) * jnp.eye(3))
+        force = lambda x: model.force(model.instant(pose.r, x, pose.t, ends))  # noqa: E731
+        at_rest, linear = jax.linearize(force, jnp.zeros_like(pose.r))
+
+        def beyond(z: jax.Array) -> jax.Array:
+            x = root @ z
+            return force(x) - at_rest - linear(x)
+
+        found = jax.vmap(beyond)(points)
+        moment = jnp.einsum("kni,kj->nji", found, weights[:, None] * points)
+        drag = -jnp.swapaxes(solve_triangular(jnp.swapaxes(root, 1, 2), moment), 1, 2)
+        return drag, jnp.tensordot(weights, found, 1)
+
+    (water, shift), (other, more) = (of(m, x) for m, x in zip(dragging, (v - flow, v), strict=True))
+    return jnp.stack([water, other]), shift + more
+
+
+def tension_changes(model: Model, linear: LinearMotion, x: jax.Array, v: jax.Array) -> jax.Array:
+    """Changes of the tensions (k, n) [N] at displacements and velocities (k, free, 3)."""
+    links = jax.vmap(lambda y: model.rates(y, None))
+    return jnp.sum(linear.stretch * links(x) + linear.stretch_rate * links(v), axis=-1)
+
+
+def respond(model: Model, linear: LinearMotion, drag: jax.Array, loads: WaveLoads, omega: jax.Array) -> jax.Array:
+    """Displacements (c, free, 3) by the full equations."""
+    tangent = Tangent.of(model)
+    times = lambda d, x: jnp.einsum("nij,...nj->...ni", d, x)  # noqa: E731
+    extra = tangent.matrix(partial(times, drag[0] + drag[1]), jnp.zeros_like(loads.force[0].real))
+
+    def solve(w: jax.Array, b: jax.Array) -> jax.Array:
+        matrix = linear.stiffness + 1j * w * (linear.damping + extra) - w**2 * linear.mass
+        return solve_matrix(tangent, matrix, b)
+
+    return jax.vmap(solve)(omega, loads.force + times(drag[0], loads.flow))
+
+
+def static_shift(model: Model, linear: LinearMotion, omega: jax.Array, force: jax.Array) -> jax.Array:
+    """Displacement (free, 3) under a constant force."""
+    return solve_matrix(Tangent.of(model), static_matrix(linear, omega), force)
+
+
+def static_matrix(linear: LinearMotion, omega: jax.Array) -> jax.Array:
+    # static shifts with a stiffness of 1e-4 of the inertia: a slack line on the bed has none across itself
+    return linear.stiffness + 1e-4 * jnp.min(omega) ** 2 * linear.mass
+
+
+def iterate_drag(
+    drag_of: Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]], start: jax.Array, tolerance: float
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """D with `drag_of(D, number of the iteration) = D`, the change of the mean force, and the last relative change
+    of D."""
+
+    def keep_iterating(carry: tuple[jax.Array, ...]) -> jax.Array:
+        return (carry[2] > tolerance) & (carry[3] < 60)
+
+    def correct(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        drag, _, _, count, share, before = carry
+        after, shift = drag_of(drag, count)
+        left = after - drag
+        # Aitken's share of the correction: the root of the secant through this residual and the one before
+        turn = left - before
+        slope = jnp.sum(before * turn) / jnp.maximum(jnp.sum(turn**2), 1e-300)
+        share = jnp.where(count > 1, jnp.clip(-share * slope, 0.1, 1.0), jnp.where(count > 0, 0.5, 1.0))
+        change = jnp.linalg.norm(left) / jnp.maximum(jnp.linalg.norm(after), 1e-300)
+        return drag + share * left, shift, change, count + 1, share, left
+
+    carry = start, jnp.zeros(start.shape[1:3]), jnp.inf, 0, jnp.ones(()), jnp.zeros_like(start)
+    drag, shift, change, *_ = jax.lax.while_loop(keep_iterating, correct, carry)
+    return drag, shift, change
+
+
+def no_drag(pose: State) -> jax.Array:
+    """D = 0."""
+    return jnp.zeros((2, *pose.r.shape, 3))
+
+
+def _krylov(linear: Linear, b: jax.Array) -> jax.Array:
+    """The solution of `linear(x) = b`; a change of D changes itself by less than its size, so GMRES needs few steps."""
+    return gmres(linear, b, tol=1e-12, restart=60, maxiter=4, solve_method="batched")[0]
+
+
+def tension_deviation(model: Model, pose: State, loads: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
+    """Mean and standard deviation of all tensions (n,) [N] in the irregular waves of the model, by the full equations.
+
+    Differentiable in model and configuration, forward and reverse: the linearised drag D = g(D) has the derivative
+    `(1 - g_D)^-1 g_theta` (implicit function theorem). Use the configuration of `equilibrium` of the same model, which
+    has the required derivatives. Compiled with `jax.jit`, or as it is.
+
+    Args:
+        pose: `equilibrium(...).state`.
+        loads: additional forces of the equilibrium (free nodes, 3) [N].
+
+    Raises:
+        SceneError: rigid links or bodies, or no irregular waves.
+    """
+    check_no_bodies(model)
+    if not model.line.axial.elastic:
+        raise SceneError("line.axial.law: 'rigid' has no axial stiffness; allowed: elastic, rope, tabulated")
+    waves = None if model.sea is None else model.sea.waves
+    if waves is None or waves.size < 2:
+        raise SceneError("sea.waves: is not an irregular linear sea. Use kind 'spectrum'")
+    still, friction = rest(model), outward(model)
+    if friction is not None:
+        still = with_static_seabed_friction(still, pose, friction.kinetic)[0]
+    linear, dragging, of_waves = linearise(still, pose), dragging_effects(still), wave_loads(still, pose, waves)
+    rate = 1j * waves.omega[:, None, None]
+
+    def drag_of(drag: jax.Array, number: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
+        x = respond(still, linear, drag, of_waves, waves.omega)
+        x = x if number is None else jnp.where(number > 0, x, 0.0)
+        return linear_drag(dragging, pose, rate * x, of_waves.flow)
+
+    # derivatives follow from the fixed point itself, so it is solved to rounding
+    drag = jax.lax.custom_root(
+        lambda drag: drag_of(drag)[0] - drag,
+        no_drag(pose),
+        lambda _, start: jax.lax.stop_gradient(iterate_drag(drag_of, start, 1e-12)[0]),
+        lambda linear, b: jax.lax.custom_linear_solve(linear, b, _krylov, _krylov),
+    )
+    x, (_, shift) = respond(still, linear, drag, of_waves, waves.omega), drag_of(drag)
+    tension = tension_changes(still, linear, x, rate * x) + of_waves.tension
+    moved = static_shift(still, linear, waves.omega, shift)[None]
+    mean = pose.tension + tension_changes(still, linear, moved, jnp.zeros_like(moved))[0]
+    return mean, jnp.sqrt(0.5 * jnp.sum(jnp.abs(tension) ** 2, axis=0))

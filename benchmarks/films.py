@@ -25,10 +25,10 @@ from study import command, say, store
 
 from fitting.traces.synthetic import Motion
 from fitting.tracking import track
-from fitting.tracking.calibration import opencv, write_video
 from fitting.tracking.marks import find_marks
 from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.render import Cover, View, chessboards, film
+from fitting.tracking.video import opencv, write_video
 
 FPS, GRAVITY, STABILISER = 60.0, 9.81, 60.0
 #: Samples per frame of the motion that the renderer interpolates.

@@ -32,8 +32,8 @@ from fitting.calibration.one_run import one_run
 from fitting.parameters.of_scene import fitted_scene
 from fitting.traces.synthetic import simulate_truth
 from fitting.tracking import track
-from fitting.tracking.calibration import write_video
 from fitting.tracking.render import View, film
+from fitting.tracking.video import write_video
 
 LINKS, DURATION = 3, 12.0
 plt.rcParams.update(style.RC | {"figure.dpi": 90})

@@ -17,9 +17,10 @@ from scipy.interpolate import CubicSpline
 
 from dropper_jax.base.files import atomic_write
 from fitting.traces.synthetic import Motion
-from fitting.tracking.calibration import Lens, Video, opencv, write_video
+from fitting.tracking.calibration import Lens
 from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.track import Tracked
+from fitting.tracking.video import Video, opencv, write_video
 
 #: Grey levels of the plate and of a post before it.
 PLATE, POST = 105.0, 60.0

@@ -12,13 +12,14 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.renamed import old_attribute
 from fitting.traces.trace import FEWEST, Trace
-from fitting.tracking.calibration import Lens, Video, calibrate, plane_from_board
+from fitting.tracking.calibration import Lens, calibrate, plane_from_board
 from fitting.tracking.detection import Circles, MarkerAppearance, detect_at, scan
 from fitting.tracking.flattening import Flat, changing_lengths, four_quadrant, level_error, scatter, to_trace
 from fitting.tracking.following import follow_film
 from fitting.tracking.hindsight import TrackedChain, detect_again, remove_blur
 from fitting.tracking.marks import Marks, find_marks
 from fitting.tracking.ordering import AmbiguousOrderError
+from fitting.tracking.video import Video
 
 #: A marker not detected for longer [s] at the end is lost; one that reappears may have turned round unseen.
 LONGEST_GAP = 0.5

@@ -108,8 +108,8 @@ def workshop(tmp_path_factory):
     from fitting import write_trace
     from fitting.site import site_text
     from fitting.traces.synthetic import Camera, Motion, observe, simulate_truth
-    from fitting.tracking.calibration import opencv, write_video
     from fitting.tracking.render import View, chessboards, film
+    from fitting.tracking.video import opencv, write_video
 
     folder = tmp_path_factory.mktemp("workshop")
     lab = dj.load_scene("dropper-release-a")

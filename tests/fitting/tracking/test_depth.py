@@ -8,9 +8,9 @@ from fitting import Convention, read_trace, write_trace
 from fitting.traces.conventions import settle_convention
 from fitting.traces.synthetic import Motion
 from fitting.tracking import track
-from fitting.tracking.calibration import write_video
 from fitting.tracking.flattening import OUT_OF_PLANE, out_of_plane
 from fitting.tracking.render import View, film
+from fitting.tracking.video import write_video
 
 POLAR = np.array([1.2, 0.9, 0.6])
 

@@ -10,7 +10,7 @@ import pytest
 from dropper_jax.cli import main
 from fitting import read_trace
 from fitting.tracking import track
-from fitting.tracking.calibration import opencv, write_video
+from fitting.tracking.video import opencv, write_video
 
 NAMES = (
     "loop, slanting camera",

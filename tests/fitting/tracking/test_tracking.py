@@ -10,8 +10,9 @@ from dropper_jax.cli import main
 from fitting import fit, read_trace
 from fitting.traces.synthetic import Motion
 from fitting.tracking import track
-from fitting.tracking.calibration import calibrate, opencv, write_video
+from fitting.tracking.calibration import calibrate
 from fitting.tracking.render import View, chessboards, film
+from fitting.tracking.video import opencv, write_video
 
 FPS, FRAMES = 60.0, 130
 #: Node 3 is covered for 10 frames; nodes 5 and 6 swing behind a post, in part and as a whole.

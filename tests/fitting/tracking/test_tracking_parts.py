@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from fitting.tracking.calibration import Video
 from fitting.tracking.detection import Circles, MarkerAppearance, detect, learn_appearance
 from fitting.tracking.flattening import angle_errors, four_quadrant
 from fitting.tracking.identity import Follower
 from fitting.tracking.ordering import Chain, follow_unnamed, order
+from fitting.tracking.video import Video
 
 
 def thesis_angle(x0, y0, x1, y1):

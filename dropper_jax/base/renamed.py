@@ -67,6 +67,7 @@ RENAMED = (
     Row("name", "dropper_jax.plots.style", "look", "plot_style", "0.2"),
     Row("name", "dropper_jax.plots.style", "styled", "with_style", "0.2"),
     Row("name", "fitting.traces.planar", "closed", "close_chain", "0.2"),
+    Row("name", "fitting.report.pictures", "fitted", "fit_over_trace", "0.2"),
     Row("attribute", "dropper_jax.model.geometry.Ends", "places", "positions", "0.2"),
     Row("attribute", "dropper_jax.model.kinematics.Kinematics", "seen", "compute_once", "0.2"),
     Row("attribute", "dropper_jax.model.model.Model", "advanced", "advance_internal_state", "0.2"),

@@ -36,9 +36,8 @@ help = "tensions and motions in irregular waves in the frequency domain, with li
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "frequency edulis-longline --sea-states 0.5:4,1:6",
+        "frequency edulis-longline --sea-states 0.5:4,1:6 --runs 1",
         "frequency edulis-longline --sea-states 0.5:5 --direction 90 --plot spectra.png",
-        "frequency edulis-longline --table states.csv --direction 90 --runs 10",
     )
     add_scene(parser)
     states = parser.add_mutually_exclusive_group()

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
+from dropper_jax.base.renamed import old_names
 from dropper_jax.plots import style
 from fitting.calibration.result import FitResult
 from fitting.estimate.problem import Solution
@@ -175,3 +176,6 @@ def descent(result: FitResult, _: int) -> Figure:
 
 
 PICTURES = {"traces": traces, "residuals": residuals, "spectra": spectra, "phase_space": phase_space}
+
+
+__getattr__ = old_names(__name__)

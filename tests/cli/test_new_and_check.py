@@ -50,8 +50,8 @@ def test_check_shows_masses_weights_and_the_suggested_step(tmp_path, capsys):
     )
     # 13 floats of 0.13 m^3 that weigh 80 kg/m^3
     assert found["points"]["lift_n"] == pytest.approx(13 * 0.13 * (scene.sea.density - 80.0) * 9.81, rel=1e-6)
-    # the shortest link is 2 m long, and swings in 2.84 s
-    assert found["periods_s"]["swing"] == pytest.approx(2 * np.pi * np.sqrt(2.0 / 9.81))
+    # the shortest link is 1 m long, and swings in 2.01 s
+    assert found["periods_s"]["swing"] == pytest.approx(2 * np.pi * np.sqrt(1.0 / 9.81))
     assert found["suggested_dt_s"] == 0.028
     assert found["compiled"]["solver"] == "network"
     assert main(["check", str(file)]) == 0

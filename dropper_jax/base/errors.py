@@ -1,4 +1,4 @@
-"""Errors in the user's input: one line with the field, its value and what is allowed."""
+"""Errors in the user's input, one line with the field, its value and what is allowed; progress of long computations."""
 
 from __future__ import annotations
 
@@ -40,8 +40,6 @@ def nearest(word: str, candidates: Iterable[str]) -> str:
     close = difflib.get_close_matches(word, candidates, n=1)
     return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(candidates)}"
 
-
-# Progress reports of long computations
 
 #: Called with the completed fraction, 0 to 1, and a few words.
 Progress = Callable[[float, str], None]

@@ -42,6 +42,8 @@ class Row(NamedTuple):
 
 RENAMED = (
     Row("module", "dropper_jax.base", "place", "numerics", "0.2"),
+    Row("module", "dropper_jax.base", "scatter", "numerics", "0.2"),
+    Row("module", "dropper_jax.base", "progress", "errors", "0.2"),
     Row("module", "dropper_jax.cli", "codes", "dropper_jax.cli.options", "0.2"),
     Row("module", "dropper_jax.cli", "output", "dropper_jax.cli.options", "0.2"),
     Row("module", "dropper_jax.study", "schemes", "dropper_jax.study.march", "0.2"),

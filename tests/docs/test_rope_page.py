@@ -24,7 +24,7 @@ def page():
     return names
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_the_gradient_is_that_of_differences(page):
     # the rope goes slack and taut again: a kick larger by 1e-4 m/s moves such an event to another step
     step, distance = 1e-5, lambda kick: float(page["value_and_slope"](kick)[0])
@@ -32,7 +32,7 @@ def test_the_gradient_is_that_of_differences(page):
     np.testing.assert_allclose(page["slope"], slope, rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_the_float_and_the_batch_hold_and_the_network_learns_the_drag(page):
     assert not page["float_failed"].any()
     assert not page["batch_failed"].any()
@@ -40,7 +40,7 @@ def test_the_float_and_the_batch_hold_and_the_network_learns_the_drag(page):
     assert page["losses"][-1] < 0.01 * page["losses"][0]
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_eight_devices_give_the_numbers_of_one(page):
     code = "\n".join([BLOCKS[0].split("value_and_slope =")[0], BLOCKS[2], ON_EIGHT])
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=8"

@@ -208,6 +208,7 @@ def sensitive():
     return jax.jit(deviation)
 
 
+@pytest.mark.check
 def test_derivatives_of_the_deviation_are_those_of_differences(sensitive):
     at, step = jnp.zeros(3), 1e-4
     reverse = jax.jit(jax.grad(sensitive))(at)

@@ -64,6 +64,7 @@ def test_with_the_starts_eliminated_value_and_slopes_are_those_of_fitted_starts(
         assert float(gradient[i]) == pytest.approx(float(ends[0] - ends[1]) / (2 * size), rel=0.02)
 
 
+@pytest.mark.check
 def test_a_loop_of_ones_own_finds_the_damping(problem, two, ten):
     """Adam on the two coefficients, each in units of its start value."""
     x, starts = problem.params / problem.scale, problem.starts

@@ -52,10 +52,10 @@ def test_check_shows_masses_weights_and_the_suggested_step(tmp_path, capsys):
     assert found["points"]["lift_n"] == pytest.approx(13 * 0.13 * (scene.sea.density - 80.0) * 9.81, rel=1e-6)
     # the shortest link is 1 m long, and swings in 2.01 s
     assert found["periods_s"]["swing"] == pytest.approx(2 * np.pi * np.sqrt(1.0 / 9.81))
-    assert found["suggested_dt_s"] == 0.028
+    assert found["suggested_dt_s"] == 0.02
     assert found["compiled"]["solver"] == "network"
     assert main(["check", str(file)]) == 0
-    assert "0.05 s in the scene, 0.028 s suggested" in capsys.readouterr().out
+    assert "0.05 s in the scene, 0.02 s suggested" in capsys.readouterr().out
 
 
 def test_explicit_schemes_get_a_step_below_their_stability_limit():

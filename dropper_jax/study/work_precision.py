@@ -233,7 +233,8 @@ def orders(rows: list[dict[str, Any]]) -> dict[str, float]:
         if len(good) >= 2:
             x, y = (np.log([r[key] for r in good]) for key in ("dt", "rms_angle_error_rad"))
             found[label] = float(np.polyfit(x, y, 1)[0])
-    return found
+    # errors that do not fall with the step are those of rounding, which have no order
+    return {label: order for label, order in found.items() if order > 0.5}
 
 
 # The form of a peer's result

@@ -235,10 +235,11 @@ def _result_table(path: Path) -> str:
     with open_sweep(path) as found:
         # one number for each case: not angles of every link
         names = [x for x, of in found.drop_vars(["status", "failed_at"]).items() if of.dims == found.status.dims]
-        units = [f"{name} [{found[name].attrs['units']}]" for name in names]
         frame = found[names].to_dataframe().reset_index()
-    inputs = [name for name in frame.columns if name not in names]
-    return table([(*inputs, *units), *(tuple(f"{x:.4g}" for x in row) for row in frame[[*inputs, *names]].to_numpy())])
+        columns = [*(name for name in frame.columns if name not in names), *names]
+        units = [found[name].attrs.get("units") for name in columns]
+    heads = tuple(f"{name} [{unit}]" if unit else name for name, unit in zip(columns, units, strict=True))
+    return table([heads, *(tuple(f"{x:.4g}" for x in row) for row in frame[columns].to_numpy())])
 
 
 def text(found: dict[str, Any], results: str = "") -> str:

@@ -19,6 +19,7 @@ from dropper_jax import Scene, load_scene
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.base.read import ScenePath
+from dropper_jax.load.paths import describe
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build, build_model, equal_steps
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
@@ -50,6 +51,11 @@ class Axis:
     values: np.ndarray
     parameters: tuple[Parameter, ...] = ()
     moves_start: bool = True
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values; empty if they have none."""
+        return self.parameters[0].unit if self.parameters else describe(self.path).get("unit", "")
 
 
 @dataclasses.dataclass(frozen=True)

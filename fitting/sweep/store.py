@@ -119,7 +119,7 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         for name, column, axis in zip(input_names([a.path for a in plan.axes]), cases.T, plan.axes, strict=True):
             value = column.astype(axis.values.dtype)
             whole = group.create_array(name, data=value, chunks=(plan.cases,), dimension_names=("case",))
-            whole.attrs.update({"long_name": axis.path})
+            whole.attrs.update({"units": axis.unit, "long_name": axis.path})
         for name, (inner, dimensions, unit, meaning) in self._variables().items():
             self._array(group, name, inner, dimensions, np.nan, plan.scene.run.dtype, unit, meaning)
         self._array(group, "failed_at", (), (), np.nan, "float64", "s", "time of the first failed step")

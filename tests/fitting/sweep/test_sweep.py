@@ -274,7 +274,7 @@ def test_command_line_sweeps_and_resumes(tmp_path, capsys):
     assert [path.name for path in (tmp_path / "plots").iterdir()] == ["tension_max.png"]
     assert main([word for word in argv if word != "--json"]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
-    first = rows.index(["mass", "tension_max", "[N]"]) + 1
+    first = rows.index(["mass", "[kg]", "tension_max", "[N]"]) + 1
     np.testing.assert_allclose(np.array(rows[first : first + 3], float)[:, 1], tension, rtol=1e-3)
     assert main([*argv, "--vary", "line.0.length=oops"]) == 2
     assert "is not NAME=LO:HI:N" in json.loads(capsys.readouterr().out)["error"]

@@ -15,6 +15,8 @@ BIN := .venv/bin
 
 # Measured free-swing traces are not part of the project; tests that need them say so where the folder is missing.
 export DROPPER_MEASURED_DATA ?= $(abspath $(wildcard ../shared/data/measured))
+# Bytecode is kept even where the machine says otherwise: tests start 60 processes.
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: demo test check fuzz docs test-matrix package lint clean
 

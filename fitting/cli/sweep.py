@@ -236,7 +236,7 @@ def _result_table(path: Path) -> str:
         # one number for each case: not angles of every link
         names = [x for x, of in found.drop_vars(["status", "failed_at"]).items() if of.dims == found.status.dims]
         frame = found[names].to_dataframe().reset_index()
-        columns = [*(name for name in frame.columns if name not in names), *names]
+        columns = [str(name) for name in (*frame.columns.drop(names), *names)]
         units = [found[name].attrs.get("units") for name in columns]
     heads = tuple(f"{name} [{unit}]" if unit else name for name, unit in zip(columns, units, strict=True))
     return table([heads, *(tuple(f"{x:.4g}" for x in row) for row in frame[columns].to_numpy())])

@@ -52,7 +52,7 @@ REFERENCE = 640
 PEAKS = {
     "hard": "chain of 12 segments, top driven, hard",
     "case_1": "case 1 (MoorDyn: wave grid)",
-    "case_3": "case 3, 29 components (both: exact kinematics)",
+    "case_3": "case 3, 29 components (MoorDyn: wave grid)",
 }
 #: Time between looks at MoorDyn's peaks [s], and runs whose time is taken.
 CLOSE, TIMED = 1e-3, 2
@@ -194,7 +194,7 @@ def peaks(case: Callable[[int], Scene], only: str | None = None, runs: int = RUN
     drawn_by = {
         "hard": lambda i: _hard(case, i),
         "case_1": lambda i: (_shifted(case(1), i), {"grid": True}),
-        "case_3": lambda i: (_shifted(case(3), i), {}),
+        "case_3": lambda i: (_shifted(case(3), i), {"grid": True}),
     }
     earlier = {row["name"]: row for row in stored("moordyn", {}).get("peaks", [])} if only else {}
     for key, name in PEAKS.items():

@@ -159,11 +159,13 @@ def convergence(found: Found) -> Rows:
     )
 
 
-@table_of("sweep")
-def sweep(found: Found) -> str:
+@table_of("sweep", "sweep_gpu")
+def sweep(found: Found, on_gpu: Found) -> str:
     """Throughput of a sweep of the lab dropper, saving included."""
+    cores = {"on": f"{found['machine']['cores']} cores"}
     rows = columns(
-        found["rows"],
+        [row | cores for row in found["rows"]] + [row | {"on": on_gpu["device"]} for row in on_gpu["rows"]],
+        ("on", "{on}"),
         ("cases", "{cases}"),
         ("steps of each", "{steps_per_case}"),
         ("until compiled [s]", "{compile_s:.1f}"),
@@ -173,7 +175,7 @@ def sweep(found: Found) -> str:
     )
     single, ratio = found["single_runs_million_steps_per_s"], found["times_faster_than_single_runs"]
     return (
-        f"{markdown(rows)}\n\nOn {found['machine']['cores']} cores. A loop over single runs makes {single:.2g} million "
+        f"{markdown(rows)}\n\nOn {cores['on']} a loop over single runs makes {single:.2g} million "
         f"steps per second: the sweep is {ratio:.0f} times as fast."
     )
 

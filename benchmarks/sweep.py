@@ -1,6 +1,7 @@
 """How fast a sweep is: the 7-link lab dropper with rattle in float64, saving included, on all cores of this machine.
 
     python benchmarks/sweep.py [--cases 1000] [--duration 50] [--out benchmarks/results/sweep.json]
+    python benchmarks/sweep.py --cases 65536 --out benchmarks/results/sweep_gpu.json   (with a GPU)
 
 Prints steps per second, the gain over a Python loop over single compiled runs, and memory against the number of cases.
 """
@@ -69,6 +70,7 @@ def main(args) -> None:
     single = loop(5, args.duration)
     found = {
         "machine": describe(),
+        "device": jax.devices()[0].device_kind,
         "load": os.getloadavg()[0],
         "versions": {"jax": jax.__version__, "python": sys.version.split()[0]},
         "rows": rows,

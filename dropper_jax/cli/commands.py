@@ -108,7 +108,10 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser = _Parser(prog="dropper", description=about, formatter_class=plain, allow_abbrev=False)
     parser.add_argument("--version", action=_Version, nargs=0, help=f"print the versions of {' and '.join(PACKAGES)}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", help=argparse.SUPPRESS)
-    for entry in find_commands():
+    found = find_commands()
+    if asked and not found:  # the packages are on the path but not installed, so that nothing declares their commands
+        raise SceneError("dropper: no commands; needed: pip install dropper-jax, or pip install -e . in a checkout")
+    for entry in found:
         own = commands.add_parser(entry.name)
         if entry.name == asked:
             command = _load(entry)

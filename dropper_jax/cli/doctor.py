@@ -42,15 +42,22 @@ def text(found: dict[str, Any]) -> str:
     for extra, packages in found["versions"].items():
         named = ", ".join(f"{name} {version or 'is not installed'}" for name, version in packages.items())
         pairs.append(("versions" if extra == "needed" else f"extra {extra}", named))
-    system, cache, options = found["system"], found["cache"], found["compiler_options"]
+    system, cache = found["system"], found["cache"]
     kept = f"{cache['folder']}: {cache['programs']} programs, {in_words(cache['bytes'])}"
     pairs += [
         ("system", f"{system['platform']}, {system['cores']} cores, free memory {in_words(system['memory_bytes'])}"),
         ("devices", ", ".join(found["devices"])),
         ("precision", "float64" if found["float64"] else "float32 (JAX_ENABLE_X64 is off)"),
-        ("one kernel", "each run is one CPU kernel" if found["one_kernel"] else "off (DROPPER_ONE_KERNEL)"),
-        ("compiler", ", ".join(f"{name} {'known' if known else 'UNKNOWN'}" for name, known in options.items())),
+        *(_on_processor(found) if found["devices"][0].startswith("cpu") else ()),
         ("cache", kept if cache["folder"] else "off (DROPPER_COMPILE_CACHE)"),
         *((check["name"], f"{'ok' if check['ok'] else 'WRONG'}: {check['found']}") for check in found["checks"]),
     ]
     return listing(pairs)
+
+
+def _on_processor(found: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    options = found["compiler_options"]
+    return (
+        ("one kernel", "each run is one CPU kernel" if found["one_kernel"] else "off (DROPPER_ONE_KERNEL)"),
+        ("compiler", ", ".join(f"{name} {'known' if known else 'UNKNOWN'}" for name, known in options.items())),
+    )

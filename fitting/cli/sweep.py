@@ -83,7 +83,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_convention(parser)
     parser.add_argument(
-        "--chunk", type=int, help="cases of a device at a time (default: 64; of a system of lines 1; with --trace 8)"
+        "--chunk",
+        type=int,
+        help="cases of a device at a time (default: 64; of a system of lines 1; on a GPU 16384, 256; with --trace 8)",
     )
     parser.add_argument("--devices", type=int, help="devices of this machine (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the chunks")

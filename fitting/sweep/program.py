@@ -23,7 +23,7 @@ from dropper_jax.run.chunks import WORTH_ONE_KERNEL
 from dropper_jax.run.quantities import STATISTICS
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin, observe
 from fitting.parameters.parameter import apply
-from fitting.sweep.plan import STATUS, Plan
+from fitting.sweep.plan import STATUS, Plan, on_processor
 
 
 class Tally(NamedTuple):
@@ -64,9 +64,9 @@ class Program:
         self.by_start = [i for i, axis in enumerate(plan.axes) if axis.moves_start]
         self.mesh = jax.make_mesh((self.devices,), ("device",), devices=jax.local_devices()[: self.devices])
         self.fallbacks = Fallbacks()
-        # Cases of a system run one after another. Processor time of nine cases of a longline (52 links, 750 steps):
-        # compilation 8 s and run 5.3 s, against 21 and 6.1 s side by side, and 23 and 28 s padded to a chunk of 64.
-        self.system = plan.base[0].geometry.branched
+        # On a CPU, cases of a system run one after another. Processor time of nine cases of a longline (52 links, 750
+        # steps): compilation 8 s and run 5.3 s, against 21 and 6.1 s side by side, 23 and 28 s padded to a chunk of 64.
+        self.system = plan.base[0].geometry.branched and on_processor()
         self._compiled: jax.stages.Compiled | None = None
 
     def compile(self, chunks: list[int]) -> None:

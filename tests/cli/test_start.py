@@ -193,6 +193,12 @@ def test_a_command_that_cannot_be_imported_is_refused_and_leaves_the_others(caps
     assert "dropper lost: is not available" in " ".join(capsys.readouterr().out.split())
 
 
+def test_packages_on_the_path_that_are_not_installed_have_no_commands_and_say_so(capsys, monkeypatch):
+    monkeypatch.setattr(commands, "find_commands", list)
+    assert main(["run", "string"]) == 2
+    assert "no commands; needed: pip install" in capsys.readouterr().err
+
+
 def test_the_module_is_the_command_line_too():
     call = [sys.executable, "-m", "dropper_jax", "--version"]
     done = subprocess.run(call, capture_output=True, text=True, check=True, cwd=ROOT)

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 
+import jax
 import numpy as np
 import pytest
 
@@ -95,7 +96,10 @@ def test_quantities_by_name_are_those_of_single_runs(tmp_path):
     assert case["tension.l.fairlead.max"].attrs["units"] == "N"
 
 
-def test_cases_of_a_system_run_one_by_one_and_are_those_of_single_runs(tmp_path):
+@pytest.mark.parametrize(("backend", "chunk"), [("cpu", 1), pytest.param("gpu", 6, marks=pytest.mark.check)])
+def test_cases_of_a_system_run_one_by_one_or_on_a_gpu_together_and_are_those_of_single_runs(
+    tmp_path, monkeypatch, backend, chunk
+):
     plain = {key: SCENE[key] for key in ("name", "effects")}
     plain["run"] = {"dt": 0.01, "duration": 0.2}
     points = {"top": [0.0, 0.0, 0.0], "middle": [0.5, 0.0, -0.5], "end": [1.0, 0.0, 0.0]}
@@ -106,8 +110,11 @@ def test_cases_of_a_system_run_one_by_one_and_are_those_of_single_runs(tmp_path)
     rope = {"links": 2, "length": 0.75, "mass": 1.0, "axial": {"law": "elastic", "EA": 1e4}}
     plain["line"] = [{"name": to, "from": "middle", "to": to, **rope} for to in ("top", "end")]
     values = [[0.1, 0.4], [1.0, 2.0, 4.0]]
-    result = sweep(plain, {"b_l": values[0], "point.middle.mass": values[1]}, tmp_path / "system.zarr")
-    assert (result.plan.chunk, result.counts["ok"], result.fallbacks.operations) == (1, 6, set())
+    with monkeypatch.context() as patched:
+        patched.setattr(jax, "default_backend", lambda: backend)
+        result = sweep(plain, {"b_l": values[0], "point.middle.mass": values[1]}, tmp_path / "system.zarr")
+    assert (result.plan.chunk, result.counts["ok"]) == (chunk, 6)
+    assert backend == "gpu" or not result.fallbacks.operations
     with open_sweep(result.path) as found:
         for case in itertools.product(*values):
             changes = {"effects.linear_damping.b_l": case[0], "point.middle.mass": case[1]}

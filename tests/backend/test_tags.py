@@ -173,6 +173,15 @@ case = dj.one_kernel(jax.vmap(loop)), jax.vmap(loop), (X,)
 }
 
 
+#: Cases of each test run, one of each kind; the others are left to `make check`.
+FIRST = {"plain", "dead argument", "dead integers", "all arguments dead", "constants", "of grad", "two call sites"}
+FIRST |= {"inside shard_map", "grad of", "vmap of", "LAPACK", "a scatter", "a collective", "a callback"}
+
+
+def names(cases):
+    return [name if name in FIRST else pytest.param(name, marks=pytest.mark.check) for name in cases]
+
+
 SCENE = """
 import json, sys
 import dropper_jax as dj
@@ -198,12 +207,14 @@ def output(program, *words, **environment):
 
 
 @pytest.fixture(scope="module")
-def tags():
+def tags(request):
     """Number of tagged calls in each case, whose values are compared with the plain function's; or its error."""
     found = {}
+    asked = {item.callspec.params.get("name") for item in request.session.items if hasattr(item, "callspec")}
     for devices in (1, 2):
         flags = f"--xla_force_host_platform_device_count={devices}"
-        cases = {name: code for name, code in (TAGGED | PLAIN).items() if ("make_mesh" in code) == (devices == 2)}
+        cases = {name: code for name, code in (TAGGED | PLAIN).items() if name in asked}
+        cases = {name: code for name, code in cases.items() if ("make_mesh" in code) == (devices == 2)}
         while cases:
             done = run(CASES, json.dumps([START + code + END for code in cases.values()]), XLA_FLAGS=flags)
             answers = [json.loads(line[:-5]) for line in done.stdout.splitlines() if line.endswith(" tags")]
@@ -214,7 +225,7 @@ def tags():
     return found
 
 
-@pytest.mark.parametrize("name", TAGGED)
+@pytest.mark.parametrize("name", names(TAGGED))
 def test_a_tagged_function_has_the_values_of_the_plain_one(tags, name):
     assert isinstance(tags[name], int), tags[name]
     assert tags[name] > 0
@@ -225,13 +236,13 @@ def test_the_environment_disables_tags(setting):
     assert output(START + TAGGED["of value and grad"] + END, **setting) == 0
 
 
-@pytest.mark.parametrize("name", PLAIN)
+@pytest.mark.parametrize("name", names(PLAIN))
 def test_what_cannot_be_one_kernel_is_the_plain_function(tags, name):
     assert tags[name] == 0, tags[name]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("solver", ["auto", pytest.param("dense", marks=pytest.mark.check)])  # the second has no tag
+@pytest.mark.check
+@pytest.mark.parametrize("solver", ["auto", "dense"])  # the second has no tag
 def test_runs_are_the_same_with_tags_caches_and_none_of_them(solver, tmp_path):
     settings = json.dumps({"solver": solver})
     cached = {"DROPPER_COMPILE_CACHE": str(tmp_path), "DROPPER_KEEP_TRACES": "on"}

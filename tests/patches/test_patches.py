@@ -36,8 +36,11 @@ def patch(kind):
 def test_a_new_thing_touches_three_files(kind):
     touched = [line[6:] for line in patch(kind).read_text().splitlines() if line.startswith("+++ b/")]
     assert sorted(touched) == sorted(paths(kind))
+    if shutil.which("git") is not None:
+        subprocess.run(["git", "apply", "--check", str(patch(kind))], cwd=ROOT, check=True, timeout=60)
 
 
+@pytest.mark.check
 def test_new_things_of_three_files_work(tmp_path):
     if shutil.which("git") is None:
         pytest.skip("git applies the patches")

@@ -52,6 +52,7 @@ def test_an_anchor_behind_another_one_takes_what_that_one_does_not_hold():
         dj.load_scene({**SCENE, "anchor": [{**SCENE["anchor"][0], "behind": "nowhere"}]})
 
 
+@pytest.mark.check
 def test_edulis_anchors_hold_through_the_tide():
     scene = dj.load_scene("edulis-tide").with_values({"sea.current.direction": np.pi / 3})
     rows = tidal_cycle(scene, 5)["rows"]

@@ -65,6 +65,7 @@ def test_quadratic_damping_has_a_ratio_in_proportion_to_the_amplitude():
     np.testing.assert_allclose(ratio, 4 * b_q * amplitude * shape / (3 * np.pi * mass), rtol=3e-3)
 
 
+@pytest.mark.check
 def test_rigid_links_swing_as_very_stiff_ones_do_in_a_loop_and_in_mixed_lines():
     table = dj.load_scene("dropper-release-a").to_dict()
     _, _, rigid = modes_of(table, 8)

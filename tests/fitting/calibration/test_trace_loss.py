@@ -49,6 +49,7 @@ def test_the_loss_has_the_slopes_of_differences_and_goes_through_jit_grad_and_vm
     assert float(slopes[1].theta[:, 0].sum()) == pytest.approx(float(moved[0] - moved[1]) / 2e-6, rel=1e-4)
 
 
+@pytest.mark.check
 def test_with_the_starts_eliminated_value_and_slopes_are_those_of_fitted_starts(problem, two):
     at = 1.05 * jnp.asarray(two.TRUTH)
     value, gradient = problem.value_and_grad(at, problem.best_starts(at))

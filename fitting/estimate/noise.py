@@ -13,7 +13,8 @@ their noise, the covariance of the frame is 1 + b b', and its inverse root
 
     u = r - (1 - 1/sqrt(1 + b'b)) b (b'r)/(b'b)
 
-Both are linear: derivatives are whitened in the same way.
+Both are linear: derivatives are whitened in the same way. Delays of standard deviation s also move the mean of an
+angle, by half of s^2 times its acceleration, which is taken off the samples.
 """
 
 from __future__ import annotations
@@ -57,8 +58,11 @@ class Noise:
         run = windows.run
         weight = windows.weight / self.factor[run][:, None, :]
         decay = self.decay[run] if np.isfinite(self.decay).any() else None
-        jitter = weight * self.delay[run][:, None, None] * rates(windows, traces) if self.delay.any() else None
-        return replace(windows, weight=weight, decay=decay, jitter=jitter)
+        if not self.delay.any():
+            return replace(windows, weight=weight, decay=decay)
+        delay, (rate, acceleration) = self.delay[run][:, None, None], motion(windows, traces)
+        theta = windows.theta - 0.5 * delay**2 * acceleration
+        return replace(windows, theta=theta, weight=weight, decay=decay, jitter=weight * delay * rate)
 
     def max_relative_difference(self, other: Noise) -> float:
         """Maximum relative difference of two noises' parts."""
@@ -72,9 +76,9 @@ def lag_correlation(decay: np.ndarray) -> np.ndarray:
     return np.exp(-decay / 60.0)
 
 
-def rates(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
-    """Rates of the links at the windows' samples (K, S, n) [rad/s], from smoothed traces."""
-    found = np.zeros_like(windows.theta)
+def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
+    """Rates [rad/s] and accelerations of the links at the windows' samples (2, K, S, n), from smoothed traces."""
+    found = np.zeros((2, *windows.theta.shape))
     t = windows.times()
     for run in np.unique(windows.run):
         trace, mine = traces[run], windows.run == run
@@ -82,8 +86,9 @@ def rates(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
         # half width [s] of the smoother that estimates rates from a trace
         reach = 2 * max(2, round(0.05 / trace.interval)) + 1
         rate = smooth(trace.at(even), min(reach, 2 * ((len(even) - 1) // 2) + 1), trace.interval)[1]
-        for j, column in enumerate(rate.T):
-            found[mine, :, j] = np.interp(t[mine], even, column)
+        for derivative, columns in zip(found, (rate, np.gradient(rate, trace.interval, axis=0)), strict=True):
+            for j, column in enumerate(columns.T):
+                derivative[mine, :, j] = np.interp(t[mine], even, column)
     return np.where(windows.weight > 0, found, 0.0)
 
 

@@ -22,7 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.estimate.noise import WHITE, Noise, correlates, lag_one, log_volume, rates, whiten
+from fitting.estimate.noise import WHITE, Noise, correlates, lag_one, log_volume, motion, whiten
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.sandwich import leverage, start_covariances
@@ -146,7 +146,7 @@ class ResidualNoiseModel:
 
     def _with_delay(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
         """A delay of every frame; None if the residuals do not support it, or the delays are not random."""
-        speed = rates(point.windows, self.traces) * point.windows.weight
+        speed = motion(point.windows, self.traces)[0] * point.windows.weight
         square = np.sum(speed**2, axis=2)
         along = np.sum(speed * point.evaluation.residual, axis=2)
         delay = np.zeros_like(white.delay)

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from fitting.estimate.loss import Huber, LeastSquares
-from fitting.estimate.noise import log_volume, whiten
+from fitting.estimate.noise import Noise, log_volume, whiten
 from fitting.estimate.normal_equations import Evaluation, Factor
 from fitting.estimate.sandwich import Pieces, memory, resample
 from fitting.estimate.windows import Windows
+from fitting.traces.trace import Trace
 
 SIGMA, STEP, SLOTS = np.array([0.004, 0.01]), 0.02, 40
 
@@ -64,6 +65,25 @@ def test_a_delay_common_to_a_frame_is_whitened_exactly(windows):
     b = np.where(windows.weight > 0, jitter, 0.0).ravel()
     together = (frame[:, None] == frame[None]) * np.outer(b, b)
     check(replace(windows, jitter=jitter), np.eye(2 * SLOTS) + together)
+
+
+def test_delays_move_the_mean_of_an_angle_by_half_their_square_times_its_acceleration():
+    slots, speed, delay = 20_000, 8.0, 0.01
+    t = STEP * np.arange(slots)
+    late = delay * np.random.default_rng(3).standard_normal(slots)
+    theta, acceleration = np.cos(speed * (t + late))[None, :, None], -(speed**2) * np.cos(speed * t)
+    one, shape = np.zeros(1), (1, slots, 1)
+    seen = Windows(
+        one, one.astype(int), one > 0, theta, np.ones(shape), np.arange(slots)[None], np.zeros((1, slots)), STEP, slots,
+        one > 0,
+    )  # fmt: skip
+    noise = Noise(np.ones((1, 1)), np.full((1, 1), np.inf), np.array([delay]))
+    shifts = [
+        float((w.theta[0, :, 0] - np.cos(speed * t)) @ acceleration / (acceleration @ acceleration))
+        for w in (seen, noise.apply_to(seen, [Trace("run", t, theta[0])]))
+    ]
+    assert shifts[0] == pytest.approx(0.5 * delay**2, rel=0.5)  # the delays are random: a standard error of a quarter
+    assert shifts[0] - shifts[1] == pytest.approx(0.5 * delay**2, rel=0.02)
 
 
 def test_windows_in_a_row_tell_no_more_of_a_constant_than_the_run_they_were_cut_from(windows):

@@ -6,10 +6,7 @@ The truth is the lab dropper of scenario A with b_l = 0.002 and b_q = 0.001, int
     python benchmarks/calibration.py twin|coverage|dry|dry-small|bias|gradient [--seeds N]
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from study import command, say, store, stored
@@ -79,9 +76,7 @@ DRAWS = 1000
 class Twin:
     """Fits of many noisy copies of one truth, sharing one compiled simulator."""
 
-    def __init__(
-        self, free: tuple[str, ...] = FREE, scene: Any = SCENE, duration: float = DURATION, substeps: int = SUBSTEPS
-    ):
+    def __init__(self, free: tuple[str, ...] = FREE, scene=SCENE, duration: float = DURATION, substeps: int = SUBSTEPS):
         self.free = free
         self.scene = load_scene(scene)
         self.motion = simulate_truth(self.scene, duration, substeps=substeps)
@@ -230,7 +225,7 @@ class Linear:
         found: the fit without noise, joined.
     """
 
-    twin: Any
+    twin: "Twin"
     noise: float
     slope: np.ndarray
     covariance: np.ndarray
@@ -273,7 +268,7 @@ class Linear:
         return joined_step(at, -free, free).dp
 
 
-def linearise(twin: Any, noise: float) -> Linear:
+def linearise(twin, noise: float) -> Linear:
     """The theory of a twin of calibration.py with white noise [rad]."""
     prepared = twin.prepare(0)
     simulator, m2 = prepared.simulator, prepared.simulator.freedoms
@@ -293,12 +288,12 @@ def linearise(twin: Any, noise: float) -> Linear:
     return Linear(twin, noise, slope, covariance, windows, own, np.linalg.inv(joined.information), joined)
 
 
-def _trace(twin: Any, noise: float, seed: int) -> Any:
+def _trace(twin, noise: float, seed: int):
     trace = observe(twin.motion, Camera(angle_noise=noise), seed)
     return trace.in_model_convention(trace.convention)
 
 
-def _windows(twin: Any, noise: float, seed: int, length: float, dt: float, weight: float | None = None) -> Windows:
+def _windows(twin, noise: float, seed: int, length: float, dt: float, weight: float | None = None) -> Windows:
     trace = _trace(twin, noise, seed)
     return cut([trace], length, dt, [np.full(trace.links, noise if weight is None else weight)])
 

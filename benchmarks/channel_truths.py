@@ -1,12 +1,10 @@
 """Scenes of `channels.py`, and their motion by programs that are not this project's."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from study import Found
 
 #: Longlines: lengths over the straight ways of legs and backbone, EA of the rope [N], step [s] and scheme of the fit,
 #: the same of the truth, and how far off EA starts.
@@ -17,7 +15,7 @@ LONGLINES = {
 }
 
 
-def longline(kind: str) -> dict[str, Any]:
+def longline(kind: str) -> Found:
     """Two legs, two floats, a backbone and two droppers in a sea of 20 waves and a current across."""
     (leg, backbone), stiffness, (step, scheme), *_ = LONGLINES[kind]
     leg, backbone = leg * float(np.hypot(24.0, 12.0)), 30.0 * backbone
@@ -124,7 +122,7 @@ def still(place: np.ndarray) -> Callable[[float], np.ndarray]:
 CHAIN = {"lengths": np.full(3, 0.3), "masses": np.array([0.1, 0.1, 0.15]), "b_l": 0.01, "b_q": 0.03}
 
 
-def chain_scene(polar: np.ndarray, kick: float = 0.0) -> dict[str, Any]:
+def chain_scene(polar: np.ndarray, kick: float = 0.0) -> Found:
     """The hanging chain with links at these angles from straight down (3,) [rad], its tip kicked across [m/s]."""
     steps = CHAIN["lengths"][:, None] * np.stack([np.sin(polar), 0 * polar, -np.cos(polar)], axis=1)
     nodes = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
@@ -147,7 +145,7 @@ def chain_scene(polar: np.ndarray, kick: float = 0.0) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def chain_truth(t: np.ndarray, scene: dict[str, Any], b_l: float, b_q: float) -> np.ndarray:
+def chain_truth(t: np.ndarray, scene: Found, b_l: float, b_q: float) -> np.ndarray:
     """Nodes (times, 4, 3) [m] of that scene's chain with this damping."""
     r0, v0 = (np.array(scene["start"][key]) for key in ("positions", "velocities"))
     start = still(np.zeros(3))
@@ -194,7 +192,7 @@ def cable_truth(t: np.ndarray, stiffness: float) -> np.ndarray:
     return rigid_line(t, rest, np.zeros_like(rest), lengths, masses, b_l=CABLE["b_l"], stiffness=stiffness, ends=ends)
 
 
-def cable_scene(stiffness: float) -> dict[str, Any]:
+def cable_scene(stiffness: float) -> Found:
     """The cable, stiffness and damping two times off."""
     n = CABLE["links"]
     return {

@@ -8,8 +8,6 @@ With p_i the nodes' places in the plane (x, z), M_i their masses, links' lengths
 where c_j'' = 0 gives the multipliers at every instant. DOP853 at 1e-9 keeps the lengths to 1e-8 in 12 s.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -7,10 +7,6 @@ larger of those of the forces at its ends. Takes about a minute. Writes results/
 warning were chosen with the seeds 7 to 9.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 from study import Found, Rows, command, say, store, table_of
 
@@ -33,7 +29,7 @@ def coarse_lines(found: Found) -> Rows:
     return rows
 
 
-def drawn(rng: np.random.Generator) -> tuple[int, dict[str, Any]]:
+def drawn(rng: np.random.Generator) -> tuple[int, Found]:
     """Number of links and the values of a line."""
     links, diameter = int(rng.choice(LINKS)), float(rng.choice([0.03, 0.05, 0.15, 0.25]))
     density = float(rng.choice([1080.0, 1300.0, 2000.0, 7000.0]))

@@ -8,17 +8,14 @@ whose programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws w
 methods on these seeds of `random_droppers.py` instead, from five times off; every row is stored at once.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib.style
 import numpy as np
 from random_droppers import draw as draw_rig
-from study import command, describe, say, store, stored
+from study import Found, command, describe, say, store, stored
 
 import dropper_jax as dj
 from dropper_jax.plots import style
@@ -27,7 +24,7 @@ from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "descent.png"
 SCENE, DURATION, NOISE, TIMES_OFF = "dropper-release-a", 16.0, 0.005, 10.0
-METHODS: dict[str, dict[str, Any]] = {
+METHODS: dict[str, Found] = {
     "Gauss-Newton": {},
     "L-BFGS (optax)": {"method": "gradient"},
     "Adam (optax)": {"method": "gradient", "optimizer": "adam"},
@@ -36,7 +33,7 @@ METHODS: dict[str, dict[str, Any]] = {
 DESCENTS = ("L-BFGS (optax)", "Adam (optax)")
 
 
-def measure(only: Sequence[str]) -> dict[str, Any]:
+def measure(only: Sequence[str]) -> Found:
     """Fit by these methods; each compiles its own programs, and the time of that stands apart."""
     scene = dj.load_scene(SCENE)
     names = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
@@ -72,11 +69,11 @@ def measure(only: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def dropper(seed: int, labels: Sequence[str]) -> dict[str, Any]:
+def dropper(seed: int, labels: Sequence[str]) -> Found:
     """Descents compared with Gauss-Newton: distance of estimates [standard errors], ratios of errors and of times."""
     rig = draw_rig(seed)
 
-    def timed(label: str) -> tuple[Any, float]:
+    def timed(label: str) -> tuple:
         begun = time.process_time()
         result = fit([rig.trace], rig.scene, start=rig.start, **METHODS[label])
         return result, time.process_time() - begun
@@ -97,7 +94,7 @@ def dropper(seed: int, labels: Sequence[str]) -> dict[str, Any]:
     return row
 
 
-def draw(found: dict[str, Any]) -> None:
+def draw(found: Found) -> None:
     """Distance to the truth, coefficient by coefficient, along the way of every method."""
     truth = np.array(found["truth"])
     with matplotlib.style.context(["default", style.RC]):

@@ -8,12 +8,8 @@ within twice of it, and the median of stated over true; goals: 90 % within the s
 that are off by less than `EXACT` are left out of the median.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
-from study import command, show
+from study import Found, command, show
 
 import dropper_jax as dj
 from dropper_jax.load.scene import Scene, load_scene
@@ -27,7 +23,7 @@ EXACT = 1e-6
 SKIP = 2.0
 
 
-def chain(amplitude: float, period: float, duration: float) -> dict[str, Any]:
+def chain(amplitude: float, period: float, duration: float) -> Found:
     """A chain of 8 links between two points in still water, one of which is moved."""
     return {
         "run": {"dt": 0.01, "duration": duration},
@@ -49,7 +45,7 @@ def chain(amplitude: float, period: float, duration: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def pendulum(stiffness: float = 2e4) -> dict[str, Any]:
+def pendulum(stiffness: float = 2e4) -> Found:
     """A rope of 6 links, axial stiffness [N], let go slantwise, with damping."""
     line = {"name": "rope", "from": "top", "to": "low", "links": 6, "length": 0.5, "mass": 1.0}
     return {
@@ -64,7 +60,7 @@ def pendulum(stiffness: float = 2e4) -> dict[str, Any]:
     }
 
 
-SCENES: dict[str, tuple[Any, tuple[float, ...]]] = {
+SCENES: dict[str, tuple] = {
     "driven gently": (chain(0.5, 5.0, 17.0), (0.16, 0.08, 0.04, 0.02, 0.01)),
     "driven fast": (chain(1.2, 3.0, 14.0), (0.08, 0.04, 0.02, 0.01, 0.005)),
     "driven until it snaps": (chain(1.8, 2.0, 12.0), (0.04, 0.02, 0.01, 0.005, 0.0025)),
@@ -76,7 +72,7 @@ SCENES: dict[str, tuple[Any, tuple[float, ...]]] = {
 }
 
 
-def stated(scene: Scene, dt: float) -> dict[str, Any]:
+def stated(scene: Scene, dt: float) -> Found:
     found = load_errors(scene.with_values({"run.dt": dt}), simulate, SKIP)
     return {**found["loads"][0], "not_resolved": bool(found["not_resolved"]), "chaotic": found["chaotic"]}
 

@@ -6,17 +6,15 @@ it, and at a common step. Then the same chain without water or damper, set swing
 over its kinetic energy at the start.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import jax
 import numpy as np
 from moordyn_runs import SAMPLE, Ours, Rows
 from moordyn_speed import SMOOTH, driven_chain
+from study import Found
 
 from dropper_jax import Scene
 from dropper_jax.run.build import build
@@ -36,21 +34,21 @@ EXPLICIT = ("rk2", "semi_implicit_euler")
 FREE_STEPS, FREE_SPAN, SWING = (1e-3, 5e-4, 2.5e-4), 10.0, 0.5
 
 
-def schemes(case: Callable[[int, float], Scene]) -> Iterator[dict[str, Any]]:
+def schemes(case: Callable[[int, float], Scene]) -> Iterator[Found]:
     """One row per damping ratio, and one of the released chain, printed as they come."""
     for ratio in RATIOS:
         yield _driven(driven_chain(case(1, ratio), SMOOTH), ratio)
     yield _released(case(1, 0.0))
 
 
-def _driven(scene: Scene, ratio: float) -> dict[str, Any]:
+def _driven(scene: Scene, ratio: float) -> Found:
     base = Ours.of(scene)
 
     def runner(name: str) -> Ours:
         return Ours(make_stepper(base.model, name, track_work=False), base.model, base.start)
 
     reference = runner("rk4").run(REFERENCE, SPAN)
-    found: dict[str, Any] = {"damping_ratio": ratio, "reference": reference.statistics(SETTLED)}
+    found = {"damping_ratio": ratio, "reference": reference.statistics(SETTLED)}
     for name in EXPLICIT:
         ours = runner(name)
         rows, count = [], None
@@ -80,7 +78,7 @@ def _errors(run: Rows, reference: Rows, limit: float = np.inf) -> dict[str, floa
     return {**found, "cpu_per_s": run.cpu_s / SPAN} if max(found.values()) < limit else None
 
 
-def _released(base: Scene) -> dict[str, Any]:
+def _released(base: Scene) -> Found:
     """Change of energy of the chain without damper or water between fixed ends, set swinging across its plane."""
     table = driven_chain(base, SMOOTH).to_dict()
     gravity = table.pop("sea").get("gravity", 9.81)

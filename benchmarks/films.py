@@ -11,17 +11,14 @@ with J the derivative of |d|^2/2 of each link and a = 60 1/s (Baumgarte). Each f
 tracked twice: with boards (lens and plane) and without anything. `tables.py` writes what is found into the page.
 """
 
-from __future__ import annotations
-
 import tempfile
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from study import command, say, store
+from study import Found, command, say, store
 
 from fitting.traces.synthetic import Motion
 from fitting.tracking import track
@@ -163,10 +160,10 @@ def make(what: Film, folder: Path, boards: int = BOARDS) -> tuple[Path, list[Pat
     return path, pictures, np.arctan2(link[..., 1], link[..., 0])
 
 
-def judged(what: Film, path: Path, boards: list[Path], truth: np.ndarray) -> dict[str, Any]:
+def judged(what: Film, path: Path, boards: list[Path], truth: np.ndarray) -> Found:
     """How well a film is tracked, with `boards` or without (an empty list)."""
     given = {"calibration": boards, "plane": boards[0], "square": 0.03} if boards else {}
-    row: dict[str, Any] = {"film": what.name, "calibrated": bool(boards)}
+    row = {"film": what.name, "calibrated": bool(boards)}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -203,7 +200,7 @@ def _ratio(stated: np.ndarray, off: np.ndarray) -> float:
     return float(np.sqrt(np.mean(stated**2) / np.mean(off**2)))
 
 
-def spoiled(what: Film, draws: int = 40, seed: int = 0) -> dict[str, Any]:
+def spoiled(what: Film, draws: int = 40, seed: int = 0) -> Found:
     """Shares of frames marked where names of two nodes were swapped, where one node jumped, and where all is well."""
     rng = np.random.default_rng(seed)
     pixels = what.motion().nodes[::FINE][..., [0, 2]] * what.view.pixels_per_metre * [1.0, -1.0]

@@ -1,7 +1,5 @@
 """Tables of fits."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable

@@ -9,14 +9,11 @@ pairs are watched with as much more noise as leaves a part worth 1 to 6, which i
 the true one among them. A row per truth; writes results/laws.json, which holds what was done when it is run again.
 """
 
-from __future__ import annotations
-
 import sys
 import time
-from typing import Any
 
 import numpy as np
-from study import RESULTS, command, say, show, store, stored
+from study import RESULTS, Found, command, say, show, store, stored
 
 import dropper_jax as dj
 from fitting.calibration.comparison import compare
@@ -37,10 +34,10 @@ STRONG = 10.0
 SIZES = {"linear": 0.02, "quadratic": 0.02, "joint viscous": 4e-3, "dry": 6e-3}
 
 
-def chain(links: int, values: dict[str, float]) -> dict[str, Any]:
+def chain(links: int, values: dict[str, float]) -> Found:
     """The scene with the coefficients of these parts."""
     length, mass = 0.6 / links, 0.3 / links
-    effects: dict[str, Any] = {"weight": {}}
+    effects = {"weight": {}}
     joints = {}
     for part, value in values.items():
         _, effect, field = PARTS[part].split(".")
@@ -63,7 +60,7 @@ def chain(links: int, values: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def watched(run: Any, noise: str, rng: np.random.Generator, size: float = NOISE) -> Trace:
+def watched(run, noise: str, rng: np.random.Generator, size: float = NOISE) -> Trace:
     """The run as a trace, with white noise or noise that remembers 0.8 of itself, of deviation `size` [rad]."""
     d = np.diff(run.positions, axis=1)
     angle = np.unwrap(np.arctan2(d[..., 0], -d[..., 2]), axis=0)
@@ -74,7 +71,7 @@ def watched(run: Any, noise: str, rng: np.random.Generator, size: float = NOISE)
     return Trace("chain", run.t, angle + size * e, convention=Convention("down", 1, "rad"))
 
 
-def show_counts(rows: list[dict[str, Any]]) -> None:
+def show_counts(rows: list[Found]) -> None:
     """The rows counted, as docs/statistics-of-fits.md has them."""
     show("links", "right law alone", "right law possible", "weak parts: right law possible", "of these undecided")
     for links in sorted({row["links"] for row in rows}):
@@ -86,7 +83,7 @@ def show_counts(rows: list[dict[str, Any]]) -> None:
         show(links, f"{alone} of {len(strong)}", inside, f"{possible} of {len(weak)}", left)
 
 
-def one(links: int, law: str, trace: Trace) -> dict[str, Any]:
+def one(links: int, law: str, trace: Trace) -> Found:
     """One trace compared."""
     begun = time.process_time()
     scene = chain(links, dict.fromkeys(("linear", "quadratic"), 0.01))

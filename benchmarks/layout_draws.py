@@ -1,16 +1,13 @@
 """Random longlines: layout i is drawn from seed i (see `layouts.py`)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 #: How long checks run [s], at which step.
 DURATION, STEP = 240.0, 0.05
 
-Scene = dict[str, Any]
+Scene = dict[str, object]
 
 
 class Bed:
@@ -115,7 +112,7 @@ class Layout:
     def place(self, name: str) -> np.ndarray:
         return np.array(next(p for p in self.points if p["name"] == name)["position"])
 
-    def line(self, name: str, start: str, end: str, kind: Scene, links: int, length: float, **more: Any) -> None:
+    def line(self, name: str, start: str, end: str, kind: Scene, links: int, length: float, **more) -> None:
         table = {"name": name, "from": start, "to": end, "type": kind["name"], "length": length, "links": links}
         self.lines.append(table | more)
 

@@ -14,8 +14,6 @@ to 2 m/s. Prints a row for each that is not found, and the share that is.
   slack lines may lie in many ways and carry the same.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from pathlib import Path

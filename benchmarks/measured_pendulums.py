@@ -10,8 +10,6 @@ what comes before the held-out windows.
 estimates differ?
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from dataclasses import dataclass, replace

@@ -8,14 +8,11 @@ taken out of each scene, a steady current stays. Free points start where they re
 it runs for 120 s. Floats that are partly above the water are fixed where they rest here.
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from study import command, say, store, stored, versions
+from study import Found, command, say, store, stored, versions
 
 from dropper_jax import Scene, equilibrium, load_scene
 from dropper_jax.base.errors import SceneError
@@ -54,7 +51,7 @@ def calm(name: str) -> Scene:
     return Scene.from_dict(values)
 
 
-def _more_drag(values: Any) -> None:
+def _more_drag(values) -> None:
     """Every drag coefficient times DRAG, wherever it is."""
     for key, value in values.items() if isinstance(values, dict) else enumerate(values):
         if key in ("cdn", "cdt") and value is not None:
@@ -148,7 +145,7 @@ def alone(scene: Scene, pose: Equilibrium, number: int, times: int) -> float:
     return float(np.max(np.abs(rest_of(single).tension[[0, -1]] / theirs - 1.0)))
 
 
-def compare(name: str) -> dict[str, Any]:
+def compare(name: str) -> Found:
     """One scene: a status, and where MoorDyn's deck rests the largest difference of end tensions."""
     try:
         scene = calm(name)

@@ -1,7 +1,5 @@
 """The same scene in MoorDyn v2 and here: runs that give end tensions and the place of the far end at equal times."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -9,11 +7,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from study import Found
 
 from dropper_jax import Scene, step
 from dropper_jax.model import Model, State
@@ -64,13 +62,13 @@ class Rows:
         each = round(window / SAMPLE)
         return float(np.mean(most[: len(most) // each * each].reshape(-1, each).max(axis=1)))
 
-    def statistics(self, start: float = 0.0) -> dict[str, Any]:
+    def statistics(self, start: float = 0.0) -> Found:
         """Tension of anchor and fairlead [N] and ranges of the far end [m], from `start` on.
 
         `std` is that of all steps (or looks), `std_of_rows` that of the means over SAMPLE: below 5 Hz.
         """
         kept = self.t > start
-        found: dict[str, Any] = {"status": self.status, "retried": self.retried}
+        found = {"status": self.status, "retried": self.retried}
         if self.status != "ok":
             return found
         for i, name in enumerate(("anchor", "fairlead")):
@@ -90,9 +88,7 @@ class Rows:
         return found
 
 
-def _rows(
-    model: Model, carry: Any, advance: Callable[[Any], Any], seen: Callable[[Any], Any], every: Any, saves: int
-) -> Any:
+def _rows(model: Model, carry, advance: Callable, seen: Callable, every, saves: int):
     """Rows of `every` steps each, of the first line: tensions of its ends, its far end's place, whether all is well.
 
     Args:
@@ -101,12 +97,12 @@ def _rows(
     """
     zero = jnp.zeros(2, model.dtype)
 
-    def one(_: jax.Array, inner: Any) -> Any:
+    def one(_: jax.Array, inner):
         carry, total, square, least, most = inner
         carry, (mean, squares, low, high) = advance(carry)
         return carry, total + mean, square + squares, jnp.minimum(least, low), jnp.maximum(most, high)
 
-    def save(carry: Any, _: None) -> Any:
+    def save(carry, _: None):
         start = (carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
         carry, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
         s, alive = seen(carry)
@@ -117,10 +113,10 @@ def _rows(
 
 
 @partial(jax.jit, static_argnames=("stepper", "saves", "links"))
-def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int, links: int) -> Any:
+def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int, links: int):
     """Steps of dt [s]; how many were taken again, and rows."""
 
-    def advance(carry: Any) -> Any:
+    def advance(carry):
         s, alive, again = carry
         s, report = step(stepper, model, s, dt, alive)
         ends = s.tension[jnp.array([0, links - 1])]
@@ -142,16 +138,16 @@ def _follow(
     tolerance: jax.Array,
     saves: int,
     links: int,
-) -> Any:
+):
     """As `_march`, in steps that follow the snaps: `every` intervals of dt [s] per row, the longest steps."""
     ends = jnp.array([0, links - 1])
 
-    def advance(carry: Any) -> Any:
+    def advance(carry):
         adaptive, steps = carry
         adaptive, (_, within) = advance_adaptively(stepper, model, adaptive, dt, tolerance, 1)
         return (adaptive, steps + within.steps[0]), tuple(a[0, ends] for a in within[:4])
 
-    def seen(carry: Any) -> Any:
+    def seen(carry):
         return carry[0].progress.state, carry[0].progress.first_bad < 0
 
     carry = (adaptive_start(begin(stepper, model, s), dt), jnp.zeros((), jnp.int32))
@@ -167,14 +163,14 @@ class Ours:
     model: Model
     start: State
     links: int
-    compiled: dict[Any, Any] = field(default_factory=dict)
+    compiled: dict = field(default_factory=dict)
 
     @classmethod
-    def of(cls, scene: Scene) -> Ours:
+    def of(cls, scene: Scene) -> "Ours":
         model, start = build(scene)
         return cls(stepper_of(model, scene.run, track_work=False), model, start, len(scene.lines[0].length))
 
-    def other(self, scene: Scene) -> Ours:
+    def other(self, scene: Scene) -> "Ours":
         """The same for a scene that differs in values only: the programs serve it too."""
         model, start = build(scene)
         return replace(self, model=model, start=start)
@@ -203,7 +199,7 @@ class Ours:
         )
 
 
-def _signed(moordyn: Any, line: Any, end: int, inner: int) -> float:
+def _signed(moordyn, line, end: int, inner: int) -> float:
     """Tension [N] of an end segment, negative where the damper of a slack one pushes (MoorDyn gives its size)."""
     pull = np.array(moordyn.GetLineNodeTen(line, end))
     along = np.array(moordyn.GetLineNodePos(line, inner)) - np.array(moordyn.GetLineNodePos(line, end))
@@ -229,8 +225,8 @@ def _write_grid(scene: Scene, folder: Path, duration: float, across: tuple[int, 
 
 @contextmanager
 def moordyn_system(
-    scene: Scene, dt: float, duration: float, scheme: str = "rk2", across: tuple[int, int] | None = None, **more: Any
-) -> Iterator[tuple[Any, Any]]:
+    scene: Scene, dt: float, duration: float, scheme: str = "rk2", across: tuple[int, int] | None = None, **more
+) -> Iterator[tuple]:
     """The package and its system on the file written of a scene; what it raises ends the run.
 
     Args:

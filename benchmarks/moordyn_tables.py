@@ -1,7 +1,5 @@
 """Tables of MoorDyn's runs compared with those of this package."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from study import Found, Rows, columns, joined, kilo, milli, table_of

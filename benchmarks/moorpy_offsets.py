@@ -9,17 +9,14 @@ eastern anchors are displaced, in still water; its spars float with their waterl
 anchors of one side lie on the seabed without tension and are left out of MoorPy's system.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import tomllib
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from study import command, show, stored
+from study import Found, command, show, stored
 
 sys.path.insert(0, str(Path(__file__).parent))
 import moorpy_stiffness as samples
@@ -34,7 +31,7 @@ DIRECTIONS = (0.0, 60.0, 120.0, 180.0)
 DISTANCES = {"spread": np.arange(0.0, 25.1, 5.0), "bridles": np.arange(0.0, 5.1), "edulis": np.arange(0.0, 5.1)}
 
 
-def edulis() -> dict[str, Any]:
+def edulis() -> Found:
     """Plain values of the Edulis longline in still water."""
     scene = tomllib.loads(EDULIS.read_text())
     scene["sea"] = {"depth": 30.0, "density": DENSITY, "gravity": GRAVITY}
@@ -42,7 +39,7 @@ def edulis() -> dict[str, Any]:
     return {**scene, "name": "edulis", "anchor": []}
 
 
-def scene_of(name: str) -> tuple[dict[str, Any], list[str]]:
+def scene_of(name: str) -> tuple[Found, list[str]]:
     """Plain values of a scene, and the points that are displaced."""
     if name == "edulis":
         return edulis(), ["east-danforth", "east-gravity"]
@@ -50,7 +47,7 @@ def scene_of(name: str) -> tuple[dict[str, Any], list[str]]:
     return samples.scene_of(system), system["asked"]
 
 
-def moorpy_system(scene: dict[str, Any], moved: list[str]) -> Any:
+def moorpy_system(scene: Found, moved: list[str]):
     """MoorPy's system of the same plain values, in which attached points divide their line."""
     import moorpy
 
@@ -63,7 +60,7 @@ def moorpy_system(scene: dict[str, Any], moved: list[str]) -> Any:
     spars = {b["point"]: b for b in scene.get("buoy", [])}
     number = {}
 
-    def add_point(name: str, position: Any, kind: int, mass: float, volume: float, span: tuple[float, float]) -> None:
+    def add_point(name: str, position, kind: int, mass: float, volume: float, span: tuple[float, float]) -> None:
         number[name] = len(ms.pointList) + 1
         ms.addPoint(kind, np.array(position, float), m=mass, v=volume)
         ms.pointList[-1].zSpan = list(span)
@@ -92,7 +89,7 @@ def moorpy_system(scene: dict[str, Any], moved: list[str]) -> Any:
     return ms, [ms.pointList[number[name] - 1] for name in moved]
 
 
-def reference(name: str) -> list[dict[str, Any]]:
+def reference(name: str) -> list[Found]:
     """MoorPy's curves."""
     ms, points = moorpy_system(*scene_of(name))
     start = [p.r.copy() for p in points]
@@ -115,7 +112,7 @@ def reference(name: str) -> list[dict[str, Any]]:
     return rows
 
 
-def ours(name: str) -> list[dict[str, Any]]:
+def ours(name: str) -> list[Found]:
     """The same by this package."""
     import dropper_jax as dj
     from dropper_jax.study.offsets import offset_curves
@@ -124,7 +121,7 @@ def ours(name: str) -> list[dict[str, Any]]:
     return offset_curves(dj.load_scene(scene), moved, DIRECTIONS, DISTANCES[name])
 
 
-def differences(found: list[dict[str, Any]], known: list[dict[str, Any]]) -> tuple[float, float]:
+def differences(found: list[Found], known: list[Found]) -> tuple[float, float]:
     """Maximum difference of horizontal force and of maximum tension, each over MoorPy's maximum of the curve."""
     force, other = (np.array([row["force_n"][:2] for row in rows]) for rows in (found, known))
     tension, theirs = (np.array([row["max_tension_n"] for row in rows]) for rows in (found, known))

@@ -12,15 +12,12 @@ of differences over 1 cm (`getCoupledStiffness`): the analytic one is the same b
 line that sags to the bed, which break the mirror symmetry of the floats.
 """
 
-from __future__ import annotations
-
 import json
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from study import command, show, stored
+from study import Found, command, show, stored
 
 FILE = Path(__file__).parent / "results" / "moorpy_stiffness.json"
 DENSITY, GRAVITY = 1025.0, 9.81
@@ -28,7 +25,7 @@ DENSITY, GRAVITY = 1025.0, 9.81
 MOVE = 0.01
 
 
-def spread() -> dict[str, Any]:
+def spread() -> Found:
     """Three chains to fairleads that are held."""
     anchors = [[800.0, 1385.64, -600.0], [-1600.0, 0.0, -600.0], [800.0, -1385.64, -600.0]]
     fairleads = [[10.0, 17.32, -21.0], [-20.0, 0.0, -21.0], [10.0, -17.32, -21.0]]
@@ -44,9 +41,9 @@ def spread() -> dict[str, Any]:
     }
 
 
-def bridles() -> dict[str, Any]:
+def bridles() -> Found:
     """Three polyester lines that each part in two, to six fairleads that are held."""
-    points: dict[str, Any] = {}
+    points = {}
     lines, asked = [], []
     anchors = [[172.7, -100.0, -100.0], [0.0, 200.0, -100.0], [-172.7, -100.0, -100.0]]
     joints = [[34.64, -20.0, -50.0], [0.0, 40.0, -50.0], [-34.64, -20.0, -50.0]]
@@ -63,7 +60,7 @@ def bridles() -> dict[str, Any]:
     return {"depth": 100.0, "type": kind, "points": points, "lines": lines, "asked": asked}
 
 
-def floats() -> dict[str, Any]:
+def floats() -> Found:
     """Two floats of 50 m3 on chains, and a chain of 250 m between them that lies on the bed in its middle."""
     return {
         "depth": 100.0,
@@ -83,7 +80,7 @@ def floats() -> dict[str, Any]:
 SYSTEMS = {"spread": spread, "bridles": bridles, "floats": floats}
 
 
-def scene_of(system: dict[str, Any]) -> dict[str, Any]:
+def scene_of(system: Found) -> Found:
     """Plain values of a scene."""
     points = []
     for name, point in system["points"].items():
@@ -103,7 +100,7 @@ def scene_of(system: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def reference(system: dict[str, Any]) -> dict[str, Any]:
+def reference(system: Found) -> Found:
     """MoorPy's matrix of the points that are asked for [N/m], and where they are [m]."""
     import moorpy
 
@@ -132,7 +129,7 @@ def reference(system: dict[str, Any]) -> dict[str, Any]:
     return {"stiffness": matrix[np.ix_(rows, rows)].tolist(), "positions": [p.r.tolist() for p in asked]}
 
 
-def ours(system: dict[str, Any]) -> np.ndarray:
+def ours(system: Found) -> np.ndarray:
     """The same by this package."""
     import dropper_jax as dj
     from dropper_jax.statics.stiffness import mooring_stiffness

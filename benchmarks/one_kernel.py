@@ -3,8 +3,6 @@
 python benchmarks/one_kernel.py [--pairs 5] [--cases NAME ...] [--out benchmarks/results/one_kernel.json]
 """
 
-from __future__ import annotations
-
 import jax
 from same_speed import CASES, HERE, Side, pairs
 from study import RESULTS, collect, command, describe

@@ -1,7 +1,5 @@
 """Tables of the paper's cases."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from study import Found, Rows, columns, joined, table_of

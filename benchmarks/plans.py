@@ -7,13 +7,10 @@ of links, once with a length that is not known. Each is planned, then made `--tw
 fitted by `shooting`; the scatter of the fitted values is the error that was to be foretold. Writes results/plans.json.
 """
 
-from __future__ import annotations
-
 import time
-from typing import Any
 
 import numpy as np
-from study import RESULTS, command, store, stored
+from study import RESULTS, Found, command, store, stored
 
 from fitting.calibration.fit import fit
 from fitting.calibration.plan import plan
@@ -24,7 +21,7 @@ GAP_WEIGHT = 1e-3
 APART = 1.5
 
 
-def chain(name: str, angles: list[float]) -> dict[str, Any]:
+def chain(name: str, angles: list[float]) -> Found:
     """A chain of 0.8 m let go from angles to the vertical [rad]."""
     links = len(angles)
     return {
@@ -44,7 +41,7 @@ def chain(name: str, angles: list[float]) -> dict[str, Any]:
 
 #: Pairs: what differs, and two measurements (scene, duration [s], noise [rad]); both free the same parameters.
 DRAG = ("b_l", "b_q")
-PAIRS: tuple[tuple[str, tuple[str, ...], tuple[Any, ...], tuple[Any, ...]], ...] = (
+PAIRS: tuple[tuple[str, tuple[str, ...], tuple, tuple], ...] = (
     ("height of release", DRAG, (chain("low", [0.3]), 8.0, 0.01), (chain("high", [1.3]), 8.0, 0.01)),
     ("duration", DRAG, (chain("short", [1.2]), 4.0, 0.01), (chain("long", [1.2]), 12.0, 0.01)),
     ("noise, two links", DRAG, (chain("sharp", [1.0, 0.5]), 6.0, 0.004), (chain("dull", [1.0, 0.5]), 6.0, 0.01)),
@@ -59,12 +56,12 @@ PAIRS: tuple[tuple[str, tuple[str, ...], tuple[Any, ...], tuple[Any, ...]], ...]
 )
 
 
-def names(found: dict[str, Any]) -> list[str]:
+def names(found: Found) -> list[str]:
     """Names of the coefficients of drag."""
     return [name for name in found["predicted"] if ".b_" in name]
 
 
-def measured(free: tuple[str, ...], scene: dict[str, Any], duration: float, noise: float, twins: int) -> dict[str, Any]:
+def measured(free: tuple[str, ...], scene: Found, duration: float, noise: float, twins: int) -> Found:
     """Errors of one measurement, predicted and as twins scatter."""
     (row,) = plan([scene], free, durations=[duration], noises=[noise], gap_weight=GAP_WEIGHT)
     motion = simulate_truth(scene, duration)

@@ -6,13 +6,10 @@ A synthetic trace of the lab dropper (scenario A, 16 s, 60 Hz, 5 mrad) is fitted
 Writes results/posterior.json.
 """
 
-from __future__ import annotations
-
 import time
-from typing import Any
 
 import numpy as np
-from study import RESULTS, command, describe, say, store
+from study import RESULTS, Found, command, describe, say, store
 
 import dropper_jax as dj
 from fitting.calibration.estimating import estimate
@@ -26,7 +23,7 @@ SCENE, DURATION, NOISE, OFF = "dropper-release-a", 16.0, 0.005, 1.5
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
-def timed(work: Any) -> tuple[Any, dict[str, float]]:
+def timed(work) -> tuple[object, dict[str, float]]:
     """What a piece of work gives, and its seconds by the clock and of the processor."""
     clock, processor = time.perf_counter(), time.process_time()
     found = work()
@@ -43,7 +40,7 @@ def main(args) -> None:
     solution, seconds = timed(lambda: estimate(prepare(trace, wrong, names), "shooting"))
     say({"status": solution.status, **seconds})
     fitted = uncertainty(solution)
-    rows: list[dict[str, Any]] = []
+    rows: list[Found] = []
     samplers = {"importance": lambda: importance(solution, 200), "NUTS": lambda: nuts(solution, args.draws)}
     for name, sample in samplers.items():
         found, seconds = timed(sample)

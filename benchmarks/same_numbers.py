@@ -21,8 +21,6 @@ from second differences of positions); `--rounding` lets them pass. Only public 
 in old checkouts: there with PYTHONPATH set to them.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import sys

@@ -8,8 +8,6 @@ microseconds per step of the other checkout and of this one, their ratio (median
 the middle half), and the same of compilation. Only public names are used, so that the other may be old.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import statistics

@@ -1,7 +1,5 @@
 """Tables of the sources, the thesis and the sea."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from study import Found, Rows, columns, markdown, percent, table_of

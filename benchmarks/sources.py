@@ -5,8 +5,6 @@
 Takes about a minute. Writes results/sources.json, of which `python benchmarks/tables.py` makes tables.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator
 from importlib import resources

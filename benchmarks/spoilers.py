@@ -10,17 +10,14 @@ bound of the model with the true spoiler free, of one uninterrupted run with the
 results/spoilers.json.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from closed_chain import Chain
 from scipy.interpolate import CubicSpline
-from study import RESULTS, command, say, store
+from study import RESULTS, Found, command, say, store
 
 from fitting.calibration.advice import omitted_parameter_bias, wide
 from fitting.calibration.estimating import estimate, with_sound_windows
@@ -168,7 +165,7 @@ def _seen(d: Draw, theta: np.ndarray) -> np.ndarray:
     return np.unwrap(np.arctan2(-link[..., 1], link[..., 0]), axis=0)
 
 
-def scene() -> dict[str, Any]:
+def scene() -> Found:
     """What the researcher believes, with damping twice off."""
     return {
         "run": {"dt": 1 / RATE, "duration": DURATION},
@@ -216,7 +213,7 @@ def bound(prepared: Prepared, d: Draw, simulator: Simulator) -> np.ndarray:
         return np.full(2, np.nan)
 
 
-def one(kind: str, number: int, shared: list[Simulator]) -> dict[str, Any]:
+def one(kind: str, number: int, shared: list[Simulator]) -> Found:
     """One trace, fitted."""
     begun = time.process_time()
     d, trace = draw(kind, number)
@@ -245,7 +242,7 @@ def one(kind: str, number: int, shared: list[Simulator]) -> dict[str, Any]:
 @command(draws=20, first=0, only=list(SPOILERS), out=RESULTS / "spoilers.json")
 def main(args) -> None:
     shared: list[Simulator] = []
-    rows: list[dict[str, Any]] = []
+    rows: list[Found] = []
     for number in range(args.first, args.first + args.draws):
         for kind in args.only:
             rows.append(one(kind, number, shared))

@@ -8,8 +8,6 @@ with a folder of compiled programs of its own, empty at first, each process on o
 another checkout.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess

@@ -1,7 +1,5 @@
 """What studies share: results in `results/`, the machine they were made on, tables in Markdown."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

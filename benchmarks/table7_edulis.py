@@ -4,14 +4,12 @@ Both codes get the scene turned by 90 degrees: waves then travel in +x and MoorD
 buoys feel the dynamic pressure. Both start from the static pose found here.
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from moordyn_runs import theirs_many
+from study import Found
 
 import dropper_jax as dj
 from dropper_jax.moordyn.writing.writer import write_moordyn
@@ -98,10 +96,10 @@ def statistics(t: np.ndarray, found: dict[str, np.ndarray]) -> dict[str, dict[st
     return rows
 
 
-def edulis() -> dict[str, Any]:
+def edulis() -> Found:
     """Statistics of both codes, ours with errors by step and links, MoorDyn's by its step."""
     scene = turned()
-    made: dict[str, Any] = {}
+    made = {}
     order = iter(RUNS)
 
     def run(variant: dj.Scene) -> Solution:
@@ -125,8 +123,8 @@ def edulis() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _row(name: str, made: dict[str, Any], there: dict[str, Any]) -> dict[str, Any]:
-    row: dict[str, Any] = {"name": name}
+def _row(name: str, made: Found, there: Found) -> Found:
+    row = {"name": name}
     for what in ("mean", "deviation", "min", "max"):
         steps = [made[key][name][what] for key in ("1", "2", "4")]
         links = 4.0 / 3.0 * abs(made["links"][name][what] - steps[0]) if "links" in made else 0.0  # second order

@@ -7,13 +7,9 @@ ten agree within 3 % the four values must; elsewhere the motion is chaotic, and 
 Takes about half an hour on one core. Writes results/table7_peaks.json; `python benchmarks/tables.py` makes the table.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 from paper_cases import TABLE_7, case
-from study import command, describe, say, store, stored
+from study import Found, command, describe, say, store, stored
 
 import dropper_jax as dj
 
@@ -27,7 +23,7 @@ STEPS_OF = {1: STEPS, 2: STEPS, 3: SHORT, 4: SHORTEST, 5: SHORT}
 MOVED = 1e-6  # [m]
 
 
-def loads(number: int, scheme: str, dt: float, moved: float = 0.0) -> dict[str, Any]:
+def loads(number: int, scheme: str, dt: float, moved: float = 0.0) -> Found:
     """Least, mean and largest tension [N] of the links at both ends over the first 150 s."""
     scene = case(number)
     buoy = scene.value("point.buoy.position")

@@ -5,8 +5,6 @@ The loss against one parameter, by a single run and by windows, and the growth o
 python benchmarks/why_windows.py
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

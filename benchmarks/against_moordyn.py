@@ -23,7 +23,7 @@ from dataclasses import fields, replace
 import jax.numpy as jnp
 import numpy as np
 from explicit_schemes import schemes
-from moordyn_runs import Ours, theirs
+from moordyn_runs import GRID, Ours, theirs
 from moordyn_speed import PEAKS, peaks, speed
 from paper_cases import TABLE_7, case
 from study import Found, collect, command, describe, versions
@@ -50,7 +50,7 @@ def both(number: int, ratio: float) -> Found:
     """One case in both codes: statistics of the whole run and of its settled part."""
     scene = case(number, ratio)
     here = Ours.of(scene).run(EVERY, SPAN)
-    there = theirs(scene, STEPS[ratio], SPAN, look=0.01, grid=True)
+    there = theirs(scene, STEPS[ratio], SPAN, look=0.01, across=GRID)
     found = {"case": number, "damping_ratio": ratio}
     for name, rows, dt in (("ours", here, 0.1 / EVERY), ("moordyn", there, STEPS[ratio])):
         found[name] = {

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from moordyn_runs import SAMPLE, Ours, Rows, theirs
+from moordyn_runs import SAMPLE, Looks, Ours, Rows, rows_of, theirs
 from moordyn_speed import HARD, RAMP, SMOOTH, SPAN, driven, driven_chain
 from paper_cases import case
 from study import Found, collect, command, describe, say, versions
@@ -121,7 +121,7 @@ def in_cabledyn(scene: Scene, place: Callable[[float], np.ndarray], dt: float) -
         if "free" in kinds:  # from a free point to a driven one CableDyn counts the first end as the fairlead
             ends.reverse()
         rest = np.array(model.channels(ends))
-        rows, cpu, inner = [], 0.0, max(1, round(SAMPLE / dt))
+        rows, cpu = [], 0.0
         q, v, a = start.copy(), np.zeros_like(start), np.zeros_like(start)
         for i in range(round(SPAN / dt)):
             t = (i + 1) * dt
@@ -132,11 +132,9 @@ def in_cabledyn(scene: Scene, place: Callable[[float], np.ndarray], dt: float) -
             model.step(dt, q, v, a)
             cpu += time.process_time() - begun
             rows.append(model.channels(ends))
-    found = np.array(rows)
-    found = found[: len(found) // inner * inner].reshape(-1, inner, 2)
-    t = max(SAMPLE, dt) * np.arange(1, len(found) + 1)
-    mean, square = found.mean(axis=1), (found**2).mean(axis=1)
-    return rest, Rows(t, mean, square, found.min(axis=1), found.max(axis=1), np.zeros((len(found), 3)), cpu, cpu)
+    t = np.round(dt * np.arange(1, len(rows) + 1), 9)
+    seen = Looks(t, np.array(rows), np.zeros((len(rows), 1, 3)), cpu, cpu, "ok")
+    return rest, rows_of(seen, max(1, round(SAMPLE / dt)))
 
 
 def statistics(rows: Rows) -> Found:

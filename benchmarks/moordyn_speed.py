@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from moordyn_runs import SAMPLE, Ours, Rows, theirs
+from moordyn_runs import GRID, SAMPLE, Ours, Rows, theirs
 from study import Found, say, stored
 from table7_edulis import turned
 
@@ -103,10 +103,10 @@ def speed(case: Callable[[int], Scene]) -> Iterator[Found]:
             )
             for how, motion, wanted in (("hard", HARD, 1.5), ("smooth", SMOOTH, 4.0))
         ),
-        ("case 1 (MoorDyn: wave grid)", case(1), 4.0, SAMPLE, {"grid": True}),
-        ("case 3, 29 components (both: wave grid)", gridded, 2.0, SAMPLE, {"grid": True}),
+        ("case 1 (MoorDyn: wave grid)", case(1), 4.0, SAMPLE, {"across": GRID}),
+        ("case 3, 29 components (both: wave grid)", gridded, 2.0, SAMPLE, {"across": GRID}),
         ("case 3, 29 components (both: exact kinematics)", case(3), 2.0, SAMPLE, {}),
-        ("edulis-longline (both: wave grid)", longline, 1.0, SAMPLE, {"grid": True, **own}),
+        ("edulis-longline (both: wave grid)", longline, 1.0, SAMPLE, own),
     ):
         yield from compare(name, scene, wanted, calls, **options)
 
@@ -190,8 +190,8 @@ def peaks(case: Callable[[int], Scene], only: str | None = None, runs: int = RUN
     """
     drawn_by = {
         "hard": lambda i: _hard(case, i),
-        "case_1": lambda i: (_shifted(case(1), i), {"grid": True}),
-        "case_3": lambda i: (_shifted(case(3), i), {"grid": True}),
+        "case_1": lambda i: (_shifted(case(1), i), {"across": GRID}),
+        "case_3": lambda i: (_shifted(case(3), i), {"across": GRID}),
     }
     earlier = {row["name"]: row for row in stored("moordyn", {}).get("peaks", [])} if only else {}
     for key, name in PEAKS.items():

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from moordyn_runs import theirs
+from moordyn_runs import GRID, theirs
 from paper_cases import TABLE_7, case
 from study import Found, collect, command, describe, store, stored, versions
 from table7_edulis import edulis
@@ -75,7 +75,7 @@ def ours(scene: dj.Scene, spans: tuple[float, ...]) -> Found:
 
 def in_moordyn(number: int, ratio: float) -> Found:
     """A case in MoorDyn v2: tensions of the end segments with their sign, and as sizes."""
-    rows = theirs(case(number, ratio), STEPS[ratio], SPAN, look=0.01, grid=number != 4)
+    rows = theirs(case(number, ratio), STEPS[ratio], SPAN, look=0.01, across=None if number == 4 else GRID)
     found = rows.statistics()
     return {"case": number, "damping_ratio": ratio, "dt_s": STEPS[ratio], **found}
 

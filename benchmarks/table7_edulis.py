@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from moordyn_runs import theirs_many
+from moordyn_runs import looks_at
 from study import Found
 
 import dropper_jax as dj
@@ -65,18 +65,15 @@ def series_here(run: Solution) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 
 def series_there(scene: dj.Scene, dt: float) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
-    """The same in MoorDyn."""
+    """The same in MoorDyn, and `ok` or what went wrong."""
     number = {line.name: i + 1 for i, line in enumerate(scene.lines)}
     ends = [(number[line], last) for _, line, last in ENDS]
-    places = []
-    for _, point in POINTS:
-        line = next(line for line in scene.lines if point == line.end)
-        places.append((number[line.name], True))
-    t, pulls, where, status = theirs_many(scene, dt, SPAN, LOOK, ends, places, across=(-60, 120))
-    found = {name: pulls[:, i] for i, (name, *_) in enumerate(ENDS)}
+    points = [(next(number[line.name] for line in scene.lines if line.end == point), True) for _, point in POINTS]
+    seen = looks_at(scene, dt, SPAN, LOOK, ends, points, across=(-60, 120), waveKin_rampT=0.0)
+    found = {name: np.abs(seen.tension[:, i]) for i, (name, *_) in enumerate(ENDS)}
     for j, (name, _) in enumerate(POINTS):
-        found.update({f"{name}, {axis}": where[:, j, i] for i, axis in enumerate(AXES)})
-    return t, found, status
+        found.update({f"{name}, {axis}": seen.position[:, j, i] for i, axis in enumerate(AXES)})
+    return seen.t, found, seen.status
 
 
 def statistics(t: np.ndarray, found: dict[str, np.ndarray]) -> dict[str, dict[str, float]]:

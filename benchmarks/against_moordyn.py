@@ -28,10 +28,8 @@ from moordyn_speed import PEAKS, peaks, speed
 from paper_cases import TABLE_7, case
 from study import Found, collect, command, describe, versions
 
-from dropper_jax import Scene, load_scene
-from dropper_jax.base.fields import component
+from dropper_jax import Kinematics, Scene, component, load_scene
 from dropper_jax.effects.spar_buoys import Around, SparBuoys
-from dropper_jax.model import Kinematics
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.static_pose import equilibrium
 

@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from study import command, say, store, stored
 
-from dropper_jax import load_scene
-from dropper_jax.load.scene import Scene
-from fitting.calibration.fit import estimate, prepare, summarise
-from fitting.calibration.result import FitResult
+from dropper_jax import Scene, load_scene
+from fitting import FitResult, prepare
+from fitting.calibration.fit import estimate, summarise
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import fit_shooting, joined_step

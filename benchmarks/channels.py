@@ -27,10 +27,11 @@ from scipy.interpolate import CubicSpline
 from study import Found, command, describe, say, store, stored
 
 import dropper_jax as dj
-from fitting.channels.fit import first_point, fit_channels, pose, settle_noise
+from fitting import ChannelFit, fit_channels
+from fitting.channels.fit import first_point, pose, settle_noise
 from fitting.channels.noise import Evaluation
 from fitting.channels.problem import Problem
-from fitting.channels.result import ChannelFit, errors_of
+from fitting.channels.result import errors_of
 from fitting.channels.sensors import projection
 
 

@@ -12,8 +12,6 @@ import numpy as np
 from study import Found, command, show
 
 import dropper_jax as dj
-from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.simulate import simulate
 from dropper_jax.study.load_errors import load_errors, twice_the_links
 
 LOADS = ("mean", "deviation", "window_maximum", "maximum")
@@ -72,12 +70,12 @@ SCENES: dict[str, tuple] = {
 }
 
 
-def stated(scene: Scene, dt: float) -> Found:
-    found = load_errors(scene.with_values({"run.dt": dt}), simulate, SKIP)
+def stated(scene: dj.Scene, dt: float) -> Found:
+    found = load_errors(scene.with_values({"run.dt": dt}), dj.simulate, SKIP)
     return {**found["loads"][0], "not_resolved": bool(found["not_resolved"]), "chaotic": found["chaotic"]}
 
 
-def truth(scene: Scene, dt: float, at: float) -> dict[str, float]:
+def truth(scene: dj.Scene, dt: float, at: float) -> dict[str, float]:
     """Loads of a run with four times the links and an eighth of the step, at the same arc length."""
     from dropper_jax.report.record import record
     from dropper_jax.study.load_errors import line_loads
@@ -93,7 +91,7 @@ def main(args) -> None:
     show("scene", "step [s]", "load", "value [N]", "stated", "true", "stated/true", "")
     for name in args.scenes:
         given, steps = SCENES[name]
-        scene = load_scene(given)
+        scene = dj.load_scene(given)
         scene = scene.with_values({"run.duration": min(scene.run.duration, 20.0)})
         right: dict[float, dict[str, float]] = {}
         for dt in steps:

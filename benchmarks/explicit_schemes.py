@@ -16,10 +16,8 @@ from moordyn_runs import SAMPLE, Ours, Rows
 from moordyn_speed import SMOOTH, driven_chain
 from study import Found
 
-from dropper_jax import Scene
-from dropper_jax.run.build import build
-from dropper_jax.stepping.integrate import integrate, observe
-from dropper_jax.stepping.stepper import make_stepper
+from dropper_jax import Scene, build, integrate, make_stepper
+from dropper_jax.stepping.integrate import observe
 
 SPAN, SETTLED = 30.0, 10.0  # [s]
 RATIOS = (1.0, 0.1, 0.0)

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from study import command, store, stored
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from fitting.optimise.models import with_design
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import PERMITTED_EXCESS, PRICE, Search, run_search, violation

@@ -16,11 +16,10 @@ import numpy as np
 from study import RESULTS, Found, command, say, show, store, stored
 
 import dropper_jax as dj
+from fitting import Convention, Trace, prepare
 from fitting.calibration.comparison import compare
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import LADDER, PARTS
-from fitting.calibration.preparation import prepare
-from fitting.traces.trace import Convention, Trace
 
 RATE, NOISE, FINE, WINDOW = 60.0, 5e-4, 32, 1.4
 #: Watched for [s]: one link shows laws by one amplitude alone, as it falls.

@@ -25,7 +25,6 @@ from layout_draws import DURATION, STEP, TOPOLOGIES, Scene, layout
 from study import command, show, store
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
 from dropper_jax.statics import rest
 
 #: Largest unbalanced force, and most negative stiffness, of a pose that counts as found; largest misfit of a check.
@@ -73,7 +72,7 @@ def judged(seed: int) -> Scene:
     try:
         scene = dj.load_scene(layout(seed))
         pose = dj.equilibrium(scene)
-    except SceneError as error:
+    except dj.SceneError as error:
         return found | {"ok": False, "why": f"refused: {error}"}
     found["seconds"] = time.perf_counter() - begin
     model = rest(dj.run.build.build_model(scene))

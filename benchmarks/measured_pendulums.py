@@ -19,10 +19,11 @@ import numpy as np
 from study import command, say, store, stored
 
 from dropper_jax import load_scene
+from fitting import fit, prepare, read_trace
 from fitting.calibration.comparison import compare
-from fitting.calibration.fit import estimate, fit, prepare, summarise
+from fitting.calibration.fit import estimate, summarise
 from fitting.calibration.result import score_held_out
-from fitting.traces.trace import convention, read_trace
+from fitting.traces.trace import convention
 
 DOWN = convention("down", 1, "rad")
 #: Windows of the law comparison [s]: many enough for a standard error of the score.

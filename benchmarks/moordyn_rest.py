@@ -14,9 +14,7 @@ from pathlib import Path
 import numpy as np
 from study import Found, command, say, store, stored, versions
 
-from dropper_jax import Scene, equilibrium, load_scene
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.packaged import scene_names
+from dropper_jax import Scene, SceneError, equilibrium, load_scene, scene_names
 from dropper_jax.moordyn.writing.differences import moved_points
 from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.statics.search import Equilibrium

@@ -15,9 +15,8 @@ from pathlib import Path
 
 from study import RESULTS, Found, command, describe, say, store, versions
 
-from dropper_jax import Scene, load_scene
+from dropper_jax import Scene, build, load_scene
 from dropper_jax.plots import style
-from dropper_jax.run.build import build
 from dropper_jax.study.march import Scheme, runnable
 from dropper_jax.study.peers import peer_rows
 from dropper_jax.study.pictures import marks, title

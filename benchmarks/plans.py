@@ -12,7 +12,7 @@ import time
 import numpy as np
 from study import RESULTS, Found, command, store, stored
 
-from fitting.calibration.fit import fit
+from fitting import fit
 from fitting.calibration.plan import plan
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 

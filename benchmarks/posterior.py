@@ -12,8 +12,8 @@ import numpy as np
 from study import RESULTS, Found, command, describe, say, store
 
 import dropper_jax as dj
+from fitting import prepare
 from fitting.calibration.estimating import estimate
-from fitting.calibration.preparation import prepare
 from fitting.estimate.nuts import nuts
 from fitting.estimate.posterior import importance
 from fitting.estimate.uncertainty import uncertainty

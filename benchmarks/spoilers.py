@@ -19,17 +19,16 @@ from closed_chain import Chain
 from scipy.interpolate import CubicSpline
 from study import RESULTS, Found, command, say, store
 
+from fitting import Convention, Trace, prepare
 from fitting.calibration.advice import omitted_parameter_bias, wide
 from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.freeing import free_by_advice, with_freed
-from fitting.calibration.preparation import prepare
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.estimate.shooting import joined_step
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import uncertainty
-from fitting.traces.trace import Convention, Trace
 
 LENGTH, MASS = np.array([0.15, 0.14, 0.16, 0.15]), np.array([0.05, 0.06, 0.05, 0.05])
 END, LINEAR, QUADRATIC = np.array([0.38, 0.0]), 4e-3, 4e-3

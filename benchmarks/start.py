@@ -44,8 +44,8 @@ PROGRAMS = (
 #: Writes traces of the lab dropper, ten seconds of a known truth with noise.
 TRACES = """
 import sys
+from fitting import write_trace
 from fitting.traces.synthetic import Camera, synthetic_traces
-from fitting.traces.trace import write_trace
 write_trace(sys.argv[1], synthetic_traces(["dropper-release-a"], 10.0, Camera(angle_noise=0.005))[0])
 """
 

@@ -15,10 +15,9 @@ from closed_chain import Chain
 from study import RESULTS, Found, command, describe, say, store
 
 import dropper_jax as dj
-from fitting.calibration.fit import fit
+from fitting import Convention, Trace, fit
 from fitting.cli.sweep import use_cores
 from fitting.sweep.against_trace import PARTS, TraceScores, sweep_against_trace
-from fitting.traces.trace import Convention, Trace
 
 #: Thesis Table E.1: b_l [kg/s] and b_q [kg/m].
 PAIRS = {

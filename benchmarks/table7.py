@@ -20,10 +20,7 @@ from study import Found, collect, command, describe, store, stored, versions
 from table7_edulis import edulis
 
 import dropper_jax as dj
-from dropper_jax import Scene
-from dropper_jax.base.errors import SceneError
 from dropper_jax.moordyn.writing.outputs import channel_values
-from dropper_jax.run.simulate import Solution
 
 NUMBERS = (1, 2, 3, 4, 5)
 #: The paper gives no durations; its figures and texts speak of times up to 143.9 s.
@@ -44,7 +41,7 @@ def loads(values: np.ndarray) -> dict[str, float]:
     return {"min": float(np.min(values)), "mean": float(np.mean(values)), "max": float(np.max(values))}
 
 
-def of_run(run: Solution, span: float) -> Found:
+def of_run(run: dj.Solution, span: float) -> Found:
     """Loads at both ends up to a time: tension of the end link, and size of the force on the anchor's node."""
     kept, shown = run.t_tension <= span, run.t <= span
     settled = run.tension[kept & (run.t_tension > SETTLED), 0]
@@ -66,7 +63,7 @@ def ours(scene: dj.Scene, spans: tuple[float, ...]) -> Found:
     """A scene here: loads up to each time, or why there are none."""
     try:
         run = dj.simulate(scene.with_values({"run.duration": max(spans)}))
-    except SceneError as error:
+    except dj.SceneError as error:
         return {"status": str(error), "spans": []}
     if run.status not in ("ok", "energy_drift"):
         return {"status": run.status, "spans": []}
@@ -90,9 +87,9 @@ class Convention:
 
     name: str
     cases: tuple[int, ...]
-    values: Callable[[Scene], Mapping]
+    values: Callable[[dj.Scene], Mapping]
 
-    def changed(self, scene: Scene) -> Scene:
+    def changed(self, scene: dj.Scene) -> dj.Scene:
         return scene.with_values(dict(self.values(scene)))
 
 
@@ -102,13 +99,13 @@ def _fixed(name: str, cases: tuple[int, ...], **values) -> Convention:
     return Convention(name, cases, lambda scene: paths)
 
 
-def _friction(scene: Scene) -> Found:
+def _friction(scene: dj.Scene) -> Found:
     has = "seabed_friction" in scene.effects
     return {"effects.seabed_friction.kinetic": 0.0 if has else 0.5}
 
 
-def _phases(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Scene], Found]:
-    def values(scene: Scene) -> Found:
+def _phases(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[dj.Scene], Found]:
+    def values(scene: dj.Scene) -> Found:
         phase = np.asarray(scene.sea.waves.phase if scene.sea.waves.phase is not None else 0.0, float)
         found = change(phase)
         return {"sea.waves.phase": found.tolist()}
@@ -116,16 +113,16 @@ def _phases(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Scene], Fou
     return values
 
 
-def _slim(scene: Scene) -> float:
+def _slim(scene: dj.Scene) -> float:
     """Draught at rest over the buoy's diameter: its side is taken as wet to there at all times."""
     return DRAUGHT / scene.buoys[0].diameter
 
 
-def _half(scene: Scene) -> float:
+def _half(scene: dj.Scene) -> float:
     return 0.5 * scene.buoys[0].height
 
 
-def _lower(scene: Scene) -> Found:
+def _lower(scene: dj.Scene) -> Found:
     x, y, _ = next(point for point in scene.points if point.name == "buoy").position
     return {"point.buoy.position": [float(x), float(y), -2.0 * 4.43]}
 

@@ -13,7 +13,6 @@ from study import Found
 
 import dropper_jax as dj
 from dropper_jax.moordyn.writing.writer import write_moordyn
-from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.data import point_nodes
 from dropper_jax.study.load_errors import load_errors
 
@@ -54,7 +53,7 @@ def turned() -> dj.Scene:
     return dj.Scene.from_dict({**table, "start": {"kind": "points"}, "run": {**table["run"], "duration": SPAN}})
 
 
-def series_here(run: Solution) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def series_here(run: dj.Solution) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times [s] and values over time by name: tensions of end links [N], places of points [m]."""
     links = {line.name: line.links for line in run.lines}
     nodes = point_nodes(run.scene)
@@ -99,7 +98,7 @@ def edulis() -> Found:
     made = {}
     order = iter(RUNS)
 
-    def run(variant: dj.Scene) -> Solution:
+    def run(variant: dj.Scene) -> dj.Solution:
         solution = dj.simulate(variant)
         name = next(order)
         made[name] = statistics(*series_here(solution))

@@ -12,8 +12,8 @@ import numpy as np
 from study import command
 
 from dropper_jax.plots import style
+from fitting import prepare
 from fitting.calibration.fit import estimate
-from fitting.calibration.preparation import prepare
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import Solution

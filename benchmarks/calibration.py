@@ -297,7 +297,7 @@ def _windows(twin, noise: float, seed: int, length: float, dt: float, weight: fl
     return cut([trace], length, dt, [np.full(trace.links, noise if weight is None else weight)])
 
 
-@command(("part", tuple(PARTS)), seeds=0)
+@command({"part": tuple(PARTS)}, seeds=0)
 def main(args):
     found = PARTS[args.part](args.seeds)
     store(f"calibration_{args.part.removesuffix('-small')}", found)

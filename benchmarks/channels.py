@@ -310,7 +310,7 @@ def cameras(draws: int) -> Found:
 CASES = {"sea": sea, "cable": cable, "runs": runs, "cameras": cameras}
 
 
-@command(("cases", list(CASES)), draws=100)
+@command({"cases": list(CASES)}, draws=100)
 def main(given):
     kept = stored("channels", {})
     for name in given.cases:

@@ -111,7 +111,7 @@ def by_cma(judge, seed):
     cma.fmin2(judge, start, 0.15, settings)
 
 
-@command(("way", ("gradient", "de", "cma")), seed=1, limit=float)
+@command({"way": ("gradient", "de", "cma")}, seed=1, limit=float)
 def main(args):
     kept = stored("farm_search", {})
     design = problem()

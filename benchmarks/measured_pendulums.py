@@ -129,7 +129,7 @@ def thirds(case: Case, folder: Path) -> dict:
     return {"edges_s": list(edges), "parameters": [found.estimates() for found in fits]}
 
 
-@command(("rigs", [*CASES, "thirds"]))
+@command({"rigs": [*CASES, "thirds"]})
 def main(args) -> None:
     named = os.environ.get("DROPPER_MEASURED_DATA")
     if not named or not Path(named).is_dir():

@@ -193,7 +193,7 @@ def deck_of(name: str) -> str:
         return name
 
 
-@command(words=("scenes", list(scene_names())))
+@command({"scenes": list(scene_names())})
 def main(args) -> None:
     rows = [row for row in stored("moordyn_rest")["rows"] if row["scene"] not in args.scenes]
     decks: dict[str, str] = {}

@@ -184,7 +184,7 @@ def difference(found: np.ndarray, known: np.ndarray) -> float:
     return float(np.max(np.abs(found - known)) / np.max(np.abs(known)))
 
 
-@command(("systems", list(SYSTEMS)), reference=False)
+@command({"systems": list(SYSTEMS)}, reference=False)
 def main(args) -> None:
     if args.reference:
         store_reference(FILE, systems={name: reference(make()) for name, make in SYSTEMS.items()})

@@ -58,11 +58,10 @@ def describe() -> dict[str, object]:
 
 
 def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.machine())
+    information = Path("/proc/cpuinfo")
+    lines = information.read_text().splitlines() if information.exists() else []
+    named = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor() or platform.machine())
 
 
 def versions(*names: str) -> dict[str, str]:
@@ -107,7 +106,7 @@ def kilo_range(interval: list[float]) -> str:
 
 
 def command(
-    words: tuple[str, Sequence[str]] | None = None, **known: Any
+    words: Mapping[str, Any] | None = None, **known: Any
 ) -> Callable[[Callable[..., int | None]], Callable[..., int | None]]:
     """Run the function, the last of its file, as a command where the file is the program, with what `options` reads."""
 
@@ -141,29 +140,31 @@ def show(*cells: object) -> None:
     print("|", " | ".join(map(str, cells)), "|", flush=True)
 
 
-def options(doc: str | None, words: tuple[str, Sequence[str]] | None = None, **known: Any) -> argparse.Namespace:
-    """Options of a command by name and default, described by the module's text.
+def options(doc: str | None, words: Mapping[str, Any] | None = None, **known: Any) -> argparse.Namespace:
+    """Options of a command by name and default, described by the module's text; `words` are given without a name.
 
-    False: a flag. A list: some of its members. A tuple: one of its members, the first unless given, of which None is
-    none. A type: a value of it, None unless given. `words` are given without a name: of a list some of its members, all
-    unless given, of a tuple one.
+    False: a flag. A list: some of its members, all unless given. A tuple: one of its members, the first unless given,
+    of which None is none. A type: a value of it, None unless given; of a word in a list any number of them.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    if words:
-        name, members = words
-        if isinstance(members, list):  # the default is compared with the choices too
-            parser.add_argument(name, nargs="*", choices=[*members, members], default=members, metavar=name)
-        else:
-            parser.add_argument(name, choices=members)
+    for name, given in (words or {}).items():
+        parser.add_argument(name, **_settings(given, metavar=name))
     for name, given in known.items():
-        settings: dict[str, Any] = {"type": type(given), "default": given}
-        if given is False:
-            settings = {"action": "store_true"}
-        elif isinstance(given, list):
-            settings = {"nargs": "*", "type": type(given[0]), "choices": given, "default": given}
-        elif isinstance(given, tuple):
-            settings = {"choices": [one for one in given if one is not None], "default": given[0]}
-        elif isinstance(given, type):
-            settings = {"type": given}
-        parser.add_argument(f"--{name}", **settings)
+        parser.add_argument(f"--{name}", **_settings(given))
     return parser.parse_args()
+
+
+def _settings(given: Any, **more: str) -> dict[str, Any]:
+    """What argparse is given of an option, or of a word by its `metavar`."""
+    if given is False:
+        return {"action": "store_true"}
+    if isinstance(given, type):
+        return {"type": given, **more}
+    if isinstance(given, tuple):
+        return {"choices": [one for one in given if one is not None], **({} if more else {"default": given[0]})}
+    if isinstance(given, list) and isinstance(given[0], type):
+        return {"nargs": "*", "type": given[0], **more}
+    if isinstance(given, list):  # of a word the default is compared with the choices too
+        choices = [*given, given] if more else given
+        return {"nargs": "*", "type": type(given[0]), "choices": choices, "default": given, **more}
+    return {"type": type(given), "default": given}

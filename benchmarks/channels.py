@@ -19,7 +19,7 @@ cameras  the same chain kicked out of its plane at 0.15 m/s, in two cameras, the
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from channel_truths import CABLE, CHAIN, LONGLINES, cable_scene, cable_truth, chain_scene, chain_truth, longline, shaken
@@ -45,16 +45,19 @@ class Tally:
         self.failed = 0
         self.begun = time.perf_counter()
 
-    def add(self, found, name_of: Callable[[str], str] = str) -> None:
-        """One fit."""
+    def add(self, found, silent: bool = False) -> None:
+        """One fit, printed unless `silent`."""
+        names = [p.name for p in found.parameters]
+        e = found.errors
+        if not silent:
+            off = {n: round((found[n] - v) / e.std_error[names.index(n)], 2) for n, v in self.truth.items()}
+            say({"status": found.outcome, "seconds": round(found.seconds, 1), "off": off, "warnings": found.warnings})
         if found.status != "ok":
             self.failed += 1
             return
-        names = [p.name for p in found.parameters]
-        e = found.errors
-        self.notes.append({n: d for n, d in zip(names, e.determined, strict=True) if d != "yes"})
+        self.notes.append(dict(zip(names, e.determined, strict=True)))
         for name, rows in self.rows.items():
-            i = names.index(name_of(name))
+            i = names.index(name)
             rows.append((float(found.values[i]), float(e.std_error[i]), float(e.low[i]), float(e.high[i])))
 
     def table(self, **more) -> Found:
@@ -86,8 +89,6 @@ def sea(draws: int) -> Found:
 
 #: What is free, and what is known to 2 %.
 STIFFNESS, DRAG, CURRENT = "line_type.rope.EA", "line_type.sock.cdn", "sea.current.speed"
-#: Draws that are fitted from two times off by runs of their own; the others in the linear model where the first ended.
-WHOLE = 1
 
 
 def _sea(kind: str, draws: int) -> Found:
@@ -105,7 +106,6 @@ def _sea(kind: str, draws: int) -> Found:
     place = dj.load_scene(scene)
     truth = {name: place.value(name) for name in (STIFFNESS, DRAG, CURRENT)}
     rng, whole, linear = np.random.default_rng(1), Tally(truth), Tally(truth)
-    first, apart = None, []
     for draw in range(draws):
         noisy = {"t": t}
         for name, y in clean.items():
@@ -116,22 +116,21 @@ def _sea(kind: str, draws: int) -> Found:
             "start": {STIFFNESS: off * truth[STIFFNESS], DRAG: 0.5 * truth[DRAG], CURRENT: known},
             "priors": {CURRENT: (known, 0.02 * truth[CURRENT])},
         }
-        if draw < WHOLE:
-            found = fit_channels(_sea_data(noisy), scene, list(truth), check_step=kind != "slack", **given)
-            whole.add(found)
-            first = first or found
-            _say(found, truth)
-        again = _in_line(first, _sea_data(noisy), place, given)
-        linear.add(again)
-        if draw < WHOLE:
-            apart.append(float(np.max(np.abs(again.values - found.values) / found.errors.std_error)))
+        data = _sea_data(noisy)
+        if draw == 0:  # from two times off, by runs of its own; all draws in the linear model where it ends
+            first = fit_channels(data, scene, list(truth), check_step=kind != "slack", **given)
+            whole.add(first)
+        again = _in_line(first, data, place, given)
+        linear.add(again, silent=True)
+        if draw == 0:
+            apart = float(np.max(np.abs(again.values - first.values) / first.errors.std_error))
     names = [p.name for p in first.parameters]
     table = linear.table(
         sensitivity=dict(zip(names, first.errors.sensitivity.tolist(), strict=True)),
         step_s=first.solution.problem.dt,
         step_bias=None if first.step_bias is None else dict(zip(names, first.step_bias.tolist(), strict=True)),
         said=list(first.errors.why),
-        linear_from_whole_std_errors=apart,
+        linear_from_whole_std_errors=[apart],
     )
     return {**table, "whole": whole.table()}
 
@@ -169,13 +168,6 @@ def _in_line(first, data: Found, scene, given: Found):
     problem = InLine(**{f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)})
     point = settle_noise(first_point(problem), 40)
     return ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
-
-
-def _say(found, truth: Mapping[str, float]) -> None:
-    names = [p.name for p in found.parameters]
-    off = {n: round((found[n] - v) / found.errors.std_error[names.index(n)], 2) for n, v in truth.items() if n in names}
-    row = {"status": found.outcome, "seconds": round(found.seconds, 1), "off": off, "warnings": found.warnings}
-    say(row)
 
 
 def cable(draws: int) -> Found:
@@ -216,7 +208,6 @@ def _cable(stiffness: float, markers: Sequence[int], draws: int) -> Found:
         found = fit_channels(data, cable_scene(stiffness), list(truth))
         tally.add(found)
         bias = found.step_bias.tolist() if bias is None else bias
-        _say(found, truth)
     return tally.table(step_bias=bias)
 
 
@@ -303,7 +294,6 @@ def cameras(draws: int) -> Found:
         }
         found = fit_channels(data, scene, list(truth), start=start)
         tally.add(found)
-        _say(found, truth)
     return tally.table()
 
 

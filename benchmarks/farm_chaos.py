@@ -12,51 +12,27 @@ goes on where it stopped.
 import time
 
 import numpy as np
-from farm_design import problem
+from farm_design import Farm
 from study import command, say, store, stored
 
-from fitting.optimise.models import Still, sea_of, still, still_model, with_design
-from fitting.optimise.quantities import part_load
-from fitting.optimise.storm import WINDOW_RAMP, full_storm, peaks
-from fitting.optimise.values import Rest, near_rest, rest
+from fitting.optimise.storm import WINDOW_RAMP, full_storm
+from fitting.optimise.values import rest
 
 #: Share by which a variable is moved, and how many variables are.
 SHARE, STRONGEST = 0.03, 5
 DURATION = 60.0
 
 
-class Runs:
+class Runs(Farm):
     """Runs of moved designs: each kind of run is made of a design and takes a case."""
 
-    def __init__(self, site, variables, x):
-        self.site, self.variables, self.x = site, variables, x
-        self.storm = site.cases[0].storm
-        self.still = still(site, variables, x, self.storm)
-        self.rest = rest(self.still)
-        self.quantities = (part_load(self.still.model, site.parts[0]),)
+    def window(self, x):
+        run = self.peaks_of(x, DURATION)
+        return lambda case: float(run(case).hard[0])
 
-    def design(self, moved, calm):
-        """The model of a design and its pose at rest."""
-        model = still_model(self.site, self.variables, moved, self.storm, calm)
-        return model, near_rest(model, self.rest.state)
-
-    def peaks(self, model, pose, x, case, slopes=False):
-        sea = sea_of(self.site, with_design(self.site.scene, self.variables, x), case, WINDOW_RAMP)
-        return peaks(model, pose, sea, self.quantities, self.site.scene.run.dt, DURATION, slopes)
-
-    def slopes(self, case):
-        """Hard peak and its derivatives, the soft ones scaled."""
-        found = self.peaks(self.still, self.rest, self.x, case, True)
-        return float(found.hard[0]), (found.slope[0] * found.hard[0] / found.soft[0]).tolist()
-
-    def window(self, moved):
-        model, pose = self.design(moved, True)
-        own = Still(model, self.still.slopes), Rest(pose, self.rest.dr, self.rest.dtension)
-        return lambda case: float(self.peaks(*own, moved, case).hard[0])
-
-    def own_law(self, moved):
-        scene, (_, pose) = with_design(self.site.scene, self.variables, moved), self.design(moved, False)
-        return lambda case: float(full_storm(self.site, scene, case, self.quantities, pose).hard[0])
+    def own_law(self, x):
+        _, pose = self.at_rest(x, calm=False)
+        return lambda case: float(full_storm(self.site, self.scene(x), case, self.quantities, pose).hard[0])
 
 
 def mean_of(rows):
@@ -91,9 +67,10 @@ def foretold(kept, names, x):
 def main(args):
     begun = time.perf_counter()
     values = {"duration": DURATION, "seeds": args.seeds, "skip": WINDOW_RAMP, "ramp": WINDOW_RAMP}
-    site, variables, x = problem(args.loops, values)
-    names = [v.name for v in variables]
-    runs = Runs(site, variables, x)
+    runs = Runs(args.loops, values)
+    names, x = [v.name for v in runs.variables], runs.x
+    runs.prepare()
+    runs.rest = rest(runs.still)
     own = {"loops": args.loops, "seeds": args.seeds}
     kept = stored("farm_chaos", {})
     if {key: kept.get(key) for key in own} != own:
@@ -108,14 +85,16 @@ def main(args):
 
     def missing(rows):
         """Cases that are not in the rows, while there is time; the rows are stored when the next one is asked for."""
-        for case in site.cases:
+        for case in runs.site.cases:
             if str(case.seed) not in rows and time.perf_counter() - begun < args.seconds:
                 yield case
                 put()
 
     for case in missing(kept["base"]):
-        hard, slope = runs.slopes(case)
-        kept["base"][str(case.seed)] = {"hard": hard, "slope": slope}
+        found = runs.peaks(case, DURATION, slopes=True)
+        hard = float(found.hard[0])
+        # the slope of the soft peak, scaled
+        kept["base"][str(case.seed)] = {"hard": hard, "slope": (found.slope[0] * hard / found.soft[0]).tolist()}
         kept["start"]["window"][str(case.seed)] = hard
     if len(kept["base"]) < args.seeds:
         return
@@ -125,8 +104,7 @@ def main(args):
         designs = [(kept["start"][law], x)]
         for name in kept["variables"]:
             for sign, share in (("+", SHARE), ("-", -SHARE)):
-                moved = x.copy()
-                moved[names.index(name)] *= 1.0 + share
+                moved = runs.moved(names.index(name), share * x[names.index(name)])
                 designs.append((kept["moved"].setdefault(f"{name}{sign}{law}", {}), moved))
         for rows, moved in designs:
             run = None

@@ -8,7 +8,7 @@ warning were chosen with the seeds 7 to 9.
 """
 
 import numpy as np
-from study import Found, Rows, command, say, store, table_of
+from study import Found, Rows, collect, command, table_of
 
 from dropper_jax import Scene, equilibrium, load_scene
 from dropper_jax.run.growth import end_forces
@@ -60,14 +60,15 @@ def at_rest(scene: Scene) -> tuple[np.ndarray, bool]:
     return force, any("too few links" in text for text in pose_remarks(scene, pose.positions, pose.tension))
 
 
+def compare(links: int, values: Found) -> Found:
+    """A line with few links and with many."""
+    (force, warned), (fine, _) = (
+        at_rest(load_scene({**values, "line": [{**values["line"][0], "links": n}]})) for n in (links, FINE)
+    )
+    return {"links": links, "warned": warned, "error": float(np.max(np.abs(force / fine - 1.0)))}
+
+
 @command(draws=140, seed=10)
 def main(args) -> None:
-    rng, rows = np.random.default_rng(args.seed), []
-    for _ in range(args.draws):
-        links, values = drawn(rng)
-        (force, warned), (fine, _) = (
-            at_rest(load_scene({**values, "line": [{**values["line"][0], "links": n}]})) for n in (links, FINE)
-        )
-        rows.append({"links": links, "warned": warned, "error": float(np.max(np.abs(force / fine - 1.0)))})
-        say(rows[-1])
-    store("coarse_lines", {"seed": args.seed, "rows": rows})
+    rng = np.random.default_rng(args.seed)
+    collect("coarse_lines", {"rows": (compare(*drawn(rng)) for _ in range(args.draws))}, seed=args.seed)

@@ -9,8 +9,10 @@ pairs are watched with as much more noise as leaves a part worth 1 to 6, which i
 the true one among them. A row per truth; writes results/laws.json, which holds what was done when it is run again.
 """
 
+import itertools
 import sys
 import time
+from collections.abc import Iterator
 
 import numpy as np
 from study import RESULTS, Found, command, say, show, store, stored
@@ -77,9 +79,10 @@ def show_counts(rows: list[Found]) -> None:
         mine = [row for row in rows if row["links"] == links]
         strong = [row for row in mine if row["strong"] and not row["weak"]]
         weak = [row for row in mine if row["weak"]]
+        possible = [row for row in weak if row["inside"]]
         alone, inside = (sum(row[key] for row in strong) for key in ("alone", "inside"))
-        possible, left = sum(r["inside"] for r in weak), sum(r["inside"] and not r["alone"] for r in weak)
-        show(links, f"{alone} of {len(strong)}", inside, f"{possible} of {len(weak)}", left)
+        undecided = sum(not row["alone"] for row in possible)
+        show(links, f"{alone} of {len(strong)}", inside, f"{len(possible)} of {len(weak)}", undecided)
 
 
 def one(links: int, law: str, trace: Trace) -> Found:
@@ -103,33 +106,38 @@ def one(links: int, law: str, trace: Trace) -> Found:
 LAWS = [law for law, parts in LADDER.items() if 1 <= len(parts) <= 2]
 
 
+def traces(links: int, law: str, draw: int, noises: list[str], rows: list[Found]) -> Iterator[tuple[Found, Trace]]:
+    """Traces of one motion that are not among the rows, each with the head of its row.
+
+    The noise of a weak one follows from what a part costs in the strong one, whose row must be added before the next
+    trace is taken.
+    """
+    index = LAWS.index(law) + 1
+    rng = np.random.default_rng([links, index, draw])
+    values = {part: SIZES[part] / len(LADDER[law]) * rng.uniform(0.7, 1.4) for part in LADDER[law]}
+    run = dj.simulate(chain(links, values))
+    if run.status not in ("ok", "energy_drift"):
+        sys.exit(f"{law}: {run.failure}")
+    for k, noise in enumerate(noises):
+        size, cost = NOISE, np.inf
+        for weak in (False, True)[: 1 if draw or links > 2 or len(LADDER[law]) < 2 else 2]:
+            name = {"links": links, "law": law, "draw": draw, "noise": noise, "weak": weak}
+            rng = np.random.default_rng([links, index, draw, k, int(weak)])
+            if weak:
+                size = NOISE * float(np.sqrt(cost / rng.uniform(*WEAK)))
+            if size > MOST:
+                continue
+            same = lambda row, name=name: all(row[key] == name[key] for key in name)  # noqa: E731
+            if not any(map(same, rows)):
+                yield {**name, "values": values, "sigma": size}, watched(run, noise, rng, size)
+            cost = next(row["cost_of_a_part"] for row in rows if same(row))
+
+
 @command(links=[1, 2, 3, 7], laws=LAWS, draws=2, noise=["white", "filtered"], out=RESULTS / "laws.json")
 def main(args) -> None:
     rows = stored(args.out, [])
-    done = {(row["links"], row["law"], row["draw"], row["noise"], row["weak"]) for row in rows}
-    for links in args.links:
-        for law in args.laws:
-            for draw in range(args.draws):
-                index = list(LADDER).index(law)
-                rng = np.random.default_rng([links, index, draw])
-                values = {part: SIZES[part] / len(LADDER[law]) * rng.uniform(0.7, 1.4) for part in LADDER[law]}
-                run = dj.simulate(chain(links, values))
-                if run.status not in ("ok", "energy_drift"):
-                    sys.exit(f"{law}: {run.failure}")
-                for k, noise in enumerate(args.noise):
-                    size, cost = NOISE, np.inf
-                    for weak in (False, True):
-                        name = {"links": links, "law": law, "draw": draw, "noise": noise, "weak": weak}
-                        rng = np.random.default_rng([links, index, draw, k, int(weak)])
-                        if weak:
-                            size = NOISE * float(np.sqrt(cost / rng.uniform(*WEAK)))
-                        if (
-                            weak and (draw or links > 2 or len(LADDER[law]) < 2 or not size <= MOST)
-                        ) or not np.isfinite(size):
-                            continue
-                        if tuple(name.values()) not in done:
-                            rows.append({**name, **one(links, law, watched(run, noise, rng, size)), "values": values})
-                            rows[-1]["sigma"] = size
-                            store(args.out, rows)
-                        cost = next(row["cost_of_a_part"] for row in rows if all(row[key] == name[key] for key in name))
+    for links, law, draw in itertools.product(args.links, args.laws, range(args.draws)):
+        for head, trace in traces(links, law, draw, args.noise, rows):
+            rows.append({**head, **one(links, law, trace)})
+            store(args.out, rows)
     show_counts(rows)

@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import sys
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -45,6 +46,13 @@ def store(name: str | Path, found: Any) -> None:
 def say(found: Any) -> None:
     """Print what was just found, on one line."""
     print(json.dumps(found, default=str), flush=True)
+
+
+def timed(work: Callable[[], Any]) -> tuple[Any, dict[str, float]]:
+    """What a piece of work gives, and its time by the clock and of the processor [s]."""
+    clock, processor = time.perf_counter(), time.process_time()
+    found = work()
+    return found, {"seconds": time.perf_counter() - clock, "processor_s": time.process_time() - processor}
 
 
 def describe() -> dict[str, object]:

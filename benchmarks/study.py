@@ -83,13 +83,17 @@ def markdown(rows: Rows) -> str:
     return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
 
 
-def columns(rows: Iterable[dict[str, Any]], *pairs: tuple[str, str | Callable[[dict[str, Any]], str]]) -> Rows:
-    """The head, and of each row its cells: a format of the row's values, or a function of the row."""
+def columns(rows: Iterable[Found], *table: tuple) -> Rows:
+    """The head, and of each row its cells.
 
-    def cell(row: dict[str, Any], made: str | Callable[[dict[str, Any]], str]) -> str:
-        return made(row) if callable(made) else made.format(**row)
+    Args:
+        table: head of each column, and a format of the row's values, or a function of the row and more arguments.
+    """
 
-    return [tuple(head for head, _ in pairs), *(tuple(cell(row, made) for _, made in pairs) for row in rows)]
+    def cell(row: Found, made: str | Callable[..., str], *arguments: Any) -> str:
+        return made(row, *arguments) if callable(made) else made.format(**row)
+
+    return [tuple(head for head, *_ in table), *(tuple(cell(row, *made) for _, *made in table) for row in rows)]
 
 
 def joined(values: Sequence[float], form: str, between: str = ", ") -> str:

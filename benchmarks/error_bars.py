@@ -12,7 +12,8 @@ import numpy as np
 from study import Found, command, show
 
 import dropper_jax as dj
-from dropper_jax.study.load_errors import load_errors, twice_the_links
+from dropper_jax.report.record import record
+from dropper_jax.study.load_errors import line_loads, load_errors, twice_the_links
 
 LOADS = ("mean", "deviation", "window_maximum", "maximum")
 #: Relative error that counts as none.
@@ -77,9 +78,6 @@ def stated(scene: dj.Scene, dt: float) -> Found:
 
 def truth(scene: dj.Scene, dt: float, at: float) -> dict[str, float]:
     """Loads of a run with four times the links and an eighth of the step, at the same arc length."""
-    from dropper_jax.report.record import record
-    from dropper_jax.study.load_errors import line_loads
-
     fine = twice_the_links(twice_the_links(scene)).with_values({"run.dt": dt / 8})
     (row,) = line_loads(record(dj.simulate(fine), SKIP), [{"at_m": at}])
     return {name: row[name][0] for name in LOADS}

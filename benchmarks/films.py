@@ -196,9 +196,8 @@ def spoiled(what: Film, draws: int = 40, seed: int = 0) -> Found:
 
 @command(films=list(FILMS))
 def main(args) -> None:
-    chosen = [FILMS[name] for name in args.films]
     rows = []
-    for what in chosen:
+    for what in (FILMS[name] for name in args.films):
         with tempfile.TemporaryDirectory() as folder:
             path, boards, truth = make(what, Path(folder))
             for given in (boards, []):
@@ -206,5 +205,5 @@ def main(args) -> None:
                 say(rows[-1])
     marks = [spoiled(FILMS[name]) for name in ("loop, slanting camera", "chain, slanting camera")]
     say(marks)
-    if len(chosen) == len(FILMS):
+    if len(args.films) == len(FILMS):
         store("films", {"films": rows, "marks": marks})

@@ -46,14 +46,12 @@ def main(args) -> None:
     found = stored("table7_peaks", {"rows": []})
     found |= {"schema": 1, "machine": describe(), "table_7": TABLE_7, "span_s": SPAN}
     draws = np.random.default_rng(7).uniform(-MOVED, MOVED, args.starts)
+    done = [(r["case"], r["scheme"], r["dt_s"], r["moved_m"]) for r in found["rows"]]
     for number in map(int, args.cases.split(",")):
-        schemes = [(scheme, dt) for scheme, steps in STEPS_OF[number].items() for dt in steps]
+        schemes = [(number, scheme, dt) for scheme, steps in STEPS_OF[number].items() for dt in steps]
         runs = [(*one, 0.0) for one in schemes] + [(*schemes[0], float(moved)) for moved in draws]
-        for scheme, dt, moved in runs:
-            done = [(r["case"], r["scheme"], r["dt_s"], r["moved_m"]) for r in found["rows"]]
-            if (number, scheme, dt, moved) in done:
-                continue
-            row = loads(number, scheme, dt, moved)
-            found["rows"].append(row)
-            say(row)
-            store("table7_peaks", found)
+        for run in runs:
+            if run not in done:
+                found["rows"].append(loads(*run))
+                say(found["rows"][-1])
+                store("table7_peaks", found)

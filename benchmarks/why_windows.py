@@ -27,8 +27,8 @@ DURATION = 24.0
 VALUES = np.unique([*np.linspace(0.0, 0.01, 41), *(TRUTH * (1 + np.linspace(-0.1, 0.1, 41)))])
 
 
-def scan(prepared: Prepared, best: Solution) -> tuple[list[float], list[float], np.ndarray]:
-    """Mean-square residuals in units of the noise at `VALUES`, and the largest sensitivity of the angles over time.
+def scan(prepared: Prepared, best: Solution) -> tuple[list[float], list[float], np.ndarray, np.ndarray]:
+    """Mean-square residuals in units of the noise at `VALUES`, times [s], the largest sensitivity of the angles then.
 
     The first are those of one run from the first sample on, the second those of windows, whose starts are refitted at
     every value. The sensitivity |d theta/d b_l| (samples,) is that of the run at the optimum.
@@ -43,14 +43,15 @@ def scan(prepared: Prepared, best: Solution) -> tuple[list[float], list[float], 
         found = fit_windows(problem, np.array([value]), best.starts, iterations=6)
         separate.append(2 * found.cost / windows.samples)
     slopes = simulator(best.values, start, whole).jacobian[0, :, :, simulator.freedoms]
-    return single, separate, np.abs(slopes / np.maximum(whole.weight[0], 1e-300)).max(axis=1)
+    sensitivity = np.abs(slopes / np.maximum(whole.weight[0], 1e-300)).max(axis=1)
+    return single, separate, whole.times()[0], sensitivity
 
 
 @command()
 def main() -> None:
     trace = observe(simulate_truth(SCENE, DURATION), Camera(angle_noise=0.005), 0)
     prepared = prepare(trace, SCENE, [NAME], window=1.0)
-    single, separate, sensitivity = scan(prepared, estimate(prepared, "shooting"))
+    single, separate, t, sensitivity = scan(prepared, estimate(prepared, "shooting"))
     with style.plot_style():
         figure = style.new_figure(9.5, 3.4)
         left, right = figure.subplots(1, 2)
@@ -59,7 +60,6 @@ def main() -> None:
         left.axvline(TRUTH, color=style.FAINT, lw=0.8)
         left.set(xlabel=NAME, ylabel="mean square residual / noise²")
         left.legend()
-        t = prepared.windows.dt * np.arange(len(sensitivity))
         right.semilogy(t, np.maximum(sensitivity, 1e-3), color=style.SECOND, lw=0.8)
         right.set(xlabel="time [s]", ylabel="largest |d angle / d b_l|")
         print(style.save(figure, PICTURE))

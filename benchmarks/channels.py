@@ -292,8 +292,7 @@ def cameras(draws: int) -> Found:
             "channel": channels,
             "camera": [{"name": name, "position": place.tolist(), **spec} for name, place in views.items()],
         }
-        found = fit_channels(data, scene, list(truth), start=start)
-        tally.add(found)
+        tally.add(fit_channels(data, scene, list(truth), start=start))
     return tally.table()
 
 

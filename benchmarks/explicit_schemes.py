@@ -60,10 +60,8 @@ def _driven(scene: Scene, ratio: float) -> Found:
     smallest = min(found[name]["largest_stable_dt_s"] for name in EXPLICIT)
     common = [c for c in COUNTS if SAMPLE / c <= 0.5 * smallest][0]
     for name in EXPLICIT:
-        row = {"dt_s": SAMPLE / common, **_errors(runner(name).run(common, SPAN), reference)}
-        found[name]["common"] = row
-    row = {"dt_s": SAMPLE / 5, **_errors(base.run(5, SPAN), reference)}
-    found["energy_momentum"] = row
+        found[name]["common"] = {"dt_s": SAMPLE / common, **_errors(runner(name).run(common, SPAN), reference)}
+    found["energy_momentum"] = {"dt_s": SAMPLE / 5, **_errors(base.run(5, SPAN), reference)}
     return found
 
 
@@ -79,8 +77,7 @@ def _errors(run: Rows, reference: Rows, limit: float = np.inf) -> dict[str, floa
 def _released(base: Scene) -> Found:
     """Change of energy of the chain without damper or water between fixed ends, set swinging across its plane."""
     table = driven_chain(base, SMOOTH).to_dict()
-    gravity = table.pop("sea").get("gravity", 9.81)
-    table["effects"] = {"weight": {"gravity": gravity}}
+    table["effects"] = {"weight": {"gravity": table.pop("sea").get("gravity", 9.81)}}
     table["line"][0]["axial"].pop("damping", None)
     table["point"][1]["position"] = [40.0, 0.0, -2.0]
     model, s = build(Scene.from_dict({**table, "name": "released-chain"}))
@@ -98,6 +95,6 @@ def _released(base: Scene) -> Found:
             energy = np.asarray(seen.kinetic + seen.potential)
             first = observe(model, s.r, s.v, s.t)
             change = (energy - float(first.kinetic + first.potential)) / float(first.kinetic)
-            row = {"scheme": name, "dt_s": dt, "end": float(change[-1]), "largest": float(np.max(np.abs(change)))}
-            rows.append(row)
+            largest = float(np.max(np.abs(change)))
+            rows.append({"scheme": name, "dt_s": dt, "end": float(change[-1]), "largest": largest})
     return {"released": rows}

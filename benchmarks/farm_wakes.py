@@ -123,12 +123,11 @@ def crossed(rows: list[Found], level: float) -> float | None:
 @command()
 def main():
     rows = [row(ropes) for ropes in ROPES]
-    middle = 2.0
     found = {
         "schema": 1,
         "cylinder": cylinder(),
         "rows": rows,
-        "others": [row(middle, depth=10.0), row(middle, depth=12.0), row(middle, turbulence=0.1)],
+        "others": [row(2.0, depth=10.0), row(2.0, depth=12.0), row(2.0, turbulence=0.1)],
         "measured": {"reduction": MEASURED, "ropes_per_m_at": [crossed(rows, level) for level in MEASURED]},
         "constants": {"WAKE_GROWTH": WAKE_GROWTH, "START": START},
     }

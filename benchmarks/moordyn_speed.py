@@ -171,9 +171,8 @@ def largest_stable(scene: Scene, calls: float, **options) -> Found:
         row.update({"wall_per_s": min(r.wall_s for r in runs) / SPAN, "cpu_per_s": min(r.cpu_s for r in runs) / SPAN})
         say(row)
         return {**row, "reference": reference.statistics(SETTLED)}
-    none = float("nan")
-    found = {"dt_s": None, "status": "no stable step", "errors": None, "reference": None}
-    return {**found, "wall_per_s": none, "cpu_per_s": none}
+    none = {"dt_s": None, "errors": None, "reference": None, "wall_per_s": np.nan, "cpu_per_s": np.nan}
+    return {**none, "status": "no stable step"}
 
 
 def _errors_run(scene: Scene, dt: float, look: float, **options) -> Rows:

@@ -63,5 +63,4 @@ def storm() -> Found:
 @command()
 def main() -> None:
     rows = [damping_and_step(ratio, dt) for ratio in RATIOS for dt in STEPS]
-    found = {"machine": describe(), "damping": rows, "storm": storm()}
-    store("report_examples", found)
+    store("report_examples", {"machine": describe(), "damping": rows, "storm": storm()})

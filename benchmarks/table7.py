@@ -73,8 +73,7 @@ def ours(scene: dj.Scene, spans: tuple[float, ...]) -> Found:
 def in_moordyn(number: int, ratio: float) -> Found:
     """A case in MoorDyn v2: tensions of the end segments with their sign, and as sizes."""
     rows = theirs(case(number, ratio), STEPS[ratio], SPAN, look=0.01, across=None if number == 4 else GRID)
-    found = rows.statistics()
-    return {"case": number, "damping_ratio": ratio, "dt_s": STEPS[ratio], **found}
+    return {"case": number, "damping_ratio": ratio, "dt_s": STEPS[ratio], **rows.statistics()}
 
 
 @dataclass(frozen=True)
@@ -107,8 +106,7 @@ def _friction(scene: dj.Scene) -> Found:
 def _phases(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[dj.Scene], Found]:
     def values(scene: dj.Scene) -> Found:
         phase = np.asarray(scene.sea.waves.phase if scene.sea.waves.phase is not None else 0.0, float)
-        found = change(phase)
-        return {"sea.waves.phase": found.tolist()}
+        return {"sea.waves.phase": change(phase).tolist()}
 
     return values
 

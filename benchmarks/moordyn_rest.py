@@ -17,6 +17,7 @@ from study import Found, command, say, store, stored, versions
 from dropper_jax import Scene, SceneError, equilibrium, load_scene, scene_names
 from dropper_jax.moordyn.writing.differences import moved_points
 from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax.scene.data import point_nodes
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.study.peers.moordyn_run import inside, quiet
 
@@ -70,10 +71,7 @@ def moved_to(scene: Scene, pose: Equilibrium) -> Scene:
 
     Floats that are partly above the water there are fixed, because the volume of a point of MoorDyn's is always wet.
     """
-    values, node, position = scene.to_dict(), 0, {}
-    for line in scene.lines:
-        position[line.start], position[line.end] = pose.positions[node], pose.positions[node + line.links]
-        node += line.links + 1
+    values, position = scene.to_dict(), {name: pose.positions[node] for name, node in point_nodes(scene).items()}
     for row in values["point"]:
         if row.get("kind") == "free" and row["name"] in position:
             row["position"] = position[row["name"]].tolist()
@@ -107,16 +105,15 @@ def there(
             moordyn.Init(system, held, still)
             moordyn.Step(system, held, still, 0.0, span)
             lines = [moordyn.GetLine(system, i + 1) for i in range(moordyn.GetNumberLines(system))]
-            rows, speed, highest = [], 0.0, -np.inf
+            rows, speeds, heights = [], [], []
             for line in lines:
                 count = moordyn.GetLineN(line)
                 rows.append((count, *(float(np.linalg.norm(moordyn.GetLineNodeTen(line, j))) for j in (0, count))))
-                speeds = [np.linalg.norm(moordyn.GetLineNodeVel(line, j)) for j in range(count + 1)]
-                speed = max(speed, float(np.max(speeds)))
-                highest = max(highest, *(moordyn.GetLineNodePos(line, j)[2] for j in range(count + 1)))
+                speeds += [float(np.linalg.norm(moordyn.GetLineNodeVel(line, j))) for j in range(count + 1)]
+                heights += [moordyn.GetLineNodePos(line, j)[2] for j in range(count + 1)]
         finally:
             moordyn.Close(system)
-    return rows, speed, highest
+    return rows, float(np.max(speeds)), float(np.max(heights))
 
 
 def alone(scene: Scene, pose: Equilibrium, number: int, times: int) -> float:
@@ -201,8 +198,9 @@ def main(args) -> None:
         first = decks.setdefault(deck_of(name), name)
         if first == name:
             rows.append(compare(name))
-            say(rows[-1])
         else:
-            rows += [{**row, "scene": name, "same_deck_as": first} for row in rows if row["scene"] == first]
-        rows.sort(key=lambda row: row["scene"])
-        store("moordyn_rest", {"schema": 1, "versions": versions("moordyn", "dropper-jax"), "rows": rows})
+            same = next(row for row in rows if row["scene"] == first)
+            rows.append({**same, "scene": name, "same_deck_as": first})
+        say(rows[-1])
+        found = {"schema": 1, "versions": versions("moordyn", "dropper-jax")}
+        store("moordyn_rest", {**found, "rows": sorted(rows, key=lambda row: row["scene"])})

@@ -127,7 +127,7 @@ class Chain:
         return found[: 2 * n - 2].reshape(-1, 2)
 
     def swing(self, polar: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Inner nodes (k, n - 1, 2) at times t (k,) from 0 on, let go at rest."""
+        """Inner nodes (k, n - 1, 2) at times t (k,) from 0 on, released at rest."""
         nodes = in_space(np.concatenate([np.zeros((1, 2)), self.pose(polar), self.end[None]]))
         damping = {"b_l": self.linear, "b_q": self.quadratic}
         ends = (still(nodes[0]), still(nodes[-1]))

@@ -13,28 +13,23 @@ wave grid). Motions and tensions are therefore compared on its wave grid (WaveKi
 only.
 """
 
-from __future__ import annotations
-
 import one_thread  # noqa: F401 - before JAX
 
 # isort: split
 
 from collections.abc import Iterator
 from dataclasses import fields, replace
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from explicit_schemes import schemes
-from moordyn_runs import Ours, theirs
+from moordyn_runs import GRID, Ours, theirs
 from moordyn_speed import PEAKS, peaks, speed
 from paper_cases import TABLE_7, case
-from study import collect, command, describe, versions
+from study import Found, collect, command, describe, versions
 
-from dropper_jax import Scene, load_scene
-from dropper_jax.base.fields import component
+from dropper_jax import Kinematics, Scene, component, load_scene
 from dropper_jax.effects.spar_buoys import Around, SparBuoys
-from dropper_jax.model import Kinematics
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.static_pose import equilibrium
 
@@ -49,12 +44,12 @@ STEPS = {1.0: 0.0001, 0.1: 0.0005, 0.0: 0.0005}
 FINER = (24, 96)
 
 
-def both(number: int, ratio: float) -> dict[str, Any]:
+def both(number: int, ratio: float) -> Found:
     """One case in both codes: statistics of the whole run and of its settled part."""
     scene = case(number, ratio)
     here = Ours.of(scene).run(EVERY, SPAN)
-    there = theirs(scene, STEPS[ratio], SPAN, look=0.01, grid=True)
-    found: dict[str, Any] = {"case": number, "damping_ratio": ratio}
+    there = theirs(scene, STEPS[ratio], SPAN, look=0.01, across=GRID)
+    found = {"case": number, "damping_ratio": ratio}
     for name, rows, dt in (("ours", here, 0.1 / EVERY), ("moordyn", there, STEPS[ratio])):
         found[name] = {
             "dt_s": dt,
@@ -65,7 +60,7 @@ def both(number: int, ratio: float) -> dict[str, Any]:
     return found
 
 
-def step_sizes(ratio: float) -> list[dict[str, Any]]:
+def step_sizes(ratio: float) -> list[Found]:
     """Case 1 here at several steps: mean anchor tension after SETTLED, and its difference from the smallest step's."""
     ours = Ours.of(case(1, ratio))
     rows = []
@@ -112,7 +107,7 @@ def static_tension(scene: Scene, buoys: type[SparBuoys] = SparBuoys) -> float:
     return float(pose.tension[0]) if pose.status == "ok" else float("nan")
 
 
-def _with_links(table: dict[str, Any], links: int) -> Scene:
+def _with_links(table: Found, links: int) -> Scene:
     """The scene of these plain values with another number of links of the same line."""
     line = dict(table["line"][0])
     share = line["links"] / links
@@ -122,12 +117,12 @@ def _with_links(table: dict[str, Any], links: int) -> Scene:
     return Scene.from_dict({**table, "line": [line], "effects": effects})
 
 
-def _one(value: Any) -> Any:
+def _one(value):
     """One number of a list of equal ones, which then serves any number of links."""
     return value[0] if isinstance(value, list) else value
 
 
-def conventions() -> Iterator[dict[str, Any]]:
+def conventions() -> Iterator[Found]:
     """Rows of the table."""
     scene = load_scene("paper-case-4")
     on_diameter = np.asarray(scene.effects["morison_drag"]["cdt"]) / np.pi

@@ -10,8 +10,6 @@ Errors are each code's own, against a much smaller step; its time is that of the
 shorter ones are within them too.
 """
 
-from __future__ import annotations
-
 import one_thread  # noqa: F401 - before JAX
 
 # isort: split
@@ -21,13 +19,12 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from moordyn_runs import SAMPLE, Ours, Rows, theirs
+from moordyn_runs import SAMPLE, Looks, Ours, Rows, rows_of, theirs
 from moordyn_speed import HARD, RAMP, SMOOTH, SPAN, driven, driven_chain
 from paper_cases import case
-from study import collect, command, describe, say, versions
+from study import Found, collect, command, describe, say, versions
 
 from dropper_jax import Scene
 from dropper_jax.moordyn.writing.writer import write_moordyn
@@ -124,7 +121,7 @@ def in_cabledyn(scene: Scene, place: Callable[[float], np.ndarray], dt: float) -
         if "free" in kinds:  # from a free point to a driven one CableDyn counts the first end as the fairlead
             ends.reverse()
         rest = np.array(model.channels(ends))
-        rows, cpu, inner = [], 0.0, max(1, round(SAMPLE / dt))
+        rows, cpu = [], 0.0
         q, v, a = start.copy(), np.zeros_like(start), np.zeros_like(start)
         for i in range(round(SPAN / dt)):
             t = (i + 1) * dt
@@ -135,19 +132,17 @@ def in_cabledyn(scene: Scene, place: Callable[[float], np.ndarray], dt: float) -
             model.step(dt, q, v, a)
             cpu += time.process_time() - begun
             rows.append(model.channels(ends))
-    found = np.array(rows)
-    found = found[: len(found) // inner * inner].reshape(-1, inner, 2)
-    t = max(SAMPLE, dt) * np.arange(1, len(found) + 1)
-    mean, square = found.mean(axis=1), (found**2).mean(axis=1)
-    return rest, Rows(t, mean, square, found.min(axis=1), found.max(axis=1), np.zeros((len(found), 3)), cpu, cpu)
+    t = np.round(dt * np.arange(1, len(rows) + 1), 9)
+    seen = Looks(t, np.array(rows), np.zeros((len(rows), 1, 3)), cpu, cpu, "ok")
+    return rest, rows_of(seen, max(1, round(SAMPLE / dt)))
 
 
-def statistics(rows: Rows) -> dict[str, Any]:
+def statistics(rows: Rows) -> Found:
     found = rows.statistics(SETTLED)
     return {end: {key: found[end][key] for key in ("mean", "std", "max")} for end in ("anchor", "fairlead")}
 
 
-def cheapest(steps: tuple[Any, ...], run: Callable[[Any], Rows]) -> dict[str, Any]:
+def cheapest(steps: tuple, run: Callable) -> Found:
     """Statistics of the smallest step, and the longest step within the limits, with its time [s per s]."""
     last = run(steps[-1])
     if last.status != "ok":
@@ -166,7 +161,7 @@ def cheapest(steps: tuple[Any, ...], run: Callable[[Any], Rows]) -> dict[str, An
     return {"statistics": reference, "best": best, "status": "ok"}
 
 
-def compare(name: str) -> dict[str, Any]:
+def compare(name: str) -> Found:
     made, motion = DECKS[name]
     scene, place = made(), driven(motion, ramp=RAMP)
     ours = Ours.of(scene)
@@ -185,7 +180,7 @@ def compare(name: str) -> dict[str, Any]:
 
 
 @command(only=(None, *DECKS))
-def main(given: Any) -> None:
+def main(given) -> None:
     rows = (compare(name) for name in DECKS if given.only in (None, name))
     packages = versions("cabledyn", "moordyn", "jax", "dropper-jax", "numpy")
     collect("cabledyn", {"decks": rows}, schema=1, machine=describe(), versions=packages, limits=LIMITS)

@@ -3,21 +3,17 @@
 The truth is the lab dropper of scenario A with b_l = 0.002 and b_q = 0.001, integrated by energy_momentum at
 1/9600 s (the fit runs rattle_4 at 1/120 s), seen at 60 Hz for 48 s with 0.005 rad of noise. Fits start at (0.02, 0.02).
 
-    python benchmarks/calibration.py twin|coverage|dry|dry-small|bias|gradient [--seeds N]
+    python benchmarks/calibration.py coverage|dry|dry-small|bias [--seeds N]
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from study import command, say, store, stored
 
-from dropper_jax import load_scene
-from dropper_jax.load.scene import Scene
-from fitting.calibration.fit import estimate, prepare, summarise
-from fitting.calibration.result import FitResult
+from dropper_jax import Scene, load_scene
+from fitting import FitResult, prepare
+from fitting.calibration.fit import estimate, summarise
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import fit_shooting, joined_step
@@ -79,9 +75,7 @@ DRAWS = 1000
 class Twin:
     """Fits of many noisy copies of one truth, sharing one compiled simulator."""
 
-    def __init__(
-        self, free: tuple[str, ...] = FREE, scene: Any = SCENE, duration: float = DURATION, substeps: int = SUBSTEPS
-    ):
+    def __init__(self, free: tuple[str, ...] = FREE, scene=SCENE, duration: float = DURATION, substeps: int = SUBSTEPS):
         self.free = free
         self.scene = load_scene(scene)
         self.motion = simulate_truth(self.scene, duration, substeps=substeps)
@@ -128,14 +122,8 @@ def statistics(twin: Twin, results: list) -> dict:
     }
 
 
-def run_twin(seeds: int, methods: tuple[str, ...] = ("windows", "shooting"), free: tuple[str, ...] = FREE) -> dict:
-    """The statistics of each method over seeds 0, 1, ..."""
-    twin = Twin(free)
-    return {method: statistics(twin, [twin.fit(seed, method) for seed in range(seeds)]) for method in methods}
-
-
 def run_coverage(seeds: int) -> dict:
-    """The statistics over more draws of noise; the first 20 of them are the part `twin`, written too."""
+    """The statistics of both methods; those of the first 20 draws of noise are stored as well."""
     twin = Twin()
     fits = {"windows": [twin.fit(seed, "windows") for seed in range(seeds)]}
     fits["shooting"] = [twin.fit(seed, "shooting", fits["windows"][seed]) for seed in range(seeds)]
@@ -156,9 +144,8 @@ def run_dry(seeds: int, which: str) -> dict:
     }
     fits = {method: [] for method in bounds}
     for method, bound in bounds.items():
-        for seed in range(seeds):  # slow: what is there is saved
-            begin = fits["windows"][seed] if method == "shooting" else None
-            fits[method].append(twin.fit(seed, method, begin))
+        for seed in range(seeds):  # slow: every fit is stored
+            fits[method].append(twin.fit(seed, method, fits["windows"][seed] if method == "shooting" else None))
             mine[method] = statistics(twin, fits[method])
             mine[f"{method}_over_bound"] = (np.array(mine[method]["median_relative_std_error"]) / bound).tolist()
             found = {**stored("calibration_dry", {}), which: mine}
@@ -197,26 +184,6 @@ def _moments(z: np.ndarray) -> dict:
     }
 
 
-def run_gradient(seeds: int) -> dict:
-    """Distance of `gradient` to the optimum of `windows`, in standard errors."""
-    twin, rows = Twin(), []
-    for seed in range(seeds):
-        joint, descent = twin.fit(seed, "windows"), twin.fit(seed, "gradient")
-        apart = np.abs(descent.values - joint.values) / joint.uncertainty.std_error
-        rows.append({"apart": apart.tolist(), "status": descent.status, "seconds": descent.seconds["run"]})
-    return {"largest_in_standard_errors": max(max(row["apart"]) for row in rows), "rows": rows}
-
-
-PARTS = {
-    "twin": lambda n: run_twin(n or 20),
-    "coverage": lambda n: run_coverage(n or 60),
-    "dry": lambda n: run_dry(n or 20, "7 links"),
-    "dry-small": lambda n: run_dry(n or 20, "3 links"),
-    "bias": lambda n: run_bias(n or DRAWS),
-    "gradient": lambda n: run_gradient(n or 4),
-}
-
-
 @dataclass(frozen=True)
 class Linear:
     """Linear theory of the `windows` estimator on one twin.
@@ -224,35 +191,24 @@ class Linear:
     Attributes:
         slope: P' (rows, k) [1/parameter].
         covariance: C (k, k).
+        std_error: Cramer and Rao's bound (k,), and `joined_std_error` of windows joined with next to no gap, one run
+            that is never interrupted.
         windows: of the noise-free angles.
-        own: error (k,) in standard errors that the simulator's step makes without noise.
-        joined: covariance (k, k) of windows joined with next to no gap, one run that is never interrupted.
+        own: error (k,) in standard errors that the simulator's step makes without noise; `joined_own` that of the
+            fit to joined windows, the steps of fit and truth.
         found: the fit without noise, joined.
     """
 
-    twin: Any
+    twin: Twin
     noise: float
     slope: np.ndarray
     covariance: np.ndarray
+    std_error: np.ndarray
     windows: Windows
     own: np.ndarray
-    joined: np.ndarray
+    joined_std_error: np.ndarray
+    joined_own: np.ndarray
     found: Solution
-
-    @property
-    def joined_own(self) -> np.ndarray:
-        """Error (k,) in standard errors of the fit without noise to joined windows: the steps of fit and truth."""
-        return (self.found.values - self.twin.truth) / self.joined_std_error
-
-    @property
-    def joined_std_error(self) -> np.ndarray:
-        """Cramer and Rao's bound (k,) of joined windows."""
-        return np.sqrt(np.diag(self.joined))
-
-    @property
-    def std_error(self) -> np.ndarray:
-        """Cramer and Rao's bound (k,)."""
-        return np.sqrt(np.diag(self.covariance))
 
     def z(self, seed: int) -> np.ndarray:
         """Error over standard error (k,) that this draw of noise makes, to first order."""
@@ -273,7 +229,7 @@ class Linear:
         return joined_step(at, -free, free).dp
 
 
-def linearise(twin: Any, noise: float) -> Linear:
+def linearise(twin, noise: float) -> Linear:
     """The theory of a twin of calibration.py with white noise [rad]."""
     prepared = twin.prepare(0)
     simulator, m2 = prepared.simulator, prepared.simulator.freedoms
@@ -288,23 +244,36 @@ def linearise(twin: Any, noise: float) -> Linear:
     turn = np.swapaxes(z, 1, 2)
     slope = (p - z @ np.linalg.solve(turn @ z, turn @ p)).reshape(-1, len(twin.truth))
     covariance = np.linalg.inv(slope.T @ slope)
-    own = -covariance @ (slope.T @ evaluation.residual.ravel()) / np.sqrt(np.diag(covariance))
+    error = np.sqrt(np.diag(covariance))
+    own = -covariance @ (slope.T @ evaluation.residual.ravel()) / error
     joined = fit_shooting(replace(found, problem=replace(problem, frozen=None)), continuity="tight")
-    return Linear(twin, noise, slope, covariance, windows, own, np.linalg.inv(joined.information), joined)
+    joined_error = np.sqrt(np.diag(np.linalg.inv(joined.information)))
+    joined_own = (joined.values - twin.truth) / joined_error
+    return Linear(twin, noise, slope, covariance, error, windows, own, joined_error, joined_own, joined)
 
 
-def _trace(twin: Any, noise: float, seed: int) -> Any:
+def _trace(twin, noise: float, seed: int):
     trace = observe(twin.motion, Camera(angle_noise=noise), seed)
     return trace.in_model_convention(trace.convention)
 
 
-def _windows(twin: Any, noise: float, seed: int, length: float, dt: float, weight: float | None = None) -> Windows:
+def _windows(twin, noise: float, seed: int, length: float, dt: float, weight: float | None = None) -> Windows:
     trace = _trace(twin, noise, seed)
     return cut([trace], length, dt, [np.full(trace.links, noise if weight is None else weight)])
 
 
-@command(("part", tuple(PARTS)), seeds=0)
+#: Parts, and their usual number of draws of noise.
+PARTS = {
+    "coverage": (run_coverage, 60),
+    "dry": (lambda seeds: run_dry(seeds, "7 links"), 20),
+    "dry-small": (lambda seeds: run_dry(seeds, "3 links"), 20),
+    "bias": (run_bias, DRAWS),
+}
+
+
+@command({"part": tuple(PARTS)}, seeds=0)
 def main(args):
-    found = PARTS[args.part](args.seeds)
+    run, usual = PARTS[args.part]
+    found = run(args.seeds or usual)
     store(f"calibration_{args.part.removesuffix('-small')}", found)
-    say({k: v for k, v in found.items() if k != "rows"})
+    say(found)

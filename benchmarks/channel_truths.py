@@ -1,12 +1,10 @@
 """Scenes of `channels.py`, and their motion by programs that are not this project's."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from closed_chain import rigid_line, still
+from study import Found
 
 #: Longlines: lengths over the straight ways of legs and backbone, EA of the rope [N], step [s] and scheme of the fit,
 #: the same of the truth, and how far off EA starts.
@@ -17,7 +15,7 @@ LONGLINES = {
 }
 
 
-def longline(kind: str) -> dict[str, Any]:
+def longline(kind: str) -> Found:
     """Two legs, two floats, a backbone and two droppers in a sea of 20 waves and a current across."""
     (leg, backbone), stiffness, (step, scheme), *_ = LONGLINES[kind]
     leg, backbone = leg * float(np.hypot(24.0, 12.0)), 30.0 * backbone
@@ -54,77 +52,11 @@ def longline(kind: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def rigid_line(
-    t: np.ndarray,
-    r0: np.ndarray,
-    v0: np.ndarray,
-    lengths: np.ndarray,
-    masses: np.ndarray,
-    *,
-    b_l: float,
-    b_q: float = 0.0,
-    stiffness: float = 0.0,
-    ends: tuple[Callable[[float], np.ndarray], ...] = (),
-) -> np.ndarray:
-    """Nodes (times, n + 1, 3) [m] of point masses on rigid links, by SciPy's DOP853 on Lagrange's first kind.
-
-        m a = m g - b_l v - b_q |v| v - K r + G' lam,      d_j . a_j = -|d_j'|^2 - 2 w (d.d') - w^2 (|d|^2 - L^2)/2
-
-    d_j the links, K of the bending energy `EI/(2 l) sum |d_(j+1)/L - d_j/L|^2` (on links of constant length the same as
-    of unit vectors), the last terms hold the lengths (Baumgarte, w = 20/s).
-
-    Args:
-        r0, v0: nodes at the start (n + 1, 3), both ends included.
-        masses: of the free nodes.
-        stiffness: EI [N m^2].
-        ends: places, velocities and accelerations of the held ends (held, 9) over time; of one end: it is the first.
-    """
-    n, held = len(lengths), len(ends)
-    free = np.arange(1, n) if held == 2 else np.arange(1, n + 1)
-    difference = np.diff(np.eye(n + 1), axis=0)
-    bend = np.diff(difference / lengths[:, None], axis=0)
-    between = 0.5 * (lengths[1:] + lengths[:-1])
-    spring = stiffness * bend.T @ (bend / between[:, None])
-    own = difference[:, free]
-    gravity = np.array([0.0, 0.0, -9.81])
-    hold = 20.0
-
-    def whole(time: float, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        r, v, a = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
-        r[free], v[free] = state.reshape(2, -1, 3)
-        for node, end in zip((0, n), ends, strict=False):
-            r[node], v[node], a[node] = end(time).reshape(3, 3)
-        return r, v, a
-
-    def rate(time: float, state: np.ndarray) -> np.ndarray:
-        r, v, a = whole(time, state)
-        speed = np.linalg.norm(v[free], axis=1, keepdims=True)
-        force = masses[:, None] * gravity - b_l * v[free] - b_q * speed * v[free] - (spring @ r)[free]
-        d, dd = difference @ r, difference @ v
-        rows = own[:, :, None] * d[:, None, :]
-        flat = rows.reshape(n, -1)
-        off = 2 * hold * np.sum(d * dd, 1) + 0.5 * hold**2 * (np.sum(d * d, 1) - lengths**2)
-        goal = -np.sum(dd * dd, 1) - off - np.sum(d * (difference @ a), 1)
-        inverse = np.repeat(1 / masses, 3)
-        pull = np.linalg.solve((flat * inverse) @ flat.T, goal - flat @ (inverse * force.ravel()))
-        return np.concatenate([v[free].ravel(), inverse * (force.ravel() + flat.T @ pull)])
-
-    first = np.concatenate([r0[free].ravel(), v0[free].ravel()])
-    found = solve_ivp(rate, (0.0, float(t[-1])), first, "DOP853", t, rtol=1e-9, atol=1e-11)
-    assert found.success, found.message
-    return np.array([whole(time, y)[0] for time, y in zip(t, found.y.T, strict=True)])
-
-
-def still(place: np.ndarray) -> Callable[[float], np.ndarray]:
-    """An end at rest."""
-    return lambda _: np.concatenate([place, np.zeros(6)])
-
-
 #: The chain: links and node masses; its damping.
 CHAIN = {"lengths": np.full(3, 0.3), "masses": np.array([0.1, 0.1, 0.15]), "b_l": 0.01, "b_q": 0.03}
 
 
-def chain_scene(polar: np.ndarray, kick: float = 0.0) -> dict[str, Any]:
+def chain_scene(polar: np.ndarray, kick: float = 0.0) -> Found:
     """The hanging chain with links at these angles from straight down (3,) [rad], its tip kicked across [m/s]."""
     steps = CHAIN["lengths"][:, None] * np.stack([np.sin(polar), 0 * polar, -np.cos(polar)], axis=1)
     nodes = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
@@ -147,7 +79,7 @@ def chain_scene(polar: np.ndarray, kick: float = 0.0) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def chain_truth(t: np.ndarray, scene: dict[str, Any], b_l: float, b_q: float) -> np.ndarray:
+def chain_truth(t: np.ndarray, scene: Found, b_l: float, b_q: float) -> np.ndarray:
     """Nodes (times, 4, 3) [m] of that scene's chain with this damping."""
     r0, v0 = (np.array(scene["start"][key]) for key in ("positions", "velocities"))
     start = still(np.zeros(3))
@@ -194,7 +126,7 @@ def cable_truth(t: np.ndarray, stiffness: float) -> np.ndarray:
     return rigid_line(t, rest, np.zeros_like(rest), lengths, masses, b_l=CABLE["b_l"], stiffness=stiffness, ends=ends)
 
 
-def cable_scene(stiffness: float) -> dict[str, Any]:
+def cable_scene(stiffness: float) -> Found:
     """The cable, stiffness and damping two times off."""
     n = CABLE["links"]
     return {

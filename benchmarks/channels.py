@@ -17,23 +17,21 @@ runs     five releases of a hanging chain whose damping differs by 5 % from run 
 cameras  the same chain kicked out of its plane at 0.15 m/s, in two cameras, the second's delay and rate free.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from channel_truths import CABLE, CHAIN, LONGLINES, cable_scene, cable_truth, chain_scene, chain_truth, longline, shaken
 from scipy.interpolate import CubicSpline
-from study import command, describe, say, store, stored
+from study import Found, command, describe, say, store, stored
 
 import dropper_jax as dj
-from fitting.channels.fit import first_point, fit_channels, pose, settle_noise
+from fitting import ChannelFit, fit_channels
+from fitting.channels.fit import first_point, pose, settle_noise
 from fitting.channels.noise import Evaluation
 from fitting.channels.problem import Problem
-from fitting.channels.result import ChannelFit, errors_of
+from fitting.channels.result import errors_of
 from fitting.channels.sensors import projection
 
 
@@ -47,19 +45,22 @@ class Tally:
         self.failed = 0
         self.begun = time.perf_counter()
 
-    def add(self, found: Any, name_of: Callable[[str], str] = str) -> None:
-        """One fit."""
+    def add(self, found, silent: bool = False) -> None:
+        """One fit, printed unless `silent`."""
+        names = [p.name for p in found.parameters]
+        e = found.errors
+        if not silent:
+            off = {n: round((found[n] - v) / e.std_error[names.index(n)], 2) for n, v in self.truth.items()}
+            say({"status": found.outcome, "seconds": round(found.seconds, 1), "off": off, "warnings": found.warnings})
         if found.status != "ok":
             self.failed += 1
             return
-        names = [p.name for p in found.parameters]
-        e = found.errors
-        self.notes.append({n: d for n, d in zip(names, e.determined, strict=True) if d != "yes"})
+        self.notes.append(dict(zip(names, e.determined, strict=True)))
         for name, rows in self.rows.items():
-            i = names.index(name_of(name))
+            i = names.index(name)
             rows.append((float(found.values[i]), float(e.std_error[i]), float(e.low[i]), float(e.high[i])))
 
-    def table(self, **more: Any) -> dict[str, Any]:
+    def table(self, **more) -> Found:
         """The rows of the result."""
         table = {}
         for name, rows in self.rows.items():
@@ -81,18 +82,16 @@ class Tally:
         return {"draws": draws, "not_converged": self.failed, "seconds": round(spent, 1), **more, "parameters": table}
 
 
-def sea(draws: int) -> dict[str, Any]:
+def sea(draws: int) -> Found:
     """The longline, taut, slack, and of stiff rope."""
     return {kind: _sea(kind, draws) for kind in LONGLINES}
 
 
 #: What is free, and what is known to 2 %.
 STIFFNESS, DRAG, CURRENT = "line_type.rope.EA", "line_type.sock.cdn", "sea.current.speed"
-#: Draws that are fitted from two times off by runs of their own; the others in the linear model where the first ended.
-WHOLE = 1
 
 
-def _sea(kind: str, draws: int) -> dict[str, Any]:
+def _sea(kind: str, draws: int) -> Found:
     scene = longline(kind)
     *_, (step, scheme), off = LONGLINES[kind]
     true = dj.simulate(scene, integrator=scheme, dt=step, save_every=round(0.02 / step))
@@ -107,7 +106,6 @@ def _sea(kind: str, draws: int) -> dict[str, Any]:
     place = dj.load_scene(scene)
     truth = {name: place.value(name) for name in (STIFFNESS, DRAG, CURRENT)}
     rng, whole, linear = np.random.default_rng(1), Tally(truth), Tally(truth)
-    first, apart = None, []
     for draw in range(draws):
         noisy = {"t": t}
         for name, y in clean.items():
@@ -118,27 +116,26 @@ def _sea(kind: str, draws: int) -> dict[str, Any]:
             "start": {STIFFNESS: off * truth[STIFFNESS], DRAG: 0.5 * truth[DRAG], CURRENT: known},
             "priors": {CURRENT: (known, 0.02 * truth[CURRENT])},
         }
-        if draw < WHOLE:
-            found = fit_channels(_sea_data(noisy), scene, list(truth), check_step=kind != "slack", **given)
-            whole.add(found)
-            first = first or found
-            _say(found, truth)
-        again = _in_line(first, _sea_data(noisy), place, given)
-        linear.add(again)
-        if draw < WHOLE:
-            apart.append(float(np.max(np.abs(again.values - found.values) / found.errors.std_error)))
+        data = _sea_data(noisy)
+        if draw == 0:  # from two times off, by runs of its own; all draws in the linear model where it ends
+            first = fit_channels(data, scene, list(truth), check_step=kind != "slack", **given)
+            whole.add(first)
+        again = _in_line(first, data, place, given)
+        linear.add(again, silent=True)
+        if draw == 0:
+            apart = float(np.max(np.abs(again.values - first.values) / first.errors.std_error))
     names = [p.name for p in first.parameters]
     table = linear.table(
         sensitivity=dict(zip(names, first.errors.sensitivity.tolist(), strict=True)),
         step_s=first.solution.problem.dt,
         step_bias=None if first.step_bias is None else dict(zip(names, first.step_bias.tolist(), strict=True)),
         said=list(first.errors.why),
-        linear_from_whole_std_errors=apart,
+        linear_from_whole_std_errors=[apart],
     )
     return {**table, "whole": whole.table()}
 
 
-def _sea_data(columns: dict[str, np.ndarray]) -> dict[str, Any]:
+def _sea_data(columns: dict[str, np.ndarray]) -> Found:
     tension = {"kind": "tension", "unit": "N", "noise": 1.0, "noise_unit": "%"}
     depth = {"kind": "depth", "unit": "m"}
     return {
@@ -153,7 +150,7 @@ def _sea_data(columns: dict[str, np.ndarray]) -> dict[str, Any]:
 class InLine(Problem):
     """A problem whose motion is the linear one where a fit ended; noise, priors, errors are those of the fit."""
 
-    def evaluate(self, values: np.ndarray, starts: Any = None) -> Evaluation:
+    def evaluate(self, values: np.ndarray, starts=None) -> Evaluation:
         there = LINEAR[0]
         move = values - there.values
         pairs = zip(there.evaluation.shown, there.evaluation.slopes, strict=True)
@@ -162,10 +159,10 @@ class InLine(Problem):
 
 
 #: Where the linear model is taken.
-LINEAR: list[Any] = []
+LINEAR: list = []
 
 
-def _in_line(first: Any, data: dict[str, Any], scene: Any, given: dict[str, Any]) -> Any:
+def _in_line(first, data: Found, scene, given: Found):
     LINEAR[:] = [first.solution]
     problem = pose(data, scene, list(given["start"]), [], given["start"], {}, given["priors"])
     problem = InLine(**{f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)})
@@ -173,14 +170,7 @@ def _in_line(first: Any, data: dict[str, Any], scene: Any, given: dict[str, Any]
     return ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
 
 
-def _say(found: Any, truth: Mapping[str, float]) -> None:
-    names = [p.name for p in found.parameters]
-    off = {n: round((found[n] - v) / found.errors.std_error[names.index(n)], 2) for n, v in truth.items() if n in names}
-    row = {"status": found.outcome, "seconds": round(found.seconds, 1), "off": off, "warnings": found.warnings}
-    say(row)
-
-
-def cable(draws: int) -> dict[str, Any]:
+def cable(draws: int) -> Found:
     """The hanging cable, as stiff as markers on every node can see, and limp with one marker."""
     return {
         "stiff": _cable(1e-3, range(1, CABLE["links"]), draws),
@@ -188,7 +178,7 @@ def cable(draws: int) -> dict[str, Any]:
     }
 
 
-def _cable(stiffness: float, markers: Sequence[int], draws: int) -> dict[str, Any]:
+def _cable(stiffness: float, markers: Sequence[int], draws: int) -> Found:
     t = np.arange(0.0, 6.0, 1 / 30)
     fine = np.arange(0.0, 6.3, 0.01)
     true = cable_truth(t, stiffness)
@@ -218,7 +208,6 @@ def _cable(stiffness: float, markers: Sequence[int], draws: int) -> dict[str, An
         found = fit_channels(data, cable_scene(stiffness), list(truth))
         tally.add(found)
         bias = found.step_bias.tolist() if bias is None else bias
-        _say(found, truth)
     return tally.table(step_bias=bias)
 
 
@@ -226,7 +215,7 @@ def _cable(stiffness: float, markers: Sequence[int], draws: int) -> dict[str, An
 NOISE_3D, NOISE_ANGLE, NOISE_PIXEL = 3.0, 3e-3, 0.7
 
 
-def runs(draws: int) -> dict[str, Any]:
+def runs(draws: int) -> Found:
     """Five releases whose damping differs."""
     mean, spread, count = CHAIN["b_l"], 0.05, 5
     path = "effects.linear_damping.b_l"
@@ -260,7 +249,7 @@ def runs(draws: int) -> dict[str, Any]:
     return tally.table(spread_between_runs={"truth": spread, "median": float(np.median(spreads))})
 
 
-def cameras(draws: int) -> dict[str, Any]:
+def cameras(draws: int) -> Found:
     """The kicked chain in two cameras that are not started together."""
     delay, rate, kick = 0.013, 59.94 / 60.0, 0.15
     scene = chain_scene(np.array([0.5, 0.4, 0.3]), kick)
@@ -303,16 +292,14 @@ def cameras(draws: int) -> dict[str, Any]:
             "channel": channels,
             "camera": [{"name": name, "position": place.tolist(), **spec} for name, place in views.items()],
         }
-        found = fit_channels(data, scene, list(truth), start=start)
-        tally.add(found)
-        _say(found, truth)
+        tally.add(fit_channels(data, scene, list(truth), start=start))
     return tally.table()
 
 
 CASES = {"sea": sea, "cable": cable, "runs": runs, "cameras": cameras}
 
 
-@command(("cases", list(CASES)), draws=100)
+@command({"cases": list(CASES)}, draws=100)
 def main(given):
     kept = stored("channels", {})
     for name in given.cases:

@@ -1,16 +1,7 @@
-"""Truth that another program makes: masses on a chain between two held ends, integrated by SciPy in Cartesian nodes.
+"""Truth that another program makes: point masses on rigid links, integrated by SciPy in Cartesian nodes."""
 
-With p_i the nodes' places in the plane (x, z), M_i their masses, links' lengths held by multipliers l_j,
-
-    M_i p_i'' = -M_i g e_z - b_l p_i' - b_q |p_i'| p_i' + sum_j l_j dc_j/dp_i
-    c_j = (|p_{j+1} - p_j|^2 - L_j^2)/2 = 0
-
-where c_j'' = 0 gives the multipliers at every instant. DOP853 at 1e-9 keeps the lengths to 1e-8 in 12 s.
-"""
-
-from __future__ import annotations
-
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -19,16 +10,82 @@ from scipy.optimize import fsolve
 G = 9.81
 
 
+def rigid_line(
+    t: np.ndarray,
+    r0: np.ndarray,
+    v0: np.ndarray,
+    lengths: np.ndarray,
+    masses: np.ndarray,
+    *,
+    b_l: float,
+    b_q: float = 0.0,
+    stiffness: float = 0.0,
+    ends: tuple[Callable[[float], np.ndarray], ...] = (),
+) -> np.ndarray:
+    """Nodes (times, n + 1, 3) [m] of point masses on rigid links, by SciPy's DOP853 on Lagrange's first kind.
+
+        m a = m g - b_l v - b_q |v| v - K r + G' lam,      d_j . a_j = -|d_j'|^2 - 2 w (d.d') - w^2 (|d|^2 - L^2)/2
+
+    d_j the links, K of the bending energy `EI/(2 l) sum |d_(j+1)/L - d_j/L|^2` (on links of constant length the same as
+    of unit vectors), the last terms hold the lengths (Baumgarte, w = 20/s).
+
+    Args:
+        r0, v0: nodes at the start (n + 1, 3), both ends included.
+        masses: of the free nodes.
+        stiffness: EI [N m^2].
+        ends: places, velocities and accelerations of the held ends (held, 9) over time; of one end: it is the first.
+    """
+    n, held = len(lengths), len(ends)
+    free = np.arange(1, n) if held == 2 else np.arange(1, n + 1)
+    difference = np.diff(np.eye(n + 1), axis=0)
+    bend = np.diff(difference / lengths[:, None], axis=0)
+    between = 0.5 * (lengths[1:] + lengths[:-1])
+    spring = stiffness * bend.T @ (bend / between[:, None])
+    own = difference[:, free]
+    gravity = np.array([0.0, 0.0, -G])
+    hold = 20.0
+
+    def whole(time: float, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        r, v, a = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
+        r[free], v[free] = state.reshape(2, -1, 3)
+        for node, end in zip((0, n), ends, strict=False):
+            r[node], v[node], a[node] = end(time).reshape(3, 3)
+        return r, v, a
+
+    def rate(time: float, state: np.ndarray) -> np.ndarray:
+        r, v, a = whole(time, state)
+        speed = np.linalg.norm(v[free], axis=1, keepdims=True)
+        force = masses[:, None] * gravity - b_l * v[free] - b_q * speed * v[free] - (spring @ r)[free]
+        d, dd = difference @ r, difference @ v
+        rows = own[:, :, None] * d[:, None, :]
+        flat = rows.reshape(n, -1)
+        off = 2 * hold * np.sum(d * dd, 1) + 0.5 * hold**2 * (np.sum(d * d, 1) - lengths**2)
+        goal = -np.sum(dd * dd, 1) - off - np.sum(d * (difference @ a), 1)
+        inverse = np.repeat(1 / masses, 3)
+        pull = np.linalg.solve((flat * inverse) @ flat.T, goal - flat @ (inverse * force.ravel()))
+        return np.concatenate([v[free].ravel(), inverse * (force.ravel() + flat.T @ pull)])
+
+    first = np.concatenate([r0[free].ravel(), v0[free].ravel()])
+    found = solve_ivp(rate, (0.0, float(t[-1])), first, "DOP853", t, rtol=1e-9, atol=1e-11)
+    if not found.success:
+        raise RuntimeError(found.message)
+    return np.array([whole(time, y)[0] for time, y in zip(t, found.y.T, strict=True)])
+
+
+def still(place: np.ndarray) -> Callable[[float], np.ndarray]:
+    """An end at rest."""
+    return lambda _: np.concatenate([place, np.zeros(6)])
+
+
 @dataclass(frozen=True)
 class Chain:
-    """A chain of n links.
+    """A chain of n links in the plane (x, z) between two held ends; its places are those of the nodes between them.
 
     Attributes:
         length: of the links (n,) [m].
         mass: of the nodes between them (n - 1,) [kg].
         end: place of the second end (2,) [m], the first is at 0.
         linear, quadratic: damping [kg/s], [kg/m].
-        gravity: components along x and z (2,) [m/s^2]; a tilted one is a rolled camera.
     """
 
     length: np.ndarray
@@ -36,14 +93,11 @@ class Chain:
     end: np.ndarray
     linear: float
     quadratic: float
-    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, -G]))
 
     def links(self, p: np.ndarray) -> np.ndarray:
         """Link vectors (..., n, 2) of inner nodes (..., n - 1, 2)."""
-        whole = np.concatenate(
-            [np.zeros((*p.shape[:-2], 1, 2)), p, np.broadcast_to(self.end, (*p.shape[:-2], 1, 2))], -2
-        )
-        return np.diff(whole, axis=-2)
+        first, last = (np.broadcast_to(end, (*p.shape[:-2], 1, 2)) for end in (np.zeros(2), self.end))
+        return np.diff(np.concatenate([first, p, last], axis=-2), axis=-2)
 
     def pose(self, polar: np.ndarray) -> np.ndarray:
         """Inner nodes whose first n - 2 links have these angles from the horizontal, positive downwards [rad]."""
@@ -63,7 +117,7 @@ class Chain:
         def balance(x: np.ndarray) -> np.ndarray:
             d = self.links(x[: 2 * n - 2].reshape(-1, 2))
             pull = x[2 * n - 2 :, None] * d
-            force = pull[1:] - pull[:-1] + self.mass[:, None] * self.gravity
+            force = pull[1:] - pull[:-1] + self.mass[:, None] * [0.0, -G]
             return np.concatenate([force.ravel(), np.sum(d**2, axis=1) - self.length**2])
 
         begun = np.concatenate([self.pose(polar).ravel(), np.full(n, self.mass.mean() * G / self.length.mean())])
@@ -72,39 +126,23 @@ class Chain:
             raise RuntimeError(message)
         return found[: 2 * n - 2].reshape(-1, 2)
 
-    def acceleration(self, p: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Of the inner nodes (n - 1, 2)."""
-        d, w = self.links(p), np.diff(np.concatenate([np.zeros((1, 2)), v, np.zeros((1, 2))]), axis=0)
-        force = self.mass[:, None] * self.gravity - self.linear * v
-        force = force - self.quadratic * np.linalg.norm(v, axis=1, keepdims=True) * v
-        inner, n = len(p), len(d)
-        slope = np.zeros((n, inner, 2))
-        for j in range(n):
-            if j < inner:
-                slope[j, j] = d[j]
-            if j:
-                slope[j, j - 1] = -d[j]
-        flat, inverse = slope.reshape(n, -1), np.repeat(1 / self.mass, 2)
-        right = -np.sum(w**2, axis=1) - flat @ (inverse * force.ravel())
-        pull = np.linalg.solve((flat * inverse) @ flat.T, right)
-        return (inverse * (force.ravel() + flat.T @ pull)).reshape(-1, 2)
-
     def swing(self, polar: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Inner nodes (k, n - 1, 2) at times t (k,), let go at rest at t[0]."""
-        p, size = self.pose(polar), 2 * (len(self.length) - 1)
-
-        def slope(_: float, y: np.ndarray) -> np.ndarray:
-            v = y[size:].reshape(-1, 2)
-            return np.concatenate([y[size:], self.acceleration(y[:size].reshape(-1, 2), v).ravel()])
-
-        y0 = np.concatenate([p.ravel(), np.zeros(size)])
-        found = solve_ivp(slope, (t[0], t[-1]), y0, method="DOP853", t_eval=t, rtol=1e-9, atol=1e-10)
-        return found.y[:size].T.reshape(len(t), -1, 2)
+        """Inner nodes (k, n - 1, 2) at times t (k,) from 0 on, released at rest."""
+        nodes = in_space(np.concatenate([np.zeros((1, 2)), self.pose(polar), self.end[None]]))
+        damping = {"b_l": self.linear, "b_q": self.quadratic}
+        ends = (still(nodes[0]), still(nodes[-1]))
+        path = rigid_line(t, nodes, np.zeros_like(nodes), self.length, self.mass, **damping, ends=ends)
+        return path[:, 1:-1, [0, 2]]
 
     def angles(self, p: np.ndarray) -> np.ndarray:
         """Polar angles (k, n) of inner nodes (k, n - 1, 2), without jumps."""
         d = self.links(p)
         return np.unwrap(np.arctan2(-d[..., 1], d[..., 0]), axis=0)
+
+
+def in_space(places: np.ndarray) -> np.ndarray:
+    """Places (..., 3) in the plane y = 0 of places (..., 2)."""
+    return np.insert(places, 1, 0.0, axis=-1)
 
 
 def _unit(polar: np.ndarray) -> np.ndarray:

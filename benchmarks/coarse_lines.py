@@ -7,12 +7,8 @@ larger of those of the forces at its ends. Takes about a minute. Writes results/
 warning were chosen with the seeds 7 to 9.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
-from study import Found, Rows, command, say, store, table_of
+from study import Found, Rows, collect, command, table_of
 
 from dropper_jax import Scene, equilibrium, load_scene
 from dropper_jax.run.growth import end_forces
@@ -33,7 +29,7 @@ def coarse_lines(found: Found) -> Rows:
     return rows
 
 
-def drawn(rng: np.random.Generator) -> tuple[int, dict[str, Any]]:
+def drawn(rng: np.random.Generator) -> tuple[int, Found]:
     """Number of links and the values of a line."""
     links, diameter = int(rng.choice(LINKS)), float(rng.choice([0.03, 0.05, 0.15, 0.25]))
     density = float(rng.choice([1080.0, 1300.0, 2000.0, 7000.0]))
@@ -64,14 +60,15 @@ def at_rest(scene: Scene) -> tuple[np.ndarray, bool]:
     return force, any("too few links" in text for text in pose_remarks(scene, pose.positions, pose.tension))
 
 
+def compare(links: int, values: Found) -> Found:
+    """A line with few links and with many."""
+    (force, warned), (fine, _) = (
+        at_rest(load_scene({**values, "line": [{**values["line"][0], "links": n}]})) for n in (links, FINE)
+    )
+    return {"links": links, "warned": warned, "error": float(np.max(np.abs(force / fine - 1.0)))}
+
+
 @command(draws=140, seed=10)
 def main(args) -> None:
-    rng, rows = np.random.default_rng(args.seed), []
-    for _ in range(args.draws):
-        links, values = drawn(rng)
-        (force, warned), (fine, _) = (
-            at_rest(load_scene({**values, "line": [{**values["line"][0], "links": n}]})) for n in (links, FINE)
-        )
-        rows.append({"links": links, "warned": warned, "error": float(np.max(np.abs(force / fine - 1.0)))})
-        say(rows[-1])
-    store("coarse_lines", {"seed": args.seed, "rows": rows})
+    rng = np.random.default_rng(args.seed)
+    collect("coarse_lines", {"rows": (compare(*drawn(rng)) for _ in range(args.draws))}, seed=args.seed)

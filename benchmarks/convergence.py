@@ -8,21 +8,17 @@ or by at most twice the standard error of the difference by batch means, which i
 makes. Single largest tensions are shown, not judged.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import jax
 import numpy as np
 from error_bars import chain
-from study import RESULTS, command, describe, say, store, stored
+from study import RESULTS, Found, command, describe, say, store, stored
 
 import dropper_jax as dj
 
 dj.one_kernel()
 
 #: Scene, its largest step [s], simulated time [s], window of maxima [s].
-SCENES: dict[str, tuple[Any, float, float, float]] = {
+SCENES: dict[str, tuple] = {
     "paper-case-1": ("paper-case-1", 0.02, 60.0, 8.33),
     "paper-case-3": ("paper-case-3", 0.02, 60.0, 8.33),
     "edulis-longline": ("edulis-longline", 0.03, 60.0, 8.0),
@@ -33,7 +29,7 @@ HALVINGS, SKIP, BATCHES = 5, 10.0, 8
 WITHIN = {"mean": 0.01, "deviation": 0.02, "quantile": 0.03, "window maximum": 0.05}
 
 
-def tensions(given: Any, dt: float, duration: float) -> tuple[np.ndarray, np.ndarray, list[slice]]:
+def tensions(given, dt: float, duration: float) -> tuple[np.ndarray, np.ndarray, list[slice]]:
     """Times (q,) [s] after `SKIP`, tensions (q, n) [N], the links of each line."""
     found = dj.simulate(given, dt=dt, duration=duration, save_every=1)
     if found.status != "ok":
@@ -68,14 +64,14 @@ def chance(t: np.ndarray, values: np.ndarray, t_fine: np.ndarray, fine: np.ndarr
     return dict(zip(WITHIN, map(float, spread), strict=True))
 
 
-def study(given: Any, largest: float, duration: float, window: float) -> list[dict[str, Any]]:
+def study(given, largest: float, duration: float, window: float) -> list[Found]:
     """A row per step: by load the worst relative difference from the finest run over the lines, and how many agree."""
     t_fine, fine, lines = tensions(given, largest / 2**HALVINGS, duration)
     where = [line.start + int(np.argmax(fine[:, line].max(axis=0))) for line in lines]
     rows = []
     for k in range(HALVINGS):
         t, found, _ = tensions(given, largest / 2**k, duration)
-        row: dict[str, Any] = {"dt": largest / 2**k, "lines": len(lines)}
+        row = {"dt": largest / 2**k, "lines": len(lines)}
         compared = []
         for link in where:
             ours, right = loads(t, found[:, link], window), loads(t_fine, fine[:, link], window)

@@ -8,17 +8,13 @@ whose programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws w
 methods on these seeds of `random_droppers.py` instead, from five times off; every row is stored at once.
 """
 
-from __future__ import annotations
-
-import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib.style
 import numpy as np
 from random_droppers import draw as draw_rig
-from study import command, describe, say, store, stored
+from study import Found, command, describe, say, store, stored, timed
 
 import dropper_jax as dj
 from dropper_jax.plots import style
@@ -27,7 +23,7 @@ from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "descent.png"
 SCENE, DURATION, NOISE, TIMES_OFF = "dropper-release-a", 16.0, 0.005, 10.0
-METHODS: dict[str, dict[str, Any]] = {
+METHODS: dict[str, Found] = {
     "Gauss-Newton": {},
     "L-BFGS (optax)": {"method": "gradient"},
     "Adam (optax)": {"method": "gradient", "optimizer": "adam"},
@@ -36,7 +32,7 @@ METHODS: dict[str, dict[str, Any]] = {
 DESCENTS = ("L-BFGS (optax)", "Adam (optax)")
 
 
-def measure(only: Sequence[str]) -> dict[str, Any]:
+def measure(only: Sequence[str]) -> Found:
     """Fit by these methods; each compiles its own programs, and the time of that stands apart."""
     scene = dj.load_scene(SCENE)
     names = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
@@ -45,13 +41,10 @@ def measure(only: Sequence[str]) -> dict[str, Any]:
     wrong = scene.with_values({name: TIMES_OFF * value for name, value in zip(names, truth, strict=True)})
     rows = []
     for label in only:
-        settings = METHODS[label]
         rig = wrong.with_values({"run.solver": "dense"}) if label.endswith("dense") else wrong
-        fit(trace, rig, ["b_l", "b_q"], **settings)  # compiles
-        begun = time.process_time()
-        result = fit(trace, rig, ["b_l", "b_q"], **settings)
-        whole = time.process_time() - begun
-        path = [[p.value for p in result.parameters], *(point["values"] for point in result.solution.history)]
+        for _ in range(2):  # the first one compiles
+            result, seconds = timed(lambda rig=rig, label=label: fit(trace, rig, ["b_l", "b_q"], **METHODS[label]))
+        first = [p.value for p in result.parameters]
         rows.append(
             {
                 "method": label,
@@ -59,34 +52,32 @@ def measure(only: Sequence[str]) -> dict[str, Any]:
                 "evaluations": result.iterations,
                 "run_s": result.seconds["run"],
                 "compile_s": result.seconds["compile"],
-                "processor_s": whole,
+                "processor_s": seconds["processor_s"],
                 "gap_weight": result.solution.gap_weight,
                 "values": list(result.values),
                 "std_errors": list(result.uncertainty.std_error),
-                "path": path,
+                "path": [first, *(point["values"] for point in result.solution.history)],
             }
         )
         print(label, result.outcome, flush=True)
-    return {"scene": SCENE, "duration_s": DURATION, "noise_rad": NOISE, "truth": truth, "rows": rows} | {
-        "machine": describe()
-    }
+    head = {"scene": SCENE, "duration_s": DURATION, "noise_rad": NOISE, "truth": truth, "machine": describe()}
+    return {**head, "rows": rows}
 
 
-def dropper(seed: int, labels: Sequence[str]) -> dict[str, Any]:
+def dropper(seed: int, labels: Sequence[str]) -> Found:
     """Descents compared with Gauss-Newton: distance of estimates [standard errors], ratios of errors and of times."""
     rig = draw_rig(seed)
 
-    def timed(label: str) -> tuple[Any, float]:
-        begun = time.process_time()
-        result = fit([rig.trace], rig.scene, start=rig.start, **METHODS[label])
-        return result, time.process_time() - begun
+    def fitted(label: str) -> tuple:
+        result, seconds = timed(lambda: fit([rig.trace], rig.scene, start=rig.start, **METHODS[label]))
+        return result, seconds["processor_s"]
 
-    timed("Gauss-Newton")  # compiles what all methods use
-    usual, seconds = timed("Gauss-Newton")
+    fitted("Gauss-Newton")  # compiles what all methods use
+    usual, seconds = fitted("Gauss-Newton")
     error = np.array(usual.uncertainty.std_error)
     row = {"seed": seed, "links": rig.trace.links, "peak": rig.peak, "status": usual.status, "processor_s": seconds}
     for label in labels:
-        result, own = timed(label)
+        result, own = fitted(label)
         row[label] = {
             "status": result.status,
             "same_gap_weight": result.solution.gap_weight == usual.solution.gap_weight,
@@ -97,7 +88,7 @@ def dropper(seed: int, labels: Sequence[str]) -> dict[str, Any]:
     return row
 
 
-def draw(found: dict[str, Any]) -> None:
+def draw(found: Found) -> None:
     """Distance to the truth, coefficient by coefficient, along the way of every method."""
     truth = np.array(found["truth"])
     with matplotlib.style.context(["default", style.RC]):
@@ -120,11 +111,11 @@ def draw(found: dict[str, Any]) -> None:
 def main(args):
     if args.droppers:
         for seed in range(*map(int, args.droppers.split(":"))):
-            found = stored("descent")
             row = dropper(seed, DESCENTS if args.adam else DESCENTS[:1])
             say(row)
-            others = [r for r in found.get("droppers", []) if r["seed"] != seed]
-            store("descent", {**found, "droppers": sorted([*others, row], key=lambda r: r["seed"])})
+            found = stored("descent")
+            rows = [row, *(r for r in found.get("droppers", []) if r["seed"] != seed)]
+            store("descent", {**found, "droppers": sorted(rows, key=lambda r: r["seed"])})
         return
     if not args.picture:
         known, found = stored("descent"), measure(args.only)

@@ -5,12 +5,8 @@
 Takes about a minute. Writes results/edulis_anchors.json, of which `python benchmarks/tables.py` makes a table.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
-from study import collect, command
+from study import Found, collect, command
 
 from dropper_jax import load_scene
 from dropper_jax.study.sea_facts import tidal_cycle
@@ -19,7 +15,7 @@ NAMES = ("west-danforth", "east-danforth", "west-gravity", "east-gravity")
 HEADINGS = range(0, 91, 15)  # [deg] of the tide against the backbone
 
 
-def anchors(heading: int) -> dict[str, Any]:
+def anchors(heading: int) -> Found:
     """Largest loads over a tide at one heading [deg]."""
     scene = load_scene("edulis-tide").with_values({"sea.current.direction": float(np.radians(heading))})
     rows = tidal_cycle(scene)["rows"]

@@ -8,17 +8,12 @@ within twice of it, and the median of stated over true; goals: 90 % within the s
 that are off by less than `EXACT` are left out of the median.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
-from study import command, show
+from study import Found, command, show
 
 import dropper_jax as dj
-from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.simulate import simulate
-from dropper_jax.study.load_errors import load_errors, twice_the_links
+from dropper_jax.report.record import record
+from dropper_jax.study.load_errors import line_loads, load_errors, twice_the_links
 
 LOADS = ("mean", "deviation", "window_maximum", "maximum")
 #: Relative error that counts as none.
@@ -27,7 +22,7 @@ EXACT = 1e-6
 SKIP = 2.0
 
 
-def chain(amplitude: float, period: float, duration: float) -> dict[str, Any]:
+def chain(amplitude: float, period: float, duration: float) -> Found:
     """A chain of 8 links between two points in still water, one of which is moved."""
     return {
         "run": {"dt": 0.01, "duration": duration},
@@ -49,7 +44,7 @@ def chain(amplitude: float, period: float, duration: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def pendulum(stiffness: float = 2e4) -> dict[str, Any]:
+def pendulum(stiffness: float = 2e4) -> Found:
     """A rope of 6 links, axial stiffness [N], let go slantwise, with damping."""
     line = {"name": "rope", "from": "top", "to": "low", "links": 6, "length": 0.5, "mass": 1.0}
     return {
@@ -64,7 +59,7 @@ def pendulum(stiffness: float = 2e4) -> dict[str, Any]:
     }
 
 
-SCENES: dict[str, tuple[Any, tuple[float, ...]]] = {
+SCENES: dict[str, tuple] = {
     "driven gently": (chain(0.5, 5.0, 17.0), (0.16, 0.08, 0.04, 0.02, 0.01)),
     "driven fast": (chain(1.2, 3.0, 14.0), (0.08, 0.04, 0.02, 0.01, 0.005)),
     "driven until it snaps": (chain(1.8, 2.0, 12.0), (0.04, 0.02, 0.01, 0.005, 0.0025)),
@@ -76,16 +71,13 @@ SCENES: dict[str, tuple[Any, tuple[float, ...]]] = {
 }
 
 
-def stated(scene: Scene, dt: float) -> dict[str, Any]:
-    found = load_errors(scene.with_values({"run.dt": dt}), simulate, SKIP)
+def stated(scene: dj.Scene, dt: float) -> Found:
+    found = load_errors(scene.with_values({"run.dt": dt}), dj.simulate, SKIP)
     return {**found["loads"][0], "not_resolved": bool(found["not_resolved"]), "chaotic": found["chaotic"]}
 
 
-def truth(scene: Scene, dt: float, at: float) -> dict[str, float]:
+def truth(scene: dj.Scene, dt: float, at: float) -> dict[str, float]:
     """Loads of a run with four times the links and an eighth of the step, at the same arc length."""
-    from dropper_jax.report.record import record
-    from dropper_jax.study.load_errors import line_loads
-
     fine = twice_the_links(twice_the_links(scene)).with_values({"run.dt": dt / 8})
     (row,) = line_loads(record(dj.simulate(fine), SKIP), [{"at_m": at}])
     return {name: row[name][0] for name in LOADS}
@@ -97,7 +89,7 @@ def main(args) -> None:
     show("scene", "step [s]", "load", "value [N]", "stated", "true", "stated/true", "")
     for name in args.scenes:
         given, steps = SCENES[name]
-        scene = load_scene(given)
+        scene = dj.load_scene(given)
         scene = scene.with_values({"run.duration": min(scene.run.duration, 20.0)})
         right: dict[float, dict[str, float]] = {}
         for dt in steps:

@@ -6,22 +6,18 @@ it, and at a common step. Then the same chain without water or damper, set swing
 over its kinetic energy at the start.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import jax
 import numpy as np
 from moordyn_runs import SAMPLE, Ours, Rows
 from moordyn_speed import SMOOTH, driven_chain
+from study import Found
 
-from dropper_jax import Scene
-from dropper_jax.run.build import build
-from dropper_jax.stepping.integrate import integrate, observe
-from dropper_jax.stepping.stepper import make_stepper
+from dropper_jax import Scene, build, integrate, make_stepper
+from dropper_jax.stepping.integrate import observe
 
 SPAN, SETTLED = 30.0, 10.0  # [s]
 RATIOS = (1.0, 0.1, 0.0)
@@ -36,21 +32,21 @@ EXPLICIT = ("rk2", "semi_implicit_euler")
 FREE_STEPS, FREE_SPAN, SWING = (1e-3, 5e-4, 2.5e-4), 10.0, 0.5
 
 
-def schemes(case: Callable[[int, float], Scene]) -> Iterator[dict[str, Any]]:
+def schemes(case: Callable[[int, float], Scene]) -> Iterator[Found]:
     """One row per damping ratio, and one of the released chain, printed as they come."""
     for ratio in RATIOS:
         yield _driven(driven_chain(case(1, ratio), SMOOTH), ratio)
     yield _released(case(1, 0.0))
 
 
-def _driven(scene: Scene, ratio: float) -> dict[str, Any]:
+def _driven(scene: Scene, ratio: float) -> Found:
     base = Ours.of(scene)
 
     def runner(name: str) -> Ours:
         return Ours(make_stepper(base.model, name, track_work=False), base.model, base.start)
 
     reference = runner("rk4").run(REFERENCE, SPAN)
-    found: dict[str, Any] = {"damping_ratio": ratio, "reference": reference.statistics(SETTLED)}
+    found = {"damping_ratio": ratio, "reference": reference.statistics(SETTLED)}
     for name in EXPLICIT:
         ours = runner(name)
         rows, count = [], None
@@ -64,10 +60,8 @@ def _driven(scene: Scene, ratio: float) -> dict[str, Any]:
     smallest = min(found[name]["largest_stable_dt_s"] for name in EXPLICIT)
     common = [c for c in COUNTS if SAMPLE / c <= 0.5 * smallest][0]
     for name in EXPLICIT:
-        row = {"dt_s": SAMPLE / common, **_errors(runner(name).run(common, SPAN), reference)}
-        found[name]["common"] = row
-    row = {"dt_s": SAMPLE / 5, **_errors(base.run(5, SPAN), reference)}
-    found["energy_momentum"] = row
+        found[name]["common"] = {"dt_s": SAMPLE / common, **_errors(runner(name).run(common, SPAN), reference)}
+    found["energy_momentum"] = {"dt_s": SAMPLE / 5, **_errors(base.run(5, SPAN), reference)}
     return found
 
 
@@ -80,11 +74,10 @@ def _errors(run: Rows, reference: Rows, limit: float = np.inf) -> dict[str, floa
     return {**found, "cpu_per_s": run.cpu_s / SPAN} if max(found.values()) < limit else None
 
 
-def _released(base: Scene) -> dict[str, Any]:
+def _released(base: Scene) -> Found:
     """Change of energy of the chain without damper or water between fixed ends, set swinging across its plane."""
     table = driven_chain(base, SMOOTH).to_dict()
-    gravity = table.pop("sea").get("gravity", 9.81)
-    table["effects"] = {"weight": {"gravity": gravity}}
+    table["effects"] = {"weight": {"gravity": table.pop("sea").get("gravity", 9.81)}}
     table["line"][0]["axial"].pop("damping", None)
     table["point"][1]["position"] = [40.0, 0.0, -2.0]
     model, s = build(Scene.from_dict({**table, "name": "released-chain"}))
@@ -102,6 +95,6 @@ def _released(base: Scene) -> dict[str, Any]:
             energy = np.asarray(seen.kinetic + seen.potential)
             first = observe(model, s.r, s.v, s.t)
             change = (energy - float(first.kinetic + first.potential)) / float(first.kinetic)
-            row = {"scheme": name, "dt_s": dt, "end": float(change[-1]), "largest": float(np.max(np.abs(change)))}
-            rows.append(row)
+            largest = float(np.max(np.abs(change)))
+            rows.append({"scheme": name, "dt_s": dt, "end": float(change[-1]), "largest": largest})
     return {"released": rows}

@@ -12,56 +12,32 @@ goes on where it stopped.
 import time
 
 import numpy as np
-from farm_design import problem
+from farm_design import Farm
 from study import command, say, store, stored
 
-from fitting.optimise.models import Still, sea_of, still, still_model, with_design
-from fitting.optimise.quantities import part_load
-from fitting.optimise.storm import WINDOW_RAMP, full_storm, peaks
-from fitting.optimise.values import Rest, near_rest, rest
+from fitting.optimise.storm import WINDOW_RAMP, full_storm
+from fitting.optimise.values import rest
 
 #: Share by which a variable is moved, and how many variables are.
 SHARE, STRONGEST = 0.03, 5
 DURATION = 60.0
 
 
-class Runs:
-    """Runs of moved designs; the model and pose of the last design are kept."""
+class Runs(Farm):
+    """Runs of moved designs: each kind of run is made of a design and takes a case."""
 
-    def __init__(self, site, variables, x):
-        self.site, self.variables, self.x = site, variables, x
-        self.storm = site.cases[0].storm
-        self.still = still(site, variables, x, self.storm)
-        self.rest = rest(self.still)
-        self.quantities = (part_load(self.still.model, site.parts[0]),)
-        self._last = None
+    def window(self, x):
+        run = self.peaks_of(x, DURATION)
+        return lambda case: float(run(case).hard[0])
 
-    def design(self, moved, calm):
-        key = moved.tobytes(), calm
-        if self._last is None or self._last[0] != key:
-            model = still_model(self.site, self.variables, moved, self.storm, calm)
-            self._last = key, model, near_rest(model, self.rest.state)
-        return self._last[1:]
+    def own_law(self, x):
+        _, pose = self.at_rest(x, calm=False)
+        return lambda case: float(full_storm(self.site, self.scene(x), case, self.quantities, pose).hard[0])
 
-    def slopes(self, case):
-        """Hard peak and its derivatives, the soft ones scaled."""
-        sea = self.sea(self.x, case)
-        found = peaks(self.still, self.rest, sea, self.quantities, self.site.scene.run.dt, DURATION, True)
-        return float(found.hard[0]), (found.slope[0] * found.hard[0] / found.soft[0]).tolist()
 
-    def sea(self, x, case):
-        return sea_of(self.site, with_design(self.site.scene, self.variables, x), case, WINDOW_RAMP)
-
-    def window(self, moved, case):
-        model, pose = self.design(moved, True)
-        still_, own = Still(model, self.still.slopes), Rest(pose, self.rest.dr, self.rest.dtension)
-        found = peaks(still_, own, self.sea(moved, case), self.quantities, self.site.scene.run.dt, DURATION, False)
-        return float(found.hard[0])
-
-    def own_law(self, moved, case):
-        scene = with_design(self.site.scene, self.variables, moved)
-        found = full_storm(self.site, scene, case, self.quantities, self.design(moved, False)[1])
-        return float(found.hard[0])
+def mean_of(rows):
+    """Mean over the seeds that were run."""
+    return np.mean(list(rows.values())) if rows else np.nan
 
 
 def foretold(kept, names, x):
@@ -74,18 +50,13 @@ def foretold(kept, names, x):
         k = names.index(name)
         row = {"variable": name, "foretold": SHARE * x[k] * slopes[k], "foretold_median": SHARE * x[k] * typical[k]}
         for law in ("window", "own_law"):
-            ends, start = [], np.mean(list(kept["start"].get(law, {}).values() or [np.nan]))
-            for sign in ("+", "-"):
-                own = list(kept["moved"].get(f"{name}{sign}{law}", {}).values())
-                ends.append(np.mean(own) if own else np.nan)
-            spread = [
-                kept["moved"][f"{name}+{law}"][s] - kept["moved"][f"{name}-{law}"][s]
-                for s in kept["moved"].get(f"{name}+{law}", {})
-                if s in kept["moved"].get(f"{name}-{law}", {})
-            ]
-            both = {"up": ends[0] - start, "down": start - ends[1], "central": 0.5 * (ends[0] - ends[1])}
+            start = mean_of(kept["start"].get(law))
+            up, down = (kept["moved"].get(f"{name}{sign}{law}", {}) for sign in "+-")
+            above, below = mean_of(up) - start, start - mean_of(down)
+            both = {"up": above, "down": below, "central": 0.5 * (mean_of(up) - mean_of(down))}
             row[law] = {key: value / row["foretold"] for key, value in both.items()}
             row[law] |= {f"{key}_by_median": value / row["foretold_median"] for key, value in both.items()}
+            spread = [up[seed] - down[seed] for seed in up if seed in down]
             if len(spread) > 1:
                 row[law]["error"] = abs(0.5 * np.std(spread, ddof=1) / np.sqrt(len(spread)) / row["foretold"])
         table.append(row)
@@ -96,49 +67,50 @@ def foretold(kept, names, x):
 def main(args):
     begun = time.perf_counter()
     values = {"duration": DURATION, "seeds": args.seeds, "skip": WINDOW_RAMP, "ramp": WINDOW_RAMP}
-    site, variables, x = problem(args.loops, values)
-    names = [v.name for v in variables]
-    runs = Runs(site, variables, x)
+    runs = Runs(args.loops, values)
+    names, x = [v.name for v in runs.variables], runs.x
+    runs.prepare()
+    runs.rest = rest(runs.still)
     own = {"loops": args.loops, "seeds": args.seeds}
     kept = stored("farm_chaos", {})
     if {key: kept.get(key) for key in own} != own:
         kept = {**own, "share": SHARE, "base": {}, "start": {"window": {}, "own_law": {}}, "moved": {}}
+    spent = kept.get("cpu_s", 0.0)
 
-    def late():
-        return time.perf_counter() - begun > args.seconds
-
-    def put(done=False):
-        kept["cpu_s"] = kept.get("cpu_s", 0.0) + time.process_time() - put.last
-        put.last = time.process_time()
-        if done or kept["moved"]:
+    def put():
+        kept["cpu_s"] = spent + time.process_time()
+        if "variables" in kept:
             kept["table"] = foretold(kept, names, x)
         store("farm_chaos", kept)
 
-    put.last = 0.0
-    for case in site.cases:
-        if str(case.seed) not in kept["base"] and not late():
-            hard, slope = runs.slopes(case)
-            kept["base"][str(case.seed)] = {"hard": hard, "slope": slope}
-            kept["start"]["window"][str(case.seed)] = hard
-            put()
+    def missing(rows):
+        """Cases that are not in the rows, while there is time; the rows are stored when the next one is asked for."""
+        for case in runs.site.cases:
+            if str(case.seed) not in rows and time.perf_counter() - begun < args.seconds:
+                yield case
+                put()
+
+    for case in missing(kept["base"]):
+        found = runs.peaks(case, DURATION, slopes=True)
+        hard = float(found.hard[0])
+        # the slope of the soft peak, scaled
+        kept["base"][str(case.seed)] = {"hard": hard, "slope": (found.slope[0] * hard / found.soft[0]).tolist()}
+        kept["start"]["window"][str(case.seed)] = hard
     if len(kept["base"]) < args.seeds:
         return
     strength = np.abs(np.mean([row["slope"] for row in kept["base"].values()], axis=0) * x)
     kept["variables"] = [names[k] for k in np.argsort(-strength)[:STRONGEST]]
-    for law, run in (("window", runs.window), ("own_law", runs.own_law)):
-        designs = [(None, x)]
+    for law, prepare in (("window", runs.window), ("own_law", runs.own_law)):
+        designs = [(kept["start"][law], x)]
         for name in kept["variables"]:
             for sign, share in (("+", SHARE), ("-", -SHARE)):
-                moved = x.copy()
-                moved[names.index(name)] *= 1.0 + share
-                designs.append((f"{name}{sign}{law}", moved))
-        for key, moved in designs:
-            rows = kept["start"][law] if key is None else kept["moved"].setdefault(key, {})
-            for case in site.cases:
-                if str(case.seed) in rows or late():
-                    continue
-                rows[str(case.seed)] = run(moved, case)
-                put()
-    put(done=True)
+                moved = runs.moved(names.index(name), share * x[names.index(name)])
+                designs.append((kept["moved"].setdefault(f"{name}{sign}{law}", {}), moved))
+        for rows, moved in designs:
+            run = None
+            for case in missing(rows):
+                run = run or prepare(moved)
+                rows[str(case.seed)] = run(case)
+    put()
     for row in kept["table"]:
         say(row)

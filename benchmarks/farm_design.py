@@ -28,7 +28,6 @@ RANGES = {
     "backbone_diameter": (0.02, 0.06),
     "leg_diameter": (0.02, 0.06),
     "sock_mass": (4.0, 12.0),
-    "depth": (22.0, 28.0),
     "line_type.sock.diameter": (0.05, 0.15),
     "line_type.sock.EA": (5e4, 2e5),
     "line_type.leg.EA": (1e6, 2e6),
@@ -40,6 +39,7 @@ RANGES = {
     "line_type.backbone.can": (0.5, 1.5),
     "line_type.leg.can": (0.5, 1.5),
     "line_type.leg.mass": (0.5, 1.5),
+    "line_type.backbone.mass": (0.3, 1.2),
 }
 #: Values of the site's run.
 RUN = {"duration": 60.0, "seeds": 1, "skip": 15.0}
@@ -47,93 +47,115 @@ RUN = {"duration": 60.0, "seeds": 1, "skip": 15.0}
 STEPS = (1e-6, 1e-7, 1e-5)
 
 
-def problem(loops, run=RUN):
-    """Site, variables and their start, with these values of the site's run."""
-    table = {
-        "scene": "looped-longline",
-        "parameters": {"loops": loops},
-        "run": run,
-        "sea_state": [{"name": "storm", "hs": 4.2, "tp": 9.5, "count": 60}],
-        "cases": {"currents": [0.9]},
-        "factors": {"intact": 1.0},
-        "part": [{"name": "legs", "lines": "*-leg"}],
-        "unchecked": ["backbone", "loop-*"],
-    }
-    site = read_site(table)
-    # the depth moves the waves too, which windows hold
-    names = {name: ends for name, ends in RANGES.items() if name != "depth"} | {"line_type.backbone.mass": (0.3, 1.2)}
-    tables = [{"name": name, "low": low, "high": high} for name, (low, high) in names.items()]
-    variables = read_variables(tables, site.scene)
-    return site, variables, np.array([v.value for v in variables])
+class Farm:
+    """Designs of a longline in storms: models at rest, and the largest leg tension.
+
+    Attributes:
+        x: values of the variables at the start.
+        still, rest: its model with derivatives by the variables, and its pose at rest; None until they are computed.
+    """
+
+    def __init__(self, loops, run=RUN):
+        self.site = read_site(
+            {
+                "scene": "looped-longline",
+                "parameters": {"loops": loops},
+                "run": run,
+                "sea_state": [{"name": "storm", "hs": 4.2, "tp": 9.5, "count": 60}],
+                "cases": {"currents": [0.9]},
+                "factors": {"intact": 1.0},
+                "part": [{"name": "legs", "lines": "*-leg"}],
+                "unchecked": ["backbone", "loop-*"],
+            }
+        )
+        tables = [{"name": name, "low": low, "high": high} for name, (low, high) in RANGES.items()]
+        self.variables = read_variables(tables, self.site.scene)
+        self.x = np.array([v.value for v in self.variables])
+        self.storm = self.site.cases[0].storm
+        self.still = self.rest = self.quantities = None
+
+    def prepare(self):
+        """Compute the derivatives of the model."""
+        self.still = still(self.site, self.variables, self.x, self.storm)
+        self.quantities = (part_load(self.still.model, self.site.parts[0]),)
+
+    def moved(self, variable, change):
+        """The design with one variable, by number, changed by so much."""
+        x = self.x.copy()
+        x[variable] += change
+        return x
+
+    def at_rest(self, x, calm=True):
+        """Model and pose of a design; `calm`: with damped ropes, as windows have it."""
+        model = still_model(self.site, self.variables, x, self.storm, calm)
+        return model, near_rest(model, self.rest.state)
+
+    def scene(self, x):
+        return with_design(self.site.scene, self.variables, x)
+
+    def peaks(self, case, duration, slopes=False):
+        """Peaks of the start, with or without derivatives, in a window of this length [s]."""
+        return self._peaks(self.still, self.rest, self.x, case, duration, slopes, None)
+
+    def peaks_of(self, x, duration, heights=None):
+        """A function of the case: peaks of a design."""
+        model, pose = self.at_rest(x)
+        moved = Still(model, self.still.slopes), Rest(pose, self.rest.dr, self.rest.dtension)
+        return lambda case: self._peaks(*moved, x, case, duration, False, heights)
+
+    def _peaks(self, model, pose, x, case, duration, slopes, heights):
+        sea = sea_of(self.site, self.scene(x), case, WINDOW_RAMP)
+        return peaks(model, pose, sea, self.quantities, self.site.scene.run.dt, duration, slopes, heights)
+
+
+def against_differences(farm, variable, found, duration):
+    """The derivative by one variable, by number, and the best of the central differences."""
+    one, best = farm.variables[variable], None
+    slope = found.slope[0, variable] * one.span
+    for step in STEPS:
+        ends = (farm.peaks_of(farm.moved(variable, h * one.span), duration, found.hard) for h in (step, -step))
+        up, down = (end(farm.site.cases[0]).soft[0] for end in ends)
+        difference = (up - down) / (2 * step)
+        off = abs(difference - slope) / max(abs(slope), 1e-12)
+        if best is None or off < best["off"]:
+            best = {"variable": one.name, "slope": slope, "difference": difference, "off": off, "step": step}
+        if off < 1e-4:
+            break
+    return best
 
 
 @command(loops=60, duration=60.0, seconds=1e9)
 def main(args):
-    begun = last = time.perf_counter()
+    begun = time.perf_counter()
+    last = {"loops": args.loops, "duration": args.duration}
 
-    def lap():
-        nonlocal last
-        now = time.perf_counter()
-        took, last = now - last, now
-        return round(took, 2)
+    def timed(key, call):
+        start = time.perf_counter()
+        found = call()
+        last[key] = round(time.perf_counter() - start, 2)
+        return found
 
-    site, variables, x = problem(args.loops)
-    case = site.cases[0]
-    found = {"loops": args.loops, "duration": args.duration, "read_s": lap()}
-    here = still(site, variables, x, case.storm)
-    found |= {"links": here.model.line.links, "leaves": len(here.slopes), "model_slopes_s": lap()}
-    sea = sea_of(site, with_design(site.scene, variables, x), case, WINDOW_RAMP)
-    quantities = (part_load(here.model, site.parts[0]),)
-    dt = site.scene.run.dt
-
-    def peak(still_, pose, slopes, heights=None):
-        return peaks(still_, pose, sea, quantities, dt, args.duration, slopes, heights)
-
-    own = None
-    calls = {
-        "rest": lambda: rest(here, own and own.state),
-        "run": lambda: peak(here, own, False),
-        "gradient": lambda: peak(here, own, True),
-    }
-    for name, call in calls.items():
+    farm = timed("read_s", lambda: Farm(args.loops))
+    timed("model_slopes_s", farm.prepare)
+    last |= {"links": farm.still.model.line.links, "leaves": len(farm.still.slopes)}
+    case = farm.site.cases[0]
+    for key in ("rest_first_s", "rest_s"):
+        farm.rest = timed(key, lambda: rest(farm.still, farm.rest and farm.rest.state))
+    for name in ("run", "gradient"):
         for key in (f"{name}_first_s", f"{name}_s"):
-            value = call()
-            own = value if name == "rest" else own
-            found[key] = lap()
-    found["cost_in_runs"] = round(found["gradient_s"] / found["run_s"], 2)
-    found["memory_GB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, 2)
-    found |= {"hard_peak": float(value.hard[0]), "soft_peak": float(value.soft[0])}
-    before = stored("farm_gradient", {})
-    same = before.get("loops") == args.loops and before.get("duration") == args.duration
-    rows = {row["variable"]: row for row in before.get("rows", [])} if same else {}
-    first = (
-        before["first"] if same else found
-    )  # later calls take compiled programs of earlier ones, where these are kept
-    say(found)
-
-    def put():
-        own = {"loops": args.loops, "duration": args.duration, "first": first, "last": found}
-        store("farm_gradient", {**own, "rows": list(rows.values())})
-
-    put()
-    for k, variable in enumerate(variables):
-        if variable.name in rows or time.perf_counter() - begun > args.seconds:
-            continue
-        slope, best = value.slope[0, k] * variable.span, None
-        for step in STEPS:
-            ends = []
-            for sign in (1.0, -1.0):
-                moved = x.copy()
-                moved[k] += sign * step * variable.span
-                model = Still(still_model(site, variables, moved, case.storm), here.slopes)
-                pose = Rest(near_rest(model.model, own.state), own.dr, own.dtension)
-                ends.append(peak(model, pose, False, value.hard).soft[0])
-            difference = (ends[0] - ends[1]) / (2 * step)
-            off = abs(difference - slope) / max(abs(slope), 1e-12)
-            if best is None or off < best["off"]:
-                best = {"variable": variable.name, "slope": slope, "difference": difference, "off": off, "step": step}
-            if off < 1e-4:
-                break
-        rows[variable.name] = best
-        say(best)
-        put()
+            found = timed(key, lambda name=name: farm.peaks(case, args.duration, name == "gradient"))
+    last["cost_in_runs"] = round(last["gradient_s"] / last["run_s"], 2)
+    last["memory_GB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, 2)
+    last |= {"hard_peak": float(found.hard[0]), "soft_peak": float(found.soft[0])}
+    say(last)
+    own = {key: last[key] for key in ("loops", "duration")}
+    kept = stored("farm_gradient", {})
+    if {key: kept.get(key) for key in own} != own:  # later calls take compiled programs where these are kept
+        kept = {**own, "first": last, "rows": []}
+    kept["last"] = last
+    for k, variable in enumerate(farm.variables):
+        known = [row["variable"] for row in kept["rows"]]
+        if variable.name not in known and time.perf_counter() - begun < args.seconds:
+            kept["rows"].append(against_differences(farm, k, found, args.duration))
+            say(kept["rows"][-1])
+        store("farm_gradient", kept)

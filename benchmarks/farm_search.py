@@ -10,12 +10,13 @@ programs are compiled. Writes `results/farm_search.json`.
 """
 
 import time
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from study import command, store, stored
+from study import command, say, store, stored
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax import SceneError
 from fitting.optimise.models import with_design
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import PERMITTED_EXCESS, PRICE, Search, run_search, violation
@@ -42,6 +43,7 @@ class Judge:
         self.runs, self.best, self.scale = 0, np.inf, 1.0
         self.low = np.array([v.low for v in design.variables])
         self.span = np.array([v.span for v in design.variables])
+        self.start = (design.start - self.low) / self.span
         self.begun = time.process_time()
 
     @property
@@ -79,10 +81,12 @@ class Judge:
         return found.objective / self.scale + PRICE * violation(found, 1.0)
 
 
-def by_gradient(judge):
+def by_gradient(judge, _):
     """The package's own search; processor time and best design after every renewal."""
     design = judge.design
-    search = Search(design.start, design.settings.reach)
+    windows, _ = design.renew_windows(design.start, lambda *_: None)
+    design.values(design.start, windows, lambda *_: None)  # compiles the windows
+    judge.begun = time.process_time()
     plain = design.measure_full_runs
 
     def measured(x, full):
@@ -91,51 +95,38 @@ def by_gradient(judge):
         return found
 
     design.measure_full_runs = measured
-    run_search(search, design, lambda: None, lambda *_: None)
+    run_search(Search(design.start, design.settings.reach), design, lambda: None, lambda *_: None)
 
 
 def by_evolution(judge, seed):
     from scipy.optimize import differential_evolution
 
-    start = (judge.design.start - judge.low) / judge.span
-    differential_evolution(
-        judge, [(0.0, 1.0)] * len(start), x0=start, rng=seed, popsize=5, maxiter=10_000, tol=0.0, polish=False
-    )
+    settings = {"popsize": 5, "maxiter": 10_000, "tol": 0.0, "polish": False}
+    differential_evolution(judge, [(0.0, 1.0)] * len(judge.start), x0=judge.start, rng=seed, **settings)
 
 
 def by_cma(judge, seed):
     import cma
 
-    start = (judge.design.start - judge.low) / judge.span
-    settings = {"bounds": [0.0, 1.0], "seed": seed, "verbose": -9}
-    cma.fmin2(judge, start, 0.15, settings)
+    cma.fmin2(judge, judge.start, 0.15, {"bounds": [0.0, 1.0], "seed": seed, "verbose": -9})
 
 
-@command(("way", ("gradient", "de", "cma")), seed=1, limit=float)
+WAYS = {"gradient": by_gradient, "de": by_evolution, "cma": by_cma}
+
+
+@command({"way": tuple(WAYS)}, seed=1, limit=float)
 def main(args):
     kept = stored("farm_search", {})
     design = problem()
     design.settings = replace(design.settings, rounds=6)
     judge = Judge(design, args.limit or kept.get("gradient", {}).get("cpu_s", np.inf))
-    start = judge.values(design.start)  # compiles the whole run
-    judge.scale = start.objective
-    if args.way == "gradient":  # and here the windows
-        windows, _ = design.renew_windows(design.start, lambda *_: None)
-        design.values(design.start, windows, lambda *_: None)
+    start = judge.values(design.start).objective  # compiles the whole run
+    judge.scale = start
     judge.begun = time.process_time()
-    try:
-        if args.way == "gradient":
-            by_gradient(judge)
-        elif args.way == "de":
-            by_evolution(judge, args.seed)
-        else:
-            by_cma(judge, args.seed)
-    except OutOfTimeError:
-        pass
-    best = min((row[2] for row in judge.rows), default=start.objective)
+    with suppress(OutOfTimeError):
+        WAYS[args.way](judge, args.seed)
+    best = min(judge.best, start)
+    own = {"cpu_s": judge.spent, "designs": judge.runs, "start": start, "best": best, "reduction": 1.0 - best / start}
+    say(own)
     name = args.way if args.way == "gradient" else f"{args.way}-{args.seed}"
-    own = {"cpu_s": judge.spent, "designs": judge.runs, "start": start.objective, "best": best}
-    kept = stored("farm_search", {})
-    kept[name] = own | {"reduction": 1.0 - best / start.objective, "rows": judge.rows}
-    store("farm_search", kept)
-    print(name, {key: value for key, value in kept[name].items() if key != "rows"})
+    store("farm_search", {**kept, name: own | {"rows": judge.rows}})

@@ -12,13 +12,10 @@ longline, of which there are two for every loop.
     python benchmarks/farm_wakes.py
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from study import command, say, store
+from study import Found, command, say, store
 
 from dropper_jax.run.wakes import START, WAKE_GROWTH, Elements, Wakes, solve_wakes
 
@@ -58,7 +55,7 @@ def farm(ropes: float) -> Fence:
     return Fence(x, y, full(-LOOPS / 2), full(PIECE), full(LOOPS), full(ROPE), full(DRAG), ropes)
 
 
-def row(ropes: float, depth: float = DEPTH, turbulence: float = 0.05) -> dict[str, Any]:
+def row(ropes: float, depth: float = DEPTH, turbulence: float = 0.05) -> Found:
     elements = farm(ropes)
     wakes: Wakes = solve_wakes(elements, SPEED, depth, turbulence)
     lost = 1.0 - wakes.met / SPEED
@@ -95,7 +92,7 @@ def plew_2011(ropes: float, depth: float, mixing: float = 0.04, bed: float = 0.0
     return float(1.0 - above / (drag * height * (1 - height) ** 3 - mixing - bed * height**3))
 
 
-def cylinder() -> dict[str, Any]:
+def cylinder() -> Found:
     """Half-width and defect behind one cylinder against the measured half-width and its momentum."""
     d, speed, away, measured = 2.67e-3, 6.7, 420.0, 12.3e-3
     one = lambda value: np.array([value])  # noqa: E731
@@ -115,7 +112,7 @@ def cylinder() -> dict[str, Any]:
     }
 
 
-def crossed(rows: list[dict[str, Any]], level: float) -> float | None:
+def crossed(rows: list[Found], level: float) -> float | None:
     """Ropes per metre at which the mean reduction is `level`; None outside of the rows."""
     mean = np.array([r["reduction_mean"] for r in rows])
     if not mean[0] <= level <= mean[-1]:
@@ -126,12 +123,11 @@ def crossed(rows: list[dict[str, Any]], level: float) -> float | None:
 @command()
 def main():
     rows = [row(ropes) for ropes in ROPES]
-    middle = 2.0
     found = {
         "schema": 1,
         "cylinder": cylinder(),
         "rows": rows,
-        "others": [row(middle, depth=10.0), row(middle, depth=12.0), row(middle, turbulence=0.1)],
+        "others": [row(2.0, depth=10.0), row(2.0, depth=12.0), row(2.0, turbulence=0.1)],
         "measured": {"reduction": MEASURED, "ropes_per_m_at": [crossed(rows, level) for level in MEASURED]},
         "constants": {"WAKE_GROWTH": WAKE_GROWTH, "START": START},
     }

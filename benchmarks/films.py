@@ -2,26 +2,19 @@
 
     python benchmarks/films.py [--films NAME ...]
 
-The motion is that of point masses on rigid massless links in the plane, integrated by SciPy (DOP853) from equations of
-its own, so that nothing of the simulator is in it: positions r, tensions from the twice differentiated lengths,
-
-    m r'' = m g - c r' + J^T s,    J r'' = -J' r' - 2 a (J r') - a^2 (|d|^2 - L^2)/2,
-
-with J the derivative of |d|^2/2 of each link and a = 60 1/s (Baumgarte). Each film is rendered with a bending lens and
-tracked twice: with boards (lens and plane) and without anything. `tables.py` writes what is found into the page.
+The motion is that of point masses on rigid massless links in the plane, integrated by SciPy (`closed_chain`), so that
+nothing of the simulator is in it. Each film is rendered with a bending lens and tracked twice: with boards (lens and
+plane) and without anything. `tables.py` writes what is found into the page.
 """
-
-from __future__ import annotations
 
 import tempfile
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
-from study import command, say, store
+from closed_chain import in_space, rigid_line, still
+from study import Found, command, say, store
 
 from fitting.traces.synthetic import Motion
 from fitting.tracking import track
@@ -30,7 +23,7 @@ from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.render import Cover, View, chessboards, film
 from fitting.tracking.video import opencv, write_video
 
-FPS, GRAVITY, STABILISER = 60.0, 9.81, 60.0
+FPS = 60.0
 #: Samples per frame of the motion that the renderer interpolates.
 FINE = 8
 #: Pictures of the board; noise of a centre where marks are tried [pixel]; largest error of an angle in the right order
@@ -38,57 +31,32 @@ FINE = 8
 BOARDS, NOISE, RIGHT = 8, 0.05, 0.2
 
 
-def closed(guess: np.ndarray, lengths: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """The places (n, 2) nearest to a guess whose links have their lengths, `free` (n,) nodes moved (Gauss-Newton)."""
-    places, move = np.array(guess, float), np.repeat(free, 2)
+def closed(guess: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """The places (n, 2) nearest to a guess whose links have their lengths, the ends held (Gauss-Newton)."""
+    places, j = np.array(guess, float), np.arange(len(lengths))
     for _ in range(50):
-        jacobian, _ = _jacobian(places, np.zeros_like(places))
-        short = 0.5 * (lengths**2 - np.sum(np.diff(places, axis=0) ** 2, axis=1))
-        places.reshape(-1)[move] += np.linalg.lstsq(jacobian[:, move], short, rcond=None)[0]
+        link = np.diff(places, axis=0)
+        slopes = np.zeros((len(lengths), *places.shape))  # of |d|^2/2 by the places
+        slopes[j, j], slopes[j, j + 1] = -link, link
+        short = 0.5 * (lengths**2 - np.sum(link**2, axis=1))
+        moves = np.linalg.lstsq(slopes[:, 1:-1].reshape(len(lengths), -1), short, rcond=None)[0]
+        places[1:-1] += moves.reshape(-1, 2)
     return places
 
 
-def _jacobian(places: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives (n - 1, 2 n) of |d|^2/2 by the places, and their rates times the rates of the places (n - 1,)."""
-    link, j = np.diff(places, axis=0), np.arange(len(places) - 1)
-    rows = np.zeros((len(j), len(places), 2))
-    rows[j, j], rows[j, j + 1] = -link, link
-    return rows.reshape(len(j), -1), np.sum(np.diff(rates, axis=0) ** 2, axis=1)
-
-
 def point_masses(start: np.ndarray, loop: bool, t: np.ndarray, damping: float = 0.15) -> np.ndarray:
-    """Places (k, n, 2) [m] at the times t (k,) [s] of unit masses let go at `start` (n, 2).
+    """Nodes (k, n, 3) [m] at the times t (k,) of unit masses released at `start` (n, 3), by SciPy (`closed_chain`).
 
     Node 0 is held, in a loop the last one too.
 
     Args:
         damping: c/m [1/s].
     """
-    nodes = len(start)
+    held = start[[0, -1]] if loop else start[:1]
     lengths = np.linalg.norm(np.diff(start, axis=0), axis=1)
-    free = np.ones(nodes, bool)
-    free[0], free[-1] = False, not loop
-    move = np.repeat(free, 2)
-    weight = np.tile([0.0, -GRAVITY], nodes)[move]
-
-    def rates(_: float, y: np.ndarray) -> np.ndarray:
-        places, speed = np.array(start, float), np.zeros((nodes, 2))
-        places.reshape(-1)[move], speed.reshape(-1)[move] = np.split(y, 2)
-        jacobian, turning = _jacobian(places, speed)
-        jacobian, moving = jacobian[:, move], speed.reshape(-1)[move]
-        off = 0.5 * (np.sum(np.diff(places, axis=0) ** 2, axis=1) - lengths**2)
-        wanted = -turning - 2 * STABILISER * jacobian @ moving - STABILISER**2 * off
-        force = weight - damping * moving
-        tension = np.linalg.solve(jacobian @ jacobian.T, wanted - jacobian @ force)
-        return np.concatenate([moving, force + jacobian.T @ tension])
-
-    first = np.concatenate([np.array(start, float).reshape(-1)[move], np.zeros(move.sum())])
-    found = solve_ivp(rates, (0.0, t[-1]), first, "DOP853", t_eval=t, rtol=1e-9, atol=1e-11)
-    if not found.success:
-        raise RuntimeError(f"films: the motion fails: {found.message}")
-    places = np.tile(np.array(start, float), (len(t), 1, 1))
-    places.reshape(len(t), -1)[:, move] = found.y[: move.sum()].T
-    return places
+    masses = np.ones(len(start) - len(held))
+    ends = tuple(map(still, held))
+    return rigid_line(t, start, np.zeros_like(start), lengths, masses, b_l=damping, ends=ends)
 
 
 @dataclass(frozen=True)
@@ -109,23 +77,21 @@ class Film:
     def motion(self) -> Motion:
         """Fine samples of the run, in the plane y = 0."""
         lengths = np.full(self.links, 0.1)
-        turn = np.arange(self.links)
         if self.loop:
             span = np.linspace(0, 1, self.nodes)
             # pulled up and to the side: the low nodes swing through half the span
             guess = np.stack([0.056 * self.links * span, 0.05 - 0.25 * span * np.sin(np.pi * span**3)], axis=1)
             guess[[0, -1], 1] = 0.0
-            free = (span > 0) & (span < 1)
-            start = closed(guess, lengths, free)
+            start = closed(guess, lengths)
         else:
-            angle = np.deg2rad(-20 - 14.0 * turn)
+            angle = np.deg2rad(-20 - 14.0 * np.arange(self.links))
             link = lengths[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
             start = np.concatenate([np.zeros((1, 2)), np.cumsum(link, axis=0)])
+        start = in_space(start)
         t = np.arange(round(self.duration * FPS) * FINE + 1) / (FPS * FINE)
-        still = int(round(self.rest * FPS * FINE))
-        moving = point_masses(start, self.loop, t[: len(t) - still])
-        places = np.concatenate([np.repeat(start[None], still, axis=0), moving])
-        return Motion(t, np.stack([places[..., 0], np.zeros(places.shape[:2]), places[..., 1]], axis=-1))
+        still_samples = round(self.rest * FPS * FINE)
+        moving = point_masses(start, self.loop, t[: len(t) - still_samples])
+        return Motion(t, np.concatenate([np.repeat(start[None], still_samples, axis=0), moving]))
 
 
 LENS = View(bending=(-0.12, 0.05), noise=5.0)
@@ -163,10 +129,10 @@ def make(what: Film, folder: Path, boards: int = BOARDS) -> tuple[Path, list[Pat
     return path, pictures, np.arctan2(link[..., 1], link[..., 0])
 
 
-def judged(what: Film, path: Path, boards: list[Path], truth: np.ndarray) -> dict[str, Any]:
+def judged(what: Film, path: Path, boards: list[Path], truth: np.ndarray) -> Found:
     """How well a film is tracked, with `boards` or without (an empty list)."""
     given = {"calibration": boards, "plane": boards[0], "square": 0.03} if boards else {}
-    row: dict[str, Any] = {"film": what.name, "calibrated": bool(boards)}
+    row = {"film": what.name, "calibrated": bool(boards)}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -203,7 +169,7 @@ def _ratio(stated: np.ndarray, off: np.ndarray) -> float:
     return float(np.sqrt(np.mean(stated**2) / np.mean(off**2)))
 
 
-def spoiled(what: Film, draws: int = 40, seed: int = 0) -> dict[str, Any]:
+def spoiled(what: Film, draws: int = 40, seed: int = 0) -> Found:
     """Shares of frames marked where names of two nodes were swapped, where one node jumped, and where all is well."""
     rng = np.random.default_rng(seed)
     pixels = what.motion().nodes[::FINE][..., [0, 2]] * what.view.pixels_per_metre * [1.0, -1.0]
@@ -230,9 +196,8 @@ def spoiled(what: Film, draws: int = 40, seed: int = 0) -> dict[str, Any]:
 
 @command(films=list(FILMS))
 def main(args) -> None:
-    chosen = [FILMS[name] for name in args.films]
     rows = []
-    for what in chosen:
+    for what in (FILMS[name] for name in args.films):
         with tempfile.TemporaryDirectory() as folder:
             path, boards, truth = make(what, Path(folder))
             for given in (boards, []):
@@ -240,5 +205,5 @@ def main(args) -> None:
                 say(rows[-1])
     marks = [spoiled(FILMS[name]) for name in ("loop, slanting camera", "chain, slanting camera")]
     say(marks)
-    if len(chosen) == len(FILMS):
+    if len(args.films) == len(FILMS):
         store("films", {"films": rows, "marks": marks})

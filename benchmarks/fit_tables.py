@@ -1,10 +1,7 @@
 """Tables of fits."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
-from collections.abc import Callable
 
 import numpy as np
 from study import Found, Rows, columns, joined, table_of
@@ -35,8 +32,8 @@ def random_droppers(found: Found) -> Rows:
 def descent(found: Found) -> Rows:
     """Gradient descent beside Gauss-Newton."""
 
-    def value(i: int) -> Callable[[Found], str]:
-        return lambda row: f"{row['values'][i]:.6f} +- {row['std_errors'][i]:.6f}"
+    def value(row: Found, i: int) -> str:
+        return f"{row['values'][i]:.6f} +- {row['std_errors'][i]:.6f}"
 
     def off(row: Found) -> str:
         departures = zip(row["values"], found["truth"], row["std_errors"], strict=True)
@@ -47,8 +44,8 @@ def descent(found: Found) -> Rows:
         ("method", "{method}"),
         ("evaluations", "{evaluations}"),
         ("processor [s]", "{processor_s:.1f}"),
-        ("b_l [kg/s]", value(0)),
-        ("b_q [kg/m]", value(1)),
+        ("b_l [kg/s]", value, 0),
+        ("b_q [kg/m]", value, 1),
         ("off by [standard errors]", off),
     )
     return [*rows, ("truth", "", "", *(f"{value:g}" for value in found["truth"]), "")]

@@ -5,14 +5,11 @@
 Runs start with a ramp of 15 s (see `dropper_jax.run.frequency.run_in_time`).
 """
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from study import Rows, command, markdown, store, stored, table_of
+from study import Found, Rows, command, markdown, store, stored, table_of
 
 import dropper_jax as dj
 from dropper_jax.run.frequency import run_in_time
@@ -53,7 +50,7 @@ def run(name: str, hs: float, tp: float) -> list[dict[str, float]]:
     ]
 
 
-def compare(name: str, runs: dict[str, Any]) -> list[dict[str, Any]]:
+def compare(name: str, runs: Found) -> list[Found]:
     """Rows of the ends of `LINES` in the states that were run."""
     states = [tuple(float(x) for x in key.split(":")) for key in runs]
     found = dj.frequency_response(scene_in(name, *states[0]), states, frequencies=COUNT)
@@ -69,7 +66,7 @@ def compare(name: str, runs: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 @table_of("frequency_domain")
-def frequency_domain(found: dict[str, Any]) -> Rows:
+def frequency_domain(found: Found) -> Rows:
     """Ranges of the differences of all ends, a row per sea state."""
     rows = [
         ("scene", "Hs, Tp", "lines that go slack", "deviations of tension against the run", "means against the run")

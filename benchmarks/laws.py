@@ -9,21 +9,19 @@ pairs are watched with as much more noise as leaves a part worth 1 to 6, which i
 the true one among them. A row per truth; writes results/laws.json, which holds what was done when it is run again.
 """
 
-from __future__ import annotations
-
+import itertools
 import sys
 import time
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
-from study import RESULTS, command, say, show, store, stored
+from study import RESULTS, Found, command, say, show, store, stored
 
 import dropper_jax as dj
+from fitting import Convention, Trace, prepare
 from fitting.calibration.comparison import compare
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import LADDER, PARTS
-from fitting.calibration.preparation import prepare
-from fitting.traces.trace import Convention, Trace
 
 RATE, NOISE, FINE, WINDOW = 60.0, 5e-4, 32, 1.4
 #: Watched for [s]: one link shows laws by one amplitude alone, as it falls.
@@ -37,10 +35,10 @@ STRONG = 10.0
 SIZES = {"linear": 0.02, "quadratic": 0.02, "joint viscous": 4e-3, "dry": 6e-3}
 
 
-def chain(links: int, values: dict[str, float]) -> dict[str, Any]:
+def chain(links: int, values: dict[str, float]) -> Found:
     """The scene with the coefficients of these parts."""
     length, mass = 0.6 / links, 0.3 / links
-    effects: dict[str, Any] = {"weight": {}}
+    effects = {"weight": {}}
     joints = {}
     for part, value in values.items():
         _, effect, field = PARTS[part].split(".")
@@ -63,7 +61,7 @@ def chain(links: int, values: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def watched(run: Any, noise: str, rng: np.random.Generator, size: float = NOISE) -> Trace:
+def watched(run, noise: str, rng: np.random.Generator, size: float = NOISE) -> Trace:
     """The run as a trace, with white noise or noise that remembers 0.8 of itself, of deviation `size` [rad]."""
     d = np.diff(run.positions, axis=1)
     angle = np.unwrap(np.arctan2(d[..., 0], -d[..., 2]), axis=0)
@@ -74,19 +72,20 @@ def watched(run: Any, noise: str, rng: np.random.Generator, size: float = NOISE)
     return Trace("chain", run.t, angle + size * e, convention=Convention("down", 1, "rad"))
 
 
-def show_counts(rows: list[dict[str, Any]]) -> None:
+def show_counts(rows: list[Found]) -> None:
     """The rows counted, as docs/statistics-of-fits.md has them."""
     show("links", "right law alone", "right law possible", "weak parts: right law possible", "of these undecided")
     for links in sorted({row["links"] for row in rows}):
         mine = [row for row in rows if row["links"] == links]
         strong = [row for row in mine if row["strong"] and not row["weak"]]
         weak = [row for row in mine if row["weak"]]
+        possible = [row for row in weak if row["inside"]]
         alone, inside = (sum(row[key] for row in strong) for key in ("alone", "inside"))
-        possible, left = sum(r["inside"] for r in weak), sum(r["inside"] and not r["alone"] for r in weak)
-        show(links, f"{alone} of {len(strong)}", inside, f"{possible} of {len(weak)}", left)
+        undecided = sum(not row["alone"] for row in possible)
+        show(links, f"{alone} of {len(strong)}", inside, f"{len(possible)} of {len(weak)}", undecided)
 
 
-def one(links: int, law: str, trace: Trace) -> dict[str, Any]:
+def one(links: int, law: str, trace: Trace) -> Found:
     """One trace compared."""
     begun = time.process_time()
     scene = chain(links, dict.fromkeys(("linear", "quadratic"), 0.01))
@@ -107,33 +106,38 @@ def one(links: int, law: str, trace: Trace) -> dict[str, Any]:
 LAWS = [law for law, parts in LADDER.items() if 1 <= len(parts) <= 2]
 
 
+def traces(links: int, law: str, draw: int, noises: list[str], rows: list[Found]) -> Iterator[tuple[Found, Trace]]:
+    """Traces of one motion that are not among the rows, each with the head of its row.
+
+    The noise of a weak one follows from what a part costs in the strong one, whose row must be added before the next
+    trace is taken.
+    """
+    index = LAWS.index(law) + 1
+    rng = np.random.default_rng([links, index, draw])
+    values = {part: SIZES[part] / len(LADDER[law]) * rng.uniform(0.7, 1.4) for part in LADDER[law]}
+    run = dj.simulate(chain(links, values))
+    if run.status not in ("ok", "energy_drift"):
+        sys.exit(f"{law}: {run.failure}")
+    for k, noise in enumerate(noises):
+        size, cost = NOISE, np.inf
+        for weak in (False, True)[: 1 if draw or links > 2 or len(LADDER[law]) < 2 else 2]:
+            name = {"links": links, "law": law, "draw": draw, "noise": noise, "weak": weak}
+            rng = np.random.default_rng([links, index, draw, k, int(weak)])
+            if weak:
+                size = NOISE * float(np.sqrt(cost / rng.uniform(*WEAK)))
+            if size > MOST:
+                continue
+            same = lambda row, name=name: all(row[key] == name[key] for key in name)  # noqa: E731
+            if not any(map(same, rows)):
+                yield {**name, "values": values, "sigma": size}, watched(run, noise, rng, size)
+            cost = next(row["cost_of_a_part"] for row in rows if same(row))
+
+
 @command(links=[1, 2, 3, 7], laws=LAWS, draws=2, noise=["white", "filtered"], out=RESULTS / "laws.json")
 def main(args) -> None:
     rows = stored(args.out, [])
-    done = {(row["links"], row["law"], row["draw"], row["noise"], row["weak"]) for row in rows}
-    for links in args.links:
-        for law in args.laws:
-            for draw in range(args.draws):
-                index = list(LADDER).index(law)
-                rng = np.random.default_rng([links, index, draw])
-                values = {part: SIZES[part] / len(LADDER[law]) * rng.uniform(0.7, 1.4) for part in LADDER[law]}
-                run = dj.simulate(chain(links, values))
-                if run.status not in ("ok", "energy_drift"):
-                    sys.exit(f"{law}: {run.failure}")
-                for k, noise in enumerate(args.noise):
-                    size, cost = NOISE, np.inf
-                    for weak in (False, True):
-                        name = {"links": links, "law": law, "draw": draw, "noise": noise, "weak": weak}
-                        rng = np.random.default_rng([links, index, draw, k, int(weak)])
-                        if weak:
-                            size = NOISE * float(np.sqrt(cost / rng.uniform(*WEAK)))
-                        if (
-                            weak and (draw or links > 2 or len(LADDER[law]) < 2 or not size <= MOST)
-                        ) or not np.isfinite(size):
-                            continue
-                        if tuple(name.values()) not in done:
-                            rows.append({**name, **one(links, law, watched(run, noise, rng, size)), "values": values})
-                            rows[-1]["sigma"] = size
-                            store(args.out, rows)
-                        cost = next(row["cost_of_a_part"] for row in rows if all(row[key] == name[key] for key in name))
+    for links, law, draw in itertools.product(args.links, args.laws, range(args.draws)):
+        for head, trace in traces(links, law, draw, args.noise, rows):
+            rows.append({**head, **one(links, law, trace)})
+            store(args.out, rows)
     show_counts(rows)

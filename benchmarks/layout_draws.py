@@ -1,16 +1,13 @@
 """Random longlines: layout i is drawn from seed i (see `layouts.py`)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 #: How long checks run [s], at which step.
 DURATION, STEP = 240.0, 0.05
 
-Scene = dict[str, Any]
+Scene = dict[str, object]
 
 
 class Bed:
@@ -83,12 +80,9 @@ class Layout:
         self.types.append({"name": name, "mass": float(mass), "diameter": float(diameter), "EA": float(EA), **rest})
         return self.types[-1]
 
-    def anchor(self, name: str, x: float, y: float = 0.0) -> str:
-        self.points.append({"name": name, "position": [x, y, self.bed.height(x, y)]})
-        return name
-
-    def held(self, name: str, x: float, z: float) -> str:
-        self.points.append({"name": name, "position": [x, 0.0, max(z, self.bed.height(x, 0.0))]})
+    def anchor(self, name: str, x: float, y: float = 0.0, z: float = -np.inf) -> str:
+        """A fixed point on the bed, or above it."""
+        self.points.append({"name": name, "position": [x, y, max(z, self.bed.height(x, y))]})
         return name
 
     def free(self, name: str, x: float, z: float, y: float = 0.0, volume: float = 0.0, mass: float = 0.0) -> str:
@@ -115,7 +109,7 @@ class Layout:
     def place(self, name: str) -> np.ndarray:
         return np.array(next(p for p in self.points if p["name"] == name)["position"])
 
-    def line(self, name: str, start: str, end: str, kind: Scene, links: int, length: float, **more: Any) -> None:
+    def line(self, name: str, start: str, end: str, kind: Scene, links: int, length: float, **more) -> None:
         table = {"name": name, "from": start, "to": end, "type": kind["name"], "length": length, "links": links}
         self.lines.append(table | more)
 
@@ -153,7 +147,7 @@ class Layout:
 
 def rope(at: Layout) -> None:
     """One rope between two held points, somewhere from the bed to the surface."""
-    ends = [at.held(name, x, -at.depth * at.draw.uniform(-0.05, 1.0)) for name, x in (("a", 0.0), ("b", at.span))]
+    ends = [at.anchor(name, x, z=-at.depth * at.draw.uniform(-0.05, 1.0)) for name, x in (("a", 0.0), ("b", at.span))]
     length = float(np.linalg.norm(at.place("a") - at.place("b"))) * at.draw.uniform(0.995, 1.6)
     at.line("rope", *ends, at.kind("any"), 30, length)
 
@@ -216,13 +210,11 @@ def submerged(at: Layout) -> None:
     _, names = backbone(at, 3)
     for i, name in enumerate(names):
         x, _, z = at.place(name)
-        volume = at.between(0.01, 0.3)
-        at.free(f"marker-{i + 1}", float(x) + 0.2, -0.1, volume=volume)
+        at.free(f"marker-{i + 1}", float(x) + 0.2, -0.1, volume=at.between(0.01, 0.3))
         at.line(
             f"riser-{i + 1}", name, f"marker-{i + 1}", at.kind("any"), 4, (abs(z) + 0.5) * at.draw.uniform(0.9, 2.0)
         )
-    anchor = at.anchor("middle", 0.5 * at.span)
-    at.mooring("tie-down", anchor, "f2", 8)
+    at.mooring("tie-down", at.anchor("middle", 0.5 * at.span), "f2", 8)
 
 
 def star(at: Layout) -> None:

@@ -14,8 +14,6 @@ to 2 m/s. Prints a row for each that is not found, and the share that is.
   slack lines may lie in many ways and carry the same.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +25,6 @@ from layout_draws import DURATION, STEP, TOPOLOGIES, Scene, layout
 from study import command, show, store
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
 from dropper_jax.statics import rest
 
 #: Largest unbalanced force, and most negative stiffness, of a pose that counts as found; largest misfit of a check.
@@ -75,7 +72,7 @@ def judged(seed: int) -> Scene:
     try:
         scene = dj.load_scene(layout(seed))
         pose = dj.equilibrium(scene)
-    except SceneError as error:
+    except dj.SceneError as error:
         return found | {"ok": False, "why": f"refused: {error}"}
     found["seconds"] = time.perf_counter() - begin
     model = rest(dj.run.build.build_model(scene))

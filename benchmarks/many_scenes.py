@@ -7,16 +7,13 @@ its own. The kernel ends a process (or the compiler does) at 65 530 maps; a row 
 exit code is 1 where a run failed, or `MOST_MAPS` or `MOST_MEMORY` was passed.
 """
 
-from __future__ import annotations
-
 import itertools
 import resource
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from study import command, show
+from study import Found, command, show
 
 import dropper_jax as dj
 from dropper_jax.backend.programs import memory_maps
@@ -32,7 +29,7 @@ EFFECTS = (
 SCHEMES = {False: ("energy_momentum", "rattle", "theta"), True: ("energy_momentum", "generalized_alpha", "rk4")}
 
 
-def scene(links: int, effects: dict[str, Any], elastic: bool, scheme: str) -> dict[str, Any]:
+def scene(links: int, effects: Found, elastic: bool, scheme: str) -> Found:
     """A hanging line let go from a straight, slanted pose."""
     line = {"name": "line", "from": "a", "to": "b", "links": links, "length": 0.1, "mass": 0.5, "diameter": 0.03}
     axial = {"axial": {"law": "elastic", "EA": 2e4, "damping": 0.001}} if elastic else {}
@@ -49,7 +46,7 @@ def scene(links: int, effects: dict[str, Any], elastic: bool, scheme: str) -> di
     }
 
 
-def kinds() -> Iterator[dict[str, Any]]:
+def kinds() -> Iterator[Found]:
     """Scenes of different kinds, neighbours as different as they can be."""
     for round_, links in itertools.product(range(12), range(3, 41)):
         elastic = bool((links + round_) % 2)

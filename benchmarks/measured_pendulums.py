@@ -10,8 +10,6 @@ what comes before the held-out windows.
 estimates differ?
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from dataclasses import dataclass, replace
@@ -21,10 +19,11 @@ import numpy as np
 from study import command, say, store, stored
 
 from dropper_jax import load_scene
+from fitting import fit, prepare, read_trace
 from fitting.calibration.comparison import compare
-from fitting.calibration.fit import estimate, fit, prepare, summarise
+from fitting.calibration.fit import estimate, summarise
 from fitting.calibration.result import score_held_out
-from fitting.traces.trace import convention, read_trace
+from fitting.traces.trace import convention
 
 DOWN = convention("down", 1, "rad")
 #: Windows of the law comparison [s]: many enough for a standard error of the score.
@@ -130,7 +129,7 @@ def thirds(case: Case, folder: Path) -> dict:
     return {"edges_s": list(edges), "parameters": [found.estimates() for found in fits]}
 
 
-@command(("rigs", [*CASES, "thirds"]))
+@command({"rigs": [*CASES, "thirds"]})
 def main(args) -> None:
     named = os.environ.get("DROPPER_MEASURED_DATA")
     if not named or not Path(named).is_dir():

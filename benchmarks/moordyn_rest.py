@@ -8,20 +8,16 @@ taken out of each scene, a steady current stays. Free points start where they re
 it runs for 120 s. Floats that are partly above the water are fixed where they rest here.
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from study import command, say, store, stored, versions
+from study import Found, command, say, store, stored, versions
 
-from dropper_jax import Scene, equilibrium, load_scene
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.packaged import scene_names
+from dropper_jax import Scene, SceneError, equilibrium, load_scene, scene_names
 from dropper_jax.moordyn.writing.differences import moved_points
 from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax.scene.data import point_nodes
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.study.peers.moordyn_run import inside, quiet
 
@@ -54,7 +50,7 @@ def calm(name: str) -> Scene:
     return Scene.from_dict(values)
 
 
-def _more_drag(values: Any) -> None:
+def _more_drag(values) -> None:
     """Every drag coefficient times DRAG, wherever it is."""
     for key, value in values.items() if isinstance(values, dict) else enumerate(values):
         if key in ("cdn", "cdt") and value is not None:
@@ -75,10 +71,7 @@ def moved_to(scene: Scene, pose: Equilibrium) -> Scene:
 
     Floats that are partly above the water there are fixed, because the volume of a point of MoorDyn's is always wet.
     """
-    values, node, position = scene.to_dict(), 0, {}
-    for line in scene.lines:
-        position[line.start], position[line.end] = pose.positions[node], pose.positions[node + line.links]
-        node += line.links + 1
+    values, position = scene.to_dict(), {name: pose.positions[node] for name, node in point_nodes(scene).items()}
     for row in values["point"]:
         if row.get("kind") == "free" and row["name"] in position:
             row["position"] = position[row["name"]].tolist()
@@ -112,16 +105,15 @@ def there(
             moordyn.Init(system, held, still)
             moordyn.Step(system, held, still, 0.0, span)
             lines = [moordyn.GetLine(system, i + 1) for i in range(moordyn.GetNumberLines(system))]
-            rows, speed, highest = [], 0.0, -np.inf
+            rows, speeds, heights = [], [], []
             for line in lines:
                 count = moordyn.GetLineN(line)
                 rows.append((count, *(float(np.linalg.norm(moordyn.GetLineNodeTen(line, j))) for j in (0, count))))
-                speeds = [np.linalg.norm(moordyn.GetLineNodeVel(line, j)) for j in range(count + 1)]
-                speed = max(speed, float(np.max(speeds)))
-                highest = max(highest, *(moordyn.GetLineNodePos(line, j)[2] for j in range(count + 1)))
+                speeds += [float(np.linalg.norm(moordyn.GetLineNodeVel(line, j))) for j in range(count + 1)]
+                heights += [moordyn.GetLineNodePos(line, j)[2] for j in range(count + 1)]
         finally:
             moordyn.Close(system)
-    return rows, speed, highest
+    return rows, float(np.max(speeds)), float(np.max(heights))
 
 
 def alone(scene: Scene, pose: Equilibrium, number: int, times: int) -> float:
@@ -148,7 +140,7 @@ def alone(scene: Scene, pose: Equilibrium, number: int, times: int) -> float:
     return float(np.max(np.abs(rest_of(single).tension[[0, -1]] / theirs - 1.0)))
 
 
-def compare(name: str) -> dict[str, Any]:
+def compare(name: str) -> Found:
     """One scene: a status, and where MoorDyn's deck rests the largest difference of end tensions."""
     try:
         scene = calm(name)
@@ -198,7 +190,7 @@ def deck_of(name: str) -> str:
         return name
 
 
-@command(words=("scenes", list(scene_names())))
+@command({"scenes": list(scene_names())})
 def main(args) -> None:
     rows = [row for row in stored("moordyn_rest")["rows"] if row["scene"] not in args.scenes]
     decks: dict[str, str] = {}
@@ -206,8 +198,9 @@ def main(args) -> None:
         first = decks.setdefault(deck_of(name), name)
         if first == name:
             rows.append(compare(name))
-            say(rows[-1])
         else:
-            rows += [{**row, "scene": name, "same_deck_as": first} for row in rows if row["scene"] == first]
-        rows.sort(key=lambda row: row["scene"])
-        store("moordyn_rest", {"schema": 1, "versions": versions("moordyn", "dropper-jax"), "rows": rows})
+            same = next(row for row in rows if row["scene"] == first)
+            rows.append({**same, "scene": name, "same_deck_as": first})
+        say(rows[-1])
+        found = {"schema": 1, "versions": versions("moordyn", "dropper-jax")}
+        store("moordyn_rest", {**found, "rows": sorted(rows, key=lambda row: row["scene"])})

@@ -1,7 +1,5 @@
 """The same scene in MoorDyn v2 and here: runs that give end tensions and the place of the far end at equal times."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -9,11 +7,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from study import Found
 
 from dropper_jax import Scene, step
 from dropper_jax.model import Model, State
@@ -27,8 +25,8 @@ from dropper_jax.study.peers.moordyn_run import inside, quiet
 
 #: Time between rows [s], in both codes.
 SAMPLE = 0.1
-#: Time between the tables of a wave grid [s].
-GRID_STEP = 0.1
+#: Time between the tables of a wave grid [s], and its least and largest y [m] around a single line.
+GRID_STEP, GRID = 0.1, (-60, 60)
 
 
 @dataclass
@@ -64,13 +62,13 @@ class Rows:
         each = round(window / SAMPLE)
         return float(np.mean(most[: len(most) // each * each].reshape(-1, each).max(axis=1)))
 
-    def statistics(self, start: float = 0.0) -> dict[str, Any]:
+    def statistics(self, start: float = 0.0) -> Found:
         """Tension of anchor and fairlead [N] and ranges of the far end [m], from `start` on.
 
         `std` is that of all steps (or looks), `std_of_rows` that of the means over SAMPLE: below 5 Hz.
         """
         kept = self.t > start
-        found: dict[str, Any] = {"status": self.status, "retried": self.retried}
+        found = {"status": self.status, "retried": self.retried}
         if self.status != "ok":
             return found
         for i, name in enumerate(("anchor", "fairlead")):
@@ -90,9 +88,7 @@ class Rows:
         return found
 
 
-def _rows(
-    model: Model, carry: Any, advance: Callable[[Any], Any], seen: Callable[[Any], Any], every: Any, saves: int
-) -> Any:
+def _rows(model: Model, carry, advance: Callable, seen: Callable, every, saves: int):
     """Rows of `every` steps each, of the first line: tensions of its ends, its far end's place, whether all is well.
 
     Args:
@@ -101,12 +97,12 @@ def _rows(
     """
     zero = jnp.zeros(2, model.dtype)
 
-    def one(_: jax.Array, inner: Any) -> Any:
+    def one(_: jax.Array, inner):
         carry, total, square, least, most = inner
         carry, (mean, squares, low, high) = advance(carry)
         return carry, total + mean, square + squares, jnp.minimum(least, low), jnp.maximum(most, high)
 
-    def save(carry: Any, _: None) -> Any:
+    def save(carry, _: None):
         start = (carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
         carry, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
         s, alive = seen(carry)
@@ -117,10 +113,10 @@ def _rows(
 
 
 @partial(jax.jit, static_argnames=("stepper", "saves", "links"))
-def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int, links: int) -> Any:
+def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int, links: int):
     """Steps of dt [s]; how many were taken again, and rows."""
 
-    def advance(carry: Any) -> Any:
+    def advance(carry):
         s, alive, again = carry
         s, report = step(stepper, model, s, dt, alive)
         ends = s.tension[jnp.array([0, links - 1])]
@@ -142,16 +138,16 @@ def _follow(
     tolerance: jax.Array,
     saves: int,
     links: int,
-) -> Any:
+):
     """As `_march`, in steps that follow the snaps: `every` intervals of dt [s] per row, the longest steps."""
     ends = jnp.array([0, links - 1])
 
-    def advance(carry: Any) -> Any:
+    def advance(carry):
         adaptive, steps = carry
         adaptive, (_, within) = advance_adaptively(stepper, model, adaptive, dt, tolerance, 1)
         return (adaptive, steps + within.steps[0]), tuple(a[0, ends] for a in within[:4])
 
-    def seen(carry: Any) -> Any:
+    def seen(carry):
         return carry[0].progress.state, carry[0].progress.first_bad < 0
 
     carry = (adaptive_start(begin(stepper, model, s), dt), jnp.zeros((), jnp.int32))
@@ -167,14 +163,14 @@ class Ours:
     model: Model
     start: State
     links: int
-    compiled: dict[Any, Any] = field(default_factory=dict)
+    compiled: dict = field(default_factory=dict)
 
     @classmethod
-    def of(cls, scene: Scene) -> Ours:
+    def of(cls, scene: Scene) -> "Ours":
         model, start = build(scene)
         return cls(stepper_of(model, scene.run, track_work=False), model, start, len(scene.lines[0].length))
 
-    def other(self, scene: Scene) -> Ours:
+    def other(self, scene: Scene) -> "Ours":
         """The same for a scene that differs in values only: the programs serve it too."""
         model, start = build(scene)
         return replace(self, model=model, start=start)
@@ -203,14 +199,15 @@ class Ours:
         )
 
 
-def _signed(moordyn: Any, line: Any, end: int, inner: int) -> float:
+def _signed(moordyn, line, count: int, last: bool) -> float:
     """Tension [N] of an end segment, negative where the damper of a slack one pushes (MoorDyn gives its size)."""
+    end, inner = (count, count - 1) if last else (0, 1)
     pull = np.array(moordyn.GetLineNodeTen(line, end))
     along = np.array(moordyn.GetLineNodePos(line, inner)) - np.array(moordyn.GetLineNodePos(line, end))
-    return float(np.linalg.norm(pull) * (np.sign(pull @ along) or 1.0) * (1.0 if end < inner else -1.0))
+    return float(np.linalg.norm(pull) * (np.sign(pull @ along) or 1.0) * (-1.0 if last else 1.0))
 
 
-def _write_grid(scene: Scene, folder: Path, duration: float, across: tuple[int, int] = (-60, 60)) -> None:
+def _write_grid(scene: Scene, folder: Path, duration: float, across: tuple[int, int]) -> None:
     """Elevation at the origin, with the scene's ramp, and the grid around the mooring, as WaveKin 3 asks for them."""
     sea = make_sea(replace(scene.sea, interpolation="none"))
     # whole periods of a regular wave, so that its Fourier series has one line; room at the end for an irregular one
@@ -222,15 +219,15 @@ def _write_grid(scene: Scene, folder: Path, duration: float, across: tuple[int, 
         eta = eta * np.sin(0.5 * np.pi * np.clip(t / scene.sea.ramp, 0.0, 1.0)) ** 2
     rows = "\n".join(f"{a:.6f} {b:.9f}" for a, b in zip(t, eta, strict=True))
     (folder / "wave_elevation.txt").write_text(rows + "\n")
-    words = [f"{low} {high} {count}" for low, high, count in ((-60, 60, 61), (*across, 2), (-30, 10, 41))]
+    words = [f"{low} {high} {count}" for low, high, count in ((*GRID, 61), (*across, 2), (-30, 10, 41))]
     axes = "\n".join(f"2\n{word}" for word in words)
     (folder / "water_grid.txt").write_text(f"grid\nx, y, z\n-\n{axes}\n")
 
 
 @contextmanager
 def moordyn_system(
-    scene: Scene, dt: float, duration: float, scheme: str = "rk2", across: tuple[int, int] | None = None, **more: Any
-) -> Iterator[tuple[Any, Any]]:
+    scene: Scene, dt: float, duration: float, across: tuple[int, int] | None = None, **more
+) -> Iterator[tuple]:
     """The package and its system on the file written of a scene; what it raises ends the run.
 
     Args:
@@ -239,7 +236,7 @@ def moordyn_system(
     """
     import moordyn
 
-    options = {"tScheme": scheme, "disableOutput": 1, "disableOutTime": 1, "dtOut": duration, **more}
+    options = {"tScheme": "rk2", "disableOutput": 1, "disableOutTime": 1, "dtOut": duration, **more}
     with tempfile.TemporaryDirectory() as folder, inside(folder), quiet():
         if across is not None:
             options |= {"WaveKin": 3, "dtWave": GRID_STEP}
@@ -254,104 +251,93 @@ def moordyn_system(
             moordyn.Close(system)
 
 
-def theirs(
-    scene: Scene,
-    dt: float,
-    duration: float,
-    scheme: str = "rk2",
-    look: float = SAMPLE,
-    drive: Callable[[float], np.ndarray] | None = None,
-    grid: bool = False,
-    across: tuple[int, int] = (-60, 60),
-    call: float | None = None,
-) -> Rows:
-    """MoorDyn on the scene, with its exact kinematics (WaveKin 7) or those of a grid (WaveKin 3).
+@dataclass
+class Looks:
+    """A run as it is seen at times (k,): tensions (k, ends) [N], positions (k, points, 3) [m], and the time it took."""
 
-    Args:
-        grid: whether wave kinematics come from a grid; the waves must travel in +x.
-        across: least and largest y of the grid [m].
-        dt: its time step [s].
-        look: time between looks at its tensions [s]: extremes between them are not seen.
-        drive: place (3,) [m] over time of its coupled point. Between calls the point moves at constant velocity: its
-            jumps let the line ring, so that errors are measured with a call at every step (0.01 s: 4e-2 in the
-            deviation of a gently driven chain, 1 ms: 1e-4).
-        call: time between calls [s], at most `look`; None: `look`.
-    """
-    looks = max(1, round(SAMPLE / look))
-    inner, rows, wall, cpu = looks * max(1, round(SAMPLE / looks / (call or look))), [], 0.0, 0.0
-    with moordyn_system(scene, dt, duration, scheme, across if grid else None) as (moordyn, system):
-        first = [] if drive is None else list(drive(0.0))
-        moordyn.Init(system, first, [0.0] * len(first))
-        line = moordyn.GetLine(system, 1)
-        count, now = moordyn.GetLineN(line), 0
-        for _ in range(round(duration / SAMPLE)):
-            ends = []
-            for _ in range(inner):
-                t = now * SAMPLE / inner
-                x = [] if drive is None else list(drive(t))
-                v = [] if drive is None else list((drive(t + SAMPLE / inner) - drive(t)) / (SAMPLE / inner))
-                begun, used = time.perf_counter(), time.process_time()
-                moordyn.Step(system, x, v, t, SAMPLE / inner)
-                wall, cpu = wall + time.perf_counter() - begun, cpu + time.process_time() - used
-                now += 1
-                if now % (inner // looks):
-                    continue
-                ends.append([_signed(moordyn, line, i, j) for i, j in ((0, 1), (count, count - 1))])
-            rows.append((np.array(ends), moordyn.GetLineNodePos(line, count)))
-            if not np.all(np.isfinite(ends)):
-                break
-    wanted = round(duration / SAMPLE)
-    status = (
-        "ok" if len(rows) == wanted and np.all(np.isfinite(rows[-1][0])) else f"unstable at {len(rows) * SAMPLE:.4g} s"
-    )
-    if not rows:
-        rows = [(np.full((1, 2), np.nan), (np.nan,) * 3)]
-    ends = [row[0] for row in rows]
-    return Rows(
-        t=SAMPLE * np.arange(1, len(rows) + 1),
-        mean=np.array([e.mean(axis=0) for e in ends]),
-        square=np.array([(e**2).mean(axis=0) for e in ends]),
-        least=np.array([e.min(axis=0) for e in ends]),
-        most=np.array([e.max(axis=0) for e in ends]),
-        place=np.array([row[1] for row in rows], float),
-        wall_s=wall,
-        cpu_s=cpu,
-        status=status,
-        sizes=np.array([(a.mean(axis=0), a.min(axis=0), a.max(axis=0)) for a in map(np.abs, ends)]),
-    )
+    t: np.ndarray
+    tension: np.ndarray
+    position: np.ndarray
+    wall_s: float
+    cpu_s: float
+    status: str
 
 
-def theirs_many(
+def looks_at(
     scene: Scene,
     dt: float,
     duration: float,
     look: float,
     ends: Sequence[tuple[int, bool]],
-    places: Sequence[tuple[int, bool]],
-    across: tuple[int, int],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
-    """MoorDyn (rk2) on its wave grid, at several ends of lines.
+    points: Sequence[tuple[int, bool]],
+    drive: Callable[[float], np.ndarray] | None = None,
+    call: float | None = None,
+    **options,
+) -> Looks:
+    """MoorDyn at several ends of lines; it stops where a tension is not finite.
 
     Args:
-        ends, places: number of a line from 1, and whether its last end is meant: where the size of the tension of the
-            end segment is read, and the place.
-        across: least and largest y of the grid [m].
-
-    Returns:
-        times (k,), sizes of tensions (k, ends) [N], places (k, places, 3) [m], and `ok` or what went wrong.
+        dt: its time step [s].
+        look: time between looks [s]: extremes between them are not seen.
+        ends, points: number of a line from 1, and whether its last end is meant: where the tension of the end segment
+            is read (negative where the damper of a slack one pushes), and the position.
+        drive: position (3,) [m] over time of its coupled point. Between calls the point moves at constant velocity: its
+            jumps let the line ring, so that errors are measured with a call at every step (0.01 s: 4e-2 in the
+            deviation of a gently driven chain, 1 ms: 1e-4).
+        call: time between calls [s], at most `look`; None: `look`.
+        options: of `moordyn_system`.
     """
-    pulls, where = [], []
-    with moordyn_system(scene, dt, duration, across=across, waveKin_rampT=0.0) as (moordyn, system):
-        moordyn.Init(system, [], [])
-        lines = {i: moordyn.GetLine(system, i) for i, _ in (*ends, *places)}
-        last = {i: moordyn.GetLineN(line) for i, line in lines.items()}
-        for step_number in range(round(duration / look)):
-            moordyn.Step(system, [], [], step_number * look, look)
-            pulls.append([np.linalg.norm(moordyn.GetLineNodeTen(lines[i], last[i] * far)) for i, far in ends])
-            where.append([moordyn.GetLineNodePos(lines[i], last[i] * far) for i, far in places])
-            if not np.all(np.isfinite(pulls[-1])):
-                break
-    t = look * np.arange(1, len(pulls) + 1)
-    good = len(pulls) == round(duration / look) and np.all(np.isfinite(pulls[-1]))
-    status = "ok" if good else f"unstable at {len(pulls) * look:.4g} s"
-    return t, np.array(pulls, float).reshape(-1, len(ends)), np.array(where, float).reshape(-1, len(places), 3), status
+    calls = max(1, round(look / (call or look)))
+    span, tension, position, wall, cpu = look / calls, [], [], 0.0, 0.0
+    with moordyn_system(scene, dt, duration, **options) as (moordyn, system):
+        x = [] if drive is None else list(drive(0.0))
+        v = [0.0] * len(x)
+        moordyn.Init(system, x, v)
+        lines = {i: moordyn.GetLine(system, i) for i, _ in (*ends, *points)}
+        count = {i: moordyn.GetLineN(line) for i, line in lines.items()}
+        for now in range(round(duration / look) * calls):
+            if drive is not None:
+                x = list(drive(now * span))
+                v = list((drive((now + 1) * span) - drive(now * span)) / span)
+            begun, used = time.perf_counter(), time.process_time()
+            moordyn.Step(system, x, v, now * span, span)
+            wall, cpu = wall + time.perf_counter() - begun, cpu + time.process_time() - used
+            if (now + 1) % calls == 0:
+                tension.append([_signed(moordyn, lines[i], count[i], last) for i, last in ends])
+                position.append([moordyn.GetLineNodePos(lines[i], count[i] * last) for i, last in points])
+                if not np.all(np.isfinite(tension[-1])):
+                    break
+    good = len(tension) == round(duration / look) and np.all(np.isfinite(tension[-1]))
+    return Looks(
+        t=np.round(look * np.arange(1, len(tension) + 1), 9),
+        tension=np.array(tension, float).reshape(-1, len(ends)),
+        position=np.array(position, float).reshape(-1, len(points), 3),
+        wall_s=wall,
+        cpu_s=cpu,
+        status="ok" if good else f"unstable at {len(tension) * look:.4g} s",
+    )
+
+
+def theirs(scene: Scene, dt: float, duration: float, look: float = SAMPLE, **options) -> Rows:
+    """MoorDyn on the first line of a scene, seen every `look` [s]; options are those of `looks_at`."""
+    seen = looks_at(scene, dt, duration, look, ((1, False), (1, True)), ((1, True),), **options)
+    return rows_of(seen, max(1, round(SAMPLE / look)))
+
+
+def rows_of(seen: Looks, inner: int) -> Rows:
+    """Rows of `inner` looks each, of two ends and one point."""
+    whole = len(seen.t) // inner * inner
+    ends = seen.tension[:whole].reshape(-1, inner, 2)
+    size = np.abs(ends)
+    return Rows(
+        t=seen.t[inner - 1 : whole : inner],
+        mean=ends.mean(axis=1),
+        square=(ends**2).mean(axis=1),
+        least=ends.min(axis=1),
+        most=ends.max(axis=1),
+        place=seen.position[inner - 1 : whole : inner, 0],
+        wall_s=seen.wall_s,
+        cpu_s=seen.cpu_s,
+        status=seen.status,
+        sizes=np.stack([size.mean(axis=1), size.min(axis=1), size.max(axis=1)], axis=1),
+    )

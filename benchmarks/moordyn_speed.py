@@ -14,15 +14,12 @@ Where a point is driven, MoorDyn's errors are those with a call at every step of
 `LOOK`, which cost it less.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
-from moordyn_runs import SAMPLE, Ours, Rows, theirs
-from study import say, stored
+from moordyn_runs import GRID, SAMPLE, Ours, Rows, theirs
+from study import Found, say, stored
 from table7_edulis import turned
 
 from dropper_jax import Scene
@@ -90,7 +87,7 @@ def driven_chain(base: Scene, motion: tuple[float, float, float]) -> Scene:
     return Scene.from_dict({**table, "name": "driven-chain"})
 
 
-def speed(case: Callable[[int], Scene]) -> Iterator[dict[str, Any]]:
+def speed(case: Callable[[int], Scene]) -> Iterator[Found]:
     """Rows of all comparisons."""
     gridded, longline, law = case(3).with_values({"sea.interpolation": "grid"}), turned(), "rope"
     longline = longline.with_values({"sea.interpolation": "grid"})
@@ -106,10 +103,10 @@ def speed(case: Callable[[int], Scene]) -> Iterator[dict[str, Any]]:
             )
             for how, motion, wanted in (("hard", HARD, 1.5), ("smooth", SMOOTH, 4.0))
         ),
-        ("case 1 (MoorDyn: wave grid)", case(1), 4.0, SAMPLE, {"grid": True}),
-        ("case 3, 29 components (both: wave grid)", gridded, 2.0, SAMPLE, {"grid": True}),
+        ("case 1 (MoorDyn: wave grid)", case(1), 4.0, SAMPLE, {"across": GRID}),
+        ("case 3, 29 components (both: wave grid)", gridded, 2.0, SAMPLE, {"across": GRID}),
         ("case 3, 29 components (both: exact kinematics)", case(3), 2.0, SAMPLE, {}),
-        ("edulis-longline (both: wave grid)", longline, 1.0, SAMPLE, {"grid": True, **own}),
+        ("edulis-longline (both: wave grid)", longline, 1.0, SAMPLE, own),
     ):
         yield from compare(name, scene, wanted, calls, **options)
 
@@ -123,8 +120,8 @@ def errors(rows: Rows, reference: Rows) -> dict[str, float] | None:
 
 
 def compare(
-    name: str, scene: Scene, wanted: float, calls: float, ways: dict[str, dict[str, Any]] = WAYS, **options: Any
-) -> Iterator[dict[str, Any]]:
+    name: str, scene: Scene, wanted: float, calls: float, ways: dict[str, Found] = WAYS, **options
+) -> Iterator[Found]:
     """MoorDyn rk2 at its largest stable step, and each of our ways: the fastest run with errors no larger.
 
     Args:
@@ -138,7 +135,7 @@ def compare(
         yield {**head, "moordyn": there, **found}
 
 
-def _ours(scene: Scene, there: dict[str, Any]) -> dict[str, Any]:
+def _ours(scene: Scene, there: Found) -> Found:
     ours = Ours.of(scene)
     reference = ours.run(EVERY[-1], SPAN)
     rows = []
@@ -147,7 +144,7 @@ def _ours(scene: Scene, there: dict[str, Any]) -> dict[str, Any]:
         row = {"dt_s": 0.1 / every, "status": run.status, "retried": run.retried, "errors": errors(run, reference)}
         rows.append({**row, "wall_per_s": run.wall_s / SPAN, "cpu_per_s": run.cpu_s / SPAN})
         say(rows[-1])
-    found: dict[str, Any] = {"our_runs": rows, "our_reference": reference.statistics(SETTLED)}
+    found = {"our_runs": rows, "our_reference": reference.statistics(SETTLED)}
     for measure, keys in MEASURES.items():
         limit = there["errors"]
         best = None
@@ -159,7 +156,7 @@ def _ours(scene: Scene, there: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def largest_stable(scene: Scene, calls: float, **options: Any) -> dict[str, Any]:
+def largest_stable(scene: Scene, calls: float, **options) -> Found:
     """MoorDyn rk2 at the largest step of `STEPS` that is stable over the whole run."""
     for dt in STEPS:
         run = _errors_run(scene, dt, LOOK, **options)
@@ -174,18 +171,17 @@ def largest_stable(scene: Scene, calls: float, **options: Any) -> dict[str, Any]
         row.update({"wall_per_s": min(r.wall_s for r in runs) / SPAN, "cpu_per_s": min(r.cpu_s for r in runs) / SPAN})
         say(row)
         return {**row, "reference": reference.statistics(SETTLED)}
-    none = float("nan")
-    found = {"dt_s": None, "status": "no stable step", "errors": None, "reference": None}
-    return {**found, "wall_per_s": none, "cpu_per_s": none}
+    none = {"dt_s": None, "errors": None, "reference": None, "wall_per_s": np.nan, "cpu_per_s": np.nan}
+    return {**none, "status": "no stable step"}
 
 
-def _errors_run(scene: Scene, dt: float, look: float, **options: Any) -> Rows:
+def _errors_run(scene: Scene, dt: float, look: float, **options) -> Rows:
     """MoorDyn with a driven point moved at every step of its own."""
     call = dt if "drive" in options else None
     return theirs(scene, dt, SPAN, look=max(look, dt), call=call, **options)
 
 
-def peaks(case: Callable[[int], Scene], only: str | None = None, runs: int = RUNS) -> Iterator[dict[str, Any]]:
+def peaks(case: Callable[[int], Scene], only: str | None = None, runs: int = RUNS) -> Iterator[Found]:
     """One row per scene: errors of all steps in both codes, cheapest good ones, ratio.
 
     Args:
@@ -193,8 +189,8 @@ def peaks(case: Callable[[int], Scene], only: str | None = None, runs: int = RUN
     """
     drawn_by = {
         "hard": lambda i: _hard(case, i),
-        "case_1": lambda i: (_shifted(case(1), i), {"grid": True}),
-        "case_3": lambda i: (_shifted(case(3), i), {"grid": True}),
+        "case_1": lambda i: (_shifted(case(1), i), {"across": GRID}),
+        "case_3": lambda i: (_shifted(case(3), i), {"across": GRID}),
     }
     earlier = {row["name"]: row for row in stored("moordyn", {}).get("peaks", [])} if only else {}
     for key, name in PEAKS.items():
@@ -208,7 +204,7 @@ def peaks(case: Callable[[int], Scene], only: str | None = None, runs: int = RUN
         yield {"name": name, "runs": runs, "limits": LIMITS, "ours": ours, "moordyn": there, "ratio": ratio}
 
 
-def _hard(case: Callable[[int], Scene], i: int) -> tuple[Scene, dict[str, Any]]:
+def _hard(case: Callable[[int], Scene], i: int) -> tuple[Scene, Found]:
     """The chain that snaps, driven from rest with the i-th phase."""
     phase = 2 * np.pi * i / RUNS
     values = {"effects.end_motion.phase": phase, "effects.end_motion.ramp": RAMP}
@@ -225,7 +221,7 @@ def _shifted(scene: Scene, i: int) -> Scene:
     return scene.with_values({"sea.waves.phase": phase.tolist()})
 
 
-def _our_peaks(scenes: list[Scene]) -> dict[str, Any]:
+def _our_peaks(scenes: list[Scene]) -> Found:
     first = Ours.of(scenes[0])
     every = [first, *(first.other(scene) for scene in scenes[1:])]
     reference = [_three(ours.run(REFERENCE, SPAN)) for ours in every]
@@ -238,7 +234,7 @@ def _our_peaks(scenes: list[Scene]) -> dict[str, Any]:
     return _chosen(rows, reference, bound)
 
 
-def _their_peaks(scenes: list[tuple[Scene, dict[str, Any]]]) -> dict[str, Any]:
+def _their_peaks(scenes: list[tuple[Scene, Found]]) -> Found:
     def run(dt: float) -> list[Rows]:
         return [_errors_run(scene, dt, CLOSE, **options) for scene, options in scenes]
 
@@ -268,13 +264,13 @@ def _over_runs(found: list[dict[str, float]], reference: list[dict[str, float]])
     return {key: float(np.sqrt(np.mean(np.square(value)))) for key, value in ratios.items()}
 
 
-def _judged(done: list[Rows], reference: list[dict[str, float]]) -> dict[str, Any]:
+def _judged(done: list[Rows], reference: list[dict[str, float]]) -> Found:
     found = _over_runs([_three(run) for run in done], reference)
     good = all(found[key] <= limit for key, limit in LIMITS.items())
     return {"errors": found, "good": good, "cpu_per_s": min(run.cpu_s for run in done[:TIMED]) / SPAN}
 
 
-def _chosen(rows: list[dict[str, Any]], reference: list[dict[str, float]], bound: dict[str, float]) -> dict[str, Any]:
+def _chosen(rows: list[Found], reference: list[dict[str, float]], bound: dict[str, float]) -> Found:
     """The rows, the cheapest good one, means of the reference over the runs, and what bounds its errors."""
     for row in rows:
         say(row)

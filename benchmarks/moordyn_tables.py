@@ -1,9 +1,5 @@
 """Tables of MoorDyn's runs compared with those of this package."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 from study import Found, Rows, columns, joined, kilo, milli, table_of
 
 #: The step of ours that the speed table shows where none is as exact as MoorDyn [s].
@@ -15,11 +11,11 @@ CODES = (("ours", "here"), ("moordyn", "MoorDyn v2"))
 def moordyn_cases(found: Found) -> Rows:
     """Motion of the buoy and mean tensions of the paper's cases in both codes, at the ratio of 0.1."""
 
-    def ends(name: str) -> Callable[[Found], str]:
-        return lambda r: f"{r['whole'][name]['mean']:.0f} / {r['settled'][name]['mean']:.0f}"
+    def ends(row: Found, name: str) -> str:
+        return f"{row['whole'][name]['mean']:.0f} / {row['settled'][name]['mean']:.0f}"
 
-    def between(axis: int, digits: int) -> Callable[[Found], str]:
-        return lambda r: " to ".join(f"{r['whole']['place'][key][axis]:.{digits}f}" for key in ("min", "max"))
+    def between(row: Found, axis: int, digits: int) -> str:
+        return " to ".join(f"{row['whole']['place'][key][axis]:.{digits}f}" for key in ("min", "max"))
 
     return columns(
         (
@@ -30,10 +26,10 @@ def moordyn_cases(found: Found) -> Rows:
         ),
         ("case", "{case}"),
         ("code", "{code}"),
-        ("buoy, range along the waves [m]", between(0, 1)),
-        ("range of z [m]", between(2, 2)),
-        ("mean anchor [N], whole / after 50 s", ends("anchor")),
-        ("mean fairlead [N]", ends("fairlead")),
+        ("buoy, range along the waves [m]", between, 0, 1),
+        ("range of z [m]", between, 2, 2),
+        ("mean anchor [N], whole / after 50 s", ends, "anchor"),
+        ("mean fairlead [N]", ends, "fairlead"),
         ("largest, anchor [kN]", lambda r: kilo(r["whole"]["anchor"]["max"])),
     )
 
@@ -243,8 +239,8 @@ def cabledyn_decks(found: Found) -> Rows:
         found["decks"],
         ("deck", "{name}"),
         ("at rest, CableDyn to ours", apart),
-        ("mean [N]", lambda deck: statistics(deck, "mean")),
-        ("standard deviation [N]", lambda deck: statistics(deck, "std")),
-        ("largest [N]", lambda deck: statistics(deck, "max")),
+        ("mean [N]", statistics, "mean"),
+        ("standard deviation [N]", statistics, "std"),
+        ("largest [N]", statistics, "max"),
         ("processor time [ms per s]", cost),
     )

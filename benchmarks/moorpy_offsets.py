@@ -9,32 +9,22 @@ eastern anchors are displaced, in still water; its spars float with their waterl
 anchors of one side lie on the seabed without tension and are left out of MoorPy's system.
 """
 
-from __future__ import annotations
-
-import json
-import sys
 import tomllib
-from importlib import metadata
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from study import command, show, stored
-
-sys.path.insert(0, str(Path(__file__).parent))
 import moorpy_stiffness as samples
+import numpy as np
+from study import Found, command, show, stored
 
 FILE = Path(__file__).parent / "results" / "moorpy_offsets.json"
 EDULIS = Path(__file__).parents[1] / "dropper_jax" / "data" / "scenes" / "edulis-longline.toml"
 DENSITY, GRAVITY = samples.DENSITY, samples.GRAVITY
-#: Sag of the Edulis backbone in MoorPy's first guess [m]: from a straight one its solver finds no equilibrium.
-SAG = 10.0
 #: Directions [deg] and distances [m] of the curves.
 DIRECTIONS = (0.0, 60.0, 120.0, 180.0)
 DISTANCES = {"spread": np.arange(0.0, 25.1, 5.0), "bridles": np.arange(0.0, 5.1), "edulis": np.arange(0.0, 5.1)}
 
 
-def edulis() -> dict[str, Any]:
+def edulis() -> Found:
     """Plain values of the Edulis longline in still water."""
     scene = tomllib.loads(EDULIS.read_text())
     scene["sea"] = {"depth": 30.0, "density": DENSITY, "gravity": GRAVITY}
@@ -42,7 +32,7 @@ def edulis() -> dict[str, Any]:
     return {**scene, "name": "edulis", "anchor": []}
 
 
-def scene_of(name: str) -> tuple[dict[str, Any], list[str]]:
+def scene_of(name: str) -> tuple[Found, list[str]]:
     """Plain values of a scene, and the points that are displaced."""
     if name == "edulis":
         return edulis(), ["east-danforth", "east-gravity"]
@@ -50,51 +40,9 @@ def scene_of(name: str) -> tuple[dict[str, Any], list[str]]:
     return samples.scene_of(system), system["asked"]
 
 
-def moorpy_system(scene: dict[str, Any], moved: list[str]) -> Any:
-    """MoorPy's system of the same plain values, in which attached points divide their line."""
-    import moorpy
-
-    ms = moorpy.System(depth=scene["sea"]["depth"], rho=DENSITY, g=GRAVITY)
-    for kind in scene["line_type"]:
-        across, mass = kind["diameter"], kind["mass"]
-        wet = (mass - DENSITY * np.pi / 4.0 * across**2) * GRAVITY
-        own = {"name": kind["name"], "d_vol": across, "w": wet, "m": mass, "EA": kind["EA"]}
-        ms.setLineType(lineType=own | {"material": "chain", "d_nom": across}, name=kind["name"])
-    spars = {b["point"]: b for b in scene.get("buoy", [])}
-    number = {}
-
-    def add_point(name: str, position: Any, kind: int, mass: float, volume: float, span: tuple[float, float]) -> None:
-        number[name] = len(ms.pointList) + 1
-        ms.addPoint(kind, np.array(position, float), m=mass, v=volume)
-        ms.pointList[-1].zSpan = list(span)
-
-    for p in scene["point"]:
-        kind = 0 if p.get("kind") == "free" else -1 if p["name"] in moved else 1
-        spar = spars.get(p["name"])
-        volume = p.get("volume", 0.0) if spar is None else np.pi / 4.0 * spar["diameter"] ** 2 * spar["height"]
-        mass, top = (p.get("mass", 0.0), 1.0) if spar is None else (spar["mass"], spar["height"])
-        add_point(p["name"], p["position"], kind, mass, volume, (-1.0 if spar is None else 0.0, top))
-    ends = {p["name"]: np.array(p["position"]) for p in scene["point"]}
-    for line in scene["line"]:
-        if "ground" in line["name"]:
-            continue
-        stops = line.get("attach", [])
-        for stop in stops:
-            share = stop["at"] / line["length"]
-            straight = (1.0 - share) * ends[line["from"]] + share * ends[line["to"]]
-            straight[2] -= 4.0 * SAG * share * (1.0 - share)
-            add_point(stop["point"], straight, 0, 0.0, 0.0, (-1.0, 1.0))
-        names = [line["from"], *(stop["point"] for stop in stops), line["to"]]
-        cuts = [0.0, *(stop["at"] for stop in stops), line["length"]]
-        for i, length in enumerate(np.diff(cuts)):
-            ms.addLine(length, line["type"], pointA=number[names[i]], pointB=number[names[i + 1]])
-    ms.initialize()
-    return ms, [ms.pointList[number[name] - 1] for name in moved]
-
-
-def reference(name: str) -> list[dict[str, Any]]:
+def reference(name: str) -> list[Found]:
     """MoorPy's curves."""
-    ms, points = moorpy_system(*scene_of(name))
+    ms, points = samples.moorpy_system(*scene_of(name))
     start = [p.r.copy() for p in points]
     state = ms.getPositions(DOFtype="free")
     rows = []
@@ -115,7 +63,7 @@ def reference(name: str) -> list[dict[str, Any]]:
     return rows
 
 
-def ours(name: str) -> list[dict[str, Any]]:
+def ours(name: str) -> list[Found]:
     """The same by this package."""
     import dropper_jax as dj
     from dropper_jax.study.offsets import offset_curves
@@ -124,7 +72,7 @@ def ours(name: str) -> list[dict[str, Any]]:
     return offset_curves(dj.load_scene(scene), moved, DIRECTIONS, DISTANCES[name])
 
 
-def differences(found: list[dict[str, Any]], known: list[dict[str, Any]]) -> tuple[float, float]:
+def differences(found: list[Found], known: list[Found]) -> tuple[float, float]:
     """Maximum difference of horizontal force and of maximum tension, each over MoorPy's maximum of the curve."""
     force, other = (np.array([row["force_n"][:2] for row in rows]) for rows in (found, known))
     tension, theirs = (np.array([row["max_tension_n"] for row in rows]) for rows in (found, known))
@@ -136,10 +84,8 @@ def differences(found: list[dict[str, Any]], known: list[dict[str, Any]]) -> tup
 @command(reference=False)
 def main(args) -> None:
     if args.reference:
-        found = {name: reference(name) for name in DISTANCES}
-        found = {"source": f"MoorPy {metadata.version('moorpy')}", "curves": found}
-        FILE.write_text(json.dumps(found, indent=1) + "\n")
-        return  # MoorPy's environment lacks this package
+        samples.store_reference(FILE, curves={name: reference(name) for name in DISTANCES})
+        return
     known = stored(FILE)
     show("system", f"horizontal force against {known['source']}", "maximum tension")
     for name in DISTANCES:

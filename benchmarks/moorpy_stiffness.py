@@ -12,23 +12,22 @@ of differences over 1 cm (`getCoupledStiffness`): the analytic one is the same b
 line that sags to the bed, which break the mirror symmetry of the floats.
 """
 
-from __future__ import annotations
-
 import json
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from study import command, show, stored
+from study import Found, command, show, stored
 
 FILE = Path(__file__).parent / "results" / "moorpy_stiffness.json"
 DENSITY, GRAVITY = 1025.0, 9.81
 #: Displacement of MoorPy's differences [m].
 MOVE = 0.01
+#: Sag of lines with attached points in MoorPy's first guess [m]: from a straight one its solver finds no equilibrium.
+SAG = 10.0
 
 
-def spread() -> dict[str, Any]:
+def spread() -> Found:
     """Three chains to fairleads that are held."""
     anchors = [[800.0, 1385.64, -600.0], [-1600.0, 0.0, -600.0], [800.0, -1385.64, -600.0]]
     fairleads = [[10.0, 17.32, -21.0], [-20.0, 0.0, -21.0], [10.0, -17.32, -21.0]]
@@ -44,9 +43,9 @@ def spread() -> dict[str, Any]:
     }
 
 
-def bridles() -> dict[str, Any]:
+def bridles() -> Found:
     """Three polyester lines that each part in two, to six fairleads that are held."""
-    points: dict[str, Any] = {}
+    points = {}
     lines, asked = [], []
     anchors = [[172.7, -100.0, -100.0], [0.0, 200.0, -100.0], [-172.7, -100.0, -100.0]]
     joints = [[34.64, -20.0, -50.0], [0.0, 40.0, -50.0], [-34.64, -20.0, -50.0]]
@@ -63,7 +62,7 @@ def bridles() -> dict[str, Any]:
     return {"depth": 100.0, "type": kind, "points": points, "lines": lines, "asked": asked}
 
 
-def floats() -> dict[str, Any]:
+def floats() -> Found:
     """Two floats of 50 m3 on chains, and a chain of 250 m between them that lies on the bed in its middle."""
     return {
         "depth": 100.0,
@@ -83,7 +82,7 @@ def floats() -> dict[str, Any]:
 SYSTEMS = {"spread": spread, "bridles": bridles, "floats": floats}
 
 
-def scene_of(system: dict[str, Any]) -> dict[str, Any]:
+def scene_of(system: Found) -> Found:
     """Plain values of a scene."""
     points = []
     for name, point in system["points"].items():
@@ -103,24 +102,54 @@ def scene_of(system: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def reference(system: dict[str, Any]) -> dict[str, Any]:
-    """MoorPy's matrix of the points that are asked for [N/m], and where they are [m]."""
+def moorpy_system(scene: Found, moved: list[str]):
+    """MoorPy's system of the same plain values, in which attached points divide their line, and its moved points."""
     import moorpy
 
-    ms = moorpy.System(depth=system["depth"], rho=DENSITY, g=GRAVITY)
-    kind = system["type"]
-    wet = (kind["mass"] - DENSITY * np.pi / 4.0 * kind["diameter"] ** 2) * GRAVITY
-    own = {"name": "main", "d_vol": kind["diameter"], "w": wet, "m": kind["mass"], "EA": kind["EA"]}
-    ms.setLineType(lineType=own | {"material": "chain", "d_nom": kind["diameter"]}, name="main")
-    number = {name: i + 1 for i, name in enumerate(system["points"])}
-    for name, point in system["points"].items():
-        held = -1 if name in system["asked"] else 1
-        ms.addPoint(0 if point.get("free") else held, point["position"], m=0.0, v=point.get("volume", 0.0))
-    for a, b, length, _ in system["lines"]:
-        ms.addLine(length, "main", pointA=number[a], pointB=number[b])
+    ms = moorpy.System(depth=scene["sea"]["depth"], rho=DENSITY, g=GRAVITY)
+    for kind in scene["line_type"]:
+        across, mass = kind["diameter"], kind["mass"]
+        wet = (mass - DENSITY * np.pi / 4.0 * across**2) * GRAVITY
+        own = {"name": kind["name"], "d_vol": across, "w": wet, "m": mass, "EA": kind["EA"]}
+        ms.setLineType(lineType=own | {"material": "chain", "d_nom": across}, name=kind["name"])
+    spars = {buoy["point"]: buoy for buoy in scene.get("buoy", [])}
+    number = {}
+
+    def add_point(name: str, position, kind: int, mass: float = 0.0, volume: float = 0.0, span=(-1.0, 1.0)) -> None:
+        number[name] = len(ms.pointList) + 1
+        ms.addPoint(kind, np.array(position, float), m=mass, v=volume)
+        ms.pointList[-1].zSpan = list(span)
+
+    for point in scene["point"]:
+        name, position = point["name"], point["position"]
+        kind = 0 if point.get("kind") == "free" else -1 if name in moved else 1
+        if name in spars:
+            spar = spars[name]
+            volume = np.pi / 4.0 * spar["diameter"] ** 2 * spar["height"]
+            add_point(name, position, kind, spar["mass"], volume, (0.0, spar["height"]))
+        else:
+            add_point(name, position, kind, point.get("mass", 0.0), point.get("volume", 0.0))
+    ends = {point["name"]: np.array(point["position"]) for point in scene["point"]}
+    for line in scene["line"]:
+        if "ground" in line["name"]:
+            continue
+        stops = line.get("attach", [])
+        for stop in stops:
+            share = stop["at"] / line["length"]
+            straight = (1.0 - share) * ends[line["from"]] + share * ends[line["to"]]
+            add_point(stop["point"], straight - [0.0, 0.0, 4.0 * SAG * share * (1.0 - share)], 0)
+        names = [line["from"], *(stop["point"] for stop in stops), line["to"]]
+        cuts = [0.0, *(stop["at"] for stop in stops), line["length"]]
+        for i, length in enumerate(np.diff(cuts)):
+            ms.addLine(length, line["type"], pointA=number[names[i]], pointB=number[names[i + 1]])
     ms.initialize()
+    return ms, [ms.pointList[number[name] - 1] for name in moved]
+
+
+def reference(system: Found) -> Found:
+    """MoorPy's matrix of the points that are asked for [N/m], and where they are [m]."""
+    ms, asked = moorpy_system(scene_of(system), system["asked"])
     ms.solveEquilibrium(DOFtype="free", tol=1e-7)
-    asked = [ms.pointList[number[name] - 1] for name in system["asked"]]
     for point in asked:
         point.type = -1
     if system.get("differences"):
@@ -132,7 +161,13 @@ def reference(system: dict[str, Any]) -> dict[str, Any]:
     return {"stiffness": matrix[np.ix_(rows, rows)].tolist(), "positions": [p.r.tolist() for p in asked]}
 
 
-def ours(system: dict[str, Any]) -> np.ndarray:
+def store_reference(file: Path, **found) -> None:
+    """Store MoorPy's values with its version. Its environment lacks this package, hence not by `study.store`."""
+    found = {"source": f"MoorPy {metadata.version('moorpy')}", **found}
+    file.write_text(json.dumps(found, indent=1) + "\n")
+
+
+def ours(system: Found) -> np.ndarray:
     """The same by this package."""
     import dropper_jax as dj
     from dropper_jax.statics.stiffness import mooring_stiffness
@@ -149,13 +184,11 @@ def difference(found: np.ndarray, known: np.ndarray) -> float:
     return float(np.max(np.abs(found - known)) / np.max(np.abs(known)))
 
 
-@command(("systems", list(SYSTEMS)), reference=False)
+@command({"systems": list(SYSTEMS)}, reference=False)
 def main(args) -> None:
     if args.reference:
-        found = {name: reference(make()) for name, make in SYSTEMS.items()}
-        found = {"source": f"MoorPy {metadata.version('moorpy')}", "systems": found}
-        FILE.write_text(json.dumps(found, indent=1) + "\n")
-        return  # MoorPy's environment lacks this package
+        store_reference(FILE, systems={name: reference(make()) for name, make in SYSTEMS.items()})
+        return
     known = stored(FILE)
     show("system", f"against {known['source']}", "of the diagonal")
     for name in args.systems:

@@ -6,12 +6,8 @@ Extreme angles, spectral peaks and tensions with the effects switched on one by 
 two steps (four where the motion is chaotic).
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
-from study import collect, command, describe
+from study import Found, collect, command, describe
 
 import dropper_jax as dj
 from dropper_jax.analysis.spectrum import amplitude_spectrum
@@ -49,7 +45,7 @@ THESIS_ROWS = (
 )
 
 
-def summary(solution: dj.Solution) -> dict[str, Any]:
+def summary(solution: dj.Solution) -> Found:
     """Of one run link `LINK`'s angles [rad], tensions of all links [N]."""
     polar, azimuth = solution.polar[:, LINK - 1], solution.azimuth[:, LINK - 1]
     frequency, size = amplitude_spectrum(solution.t, azimuth)

@@ -3,21 +3,14 @@
 python benchmarks/one_kernel.py [--pairs 5] [--cases NAME ...] [--out benchmarks/results/one_kernel.json]
 """
 
-from __future__ import annotations
-
 import jax
-from same_speed import CASES, HERE, Side, pairs
+from same_speed import CASES, HERE, Side, measure_both
 from study import RESULTS, collect, command, describe
 
 
 def row(name: str, count: int) -> dict[str, object]:
     """Microseconds per step and seconds of compilation, without and with the tag."""
-    plain, whole = Side(HERE, name, True), Side(HERE, name, False)
-    compiled = pairs(plain, whole, "compile", 1)
-    pairs(plain, whole, "run", 1)  # warm
-    ran = pairs(plain, whole, "run", count)
-    plain.close()
-    whole.close()
+    compiled, ran = measure_both(Side(HERE, name, True), Side(HERE, name, False), 1, count)
     scale = 1e6 / CASES[name]["steps"]
     return {
         "case": name,

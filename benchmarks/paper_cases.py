@@ -1,9 +1,5 @@
 """The paper's five cases from its Table 6, and what its two simulators found (Table 7)."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from dropper_jax import Scene, load_scene
 
 #: The paper's Table 7: anchor tension [N], least, mean and largest, of OrcaFlex and of its adapted MoorDyn.
@@ -18,7 +14,7 @@ TABLE_7 = {
 
 def case(number: int, ratio: float = 0.1) -> Scene:
     """A case of the paper, from its positions. Cases 3 and 5 are turned by 90 degrees, so that waves travel in +x."""
-    values: dict[str, Any] = {"line_type.chain.damping_ratio": ratio}
+    values = {"line_type.chain.damping_ratio": ratio}
     if number in (3, 5):
         values.update({"point.buoy.position": [0.0, 30.0, -4.43], "sea.waves.direction": 0.0})
     if number == 5:

@@ -1,9 +1,5 @@
 """Tables of the paper's cases."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 from study import Found, Rows, columns, joined, table_of
 
 PAPER = (("orcaflex", "OrcaFlex"), ("adapted_moordyn", "adapted MoorDyn"))
@@ -51,29 +47,35 @@ def table7_conventions(found: Found) -> Rows:
     """By how much one change moves the mean anchor tension of each case."""
     base = {number: _span(found, number) for number in NUMBERS}
     mean = {number: base[number]["anchor"]["mean"] for number in NUMBERS}
-    rows = [("one change", *(f"case {number}, mean [N]" for number in NUMBERS), "case 4, largest [N]")]
-    largest = f"{base[4]['anchor']['max']:.0f}"
-    rows.append(("none: from Table 6, 150 s", *(f"{mean[n]:.0f}" for n in NUMBERS), largest))
-    for name in dict.fromkeys(row["convention"] for row in found["conventions"]):
-        own = {row["case"]: row for row in found["conventions"] if row["convention"] == name}
-        cells = ["-" if n not in own else _moved(own[n], mean[n]) for n in NUMBERS]
-        spans = own[4]["spans"] if 4 in own else []
-        rows.append((name, *cells, f"{spans[0]['anchor']['max']:.0f}" if spans else "-"))
-    node = (f"{base[n]['anchor_node']['mean'] - mean[n]:+.0f}" for n in NUMBERS)
-    rows.append(("force on the anchor's node, not tension of its link", *node, f"{base[4]['anchor_node']['max']:.0f}"))
-    for ratio in dict.fromkeys(row["damping_ratio"] for row in found["moordyn"]):
-        own = {row["case"]: row for row in found["moordyn"] if row["damping_ratio"] == ratio}
-        for size, word in ((False, ""), (True, ", pushing counted as pulling")):
-            cells = [_other(own[n], mean[n], size) for n in NUMBERS]
-            top = f"{own[4]['anchor']['max']:.0f}" if own[4]["status"] == "ok" else "-"
-            rows.append((f"MoorDyn v2, damping ratio {ratio:g}{word}", *cells, top))
+
+    def row(name: str, loads: dict[int, Found | str]) -> tuple[str, ...]:
+        """Means of loads less those of the base, or why there are none, by case; the largest load of case 4."""
+        whole = {number: load for number, load in loads.items() if not isinstance(load, str)}
+        cells = {number: f"{load['mean'] - mean[number]:+.0f}" for number, load in whole.items()}
+        largest = f"{whole[4]['max']:.0f}" if 4 in whole else "-"
+        return name, *(cells.get(n, loads.get(n, "-")) for n in NUMBERS), largest
+
+    rows = [
+        ("one change", *(f"case {number}, mean [N]" for number in NUMBERS), "case 4, largest [N]"),
+        ("none: from Table 6, 150 s", *(f"{mean[n]:.0f}" for n in NUMBERS), f"{base[4]['anchor']['max']:.0f}"),
+    ]
+    for name in dict.fromkeys(one["convention"] for one in found["conventions"]):
+        own = (one for one in found["conventions"] if one["convention"] == name)
+        loads = {one["case"]: one["spans"][0]["anchor"] if one["spans"] else one["status"].split(" ")[0] for one in own}
+        rows.append(row(name, loads))
+    node = "force on the anchor's node, not tension of its link"
+    rows.append(row(node, {n: base[n]["anchor_node"] for n in NUMBERS}))
+    for ratio in dict.fromkeys(one["damping_ratio"] for one in found["moordyn"]):
+        own = [one for one in found["moordyn"] if one["damping_ratio"] == ratio]
+        signed = {one["case"]: one["anchor"] if one["status"] == "ok" else one["status"] for one in own}
+        sizes = {number: load if isinstance(load, str) else load["size"] for number, load in signed.items()}
+        rows.append(row(f"MoorDyn v2, damping ratio {ratio:g}", signed))
+        rows.append(row(f"MoorDyn v2, damping ratio {ratio:g}, pushing counted as pulling", sizes))
     for key, code in PAPER:
-        paper = {n: found["table_7"][str(n)][key] for n in NUMBERS}
-        rows.append((f"Table 7: {code}", *(f"{paper[n][1] - mean[n]:+.0f}" for n in NUMBERS), f"{paper[4][2]:.0f}"))
+        paper = {n: dict(zip(("min", "mean", "max"), found["table_7"][str(n)][key], strict=True)) for n in NUMBERS}
+        rows.append(row(f"Table 7: {code}", paper))
     for span in (50.0, 200.0):
-        own = {n: _span(found, n, span)["anchor"] for n in NUMBERS}
-        cells = (f"{own[n]['mean'] - mean[n]:+.0f}" for n in NUMBERS)
-        rows.append((f"{span:g} s instead of 150 s", *cells, f"{own[4]['max']:.0f}"))
+        rows.append(row(f"{span:g} s instead of 150 s", {n: _span(found, n, span)["anchor"] for n in NUMBERS}))
     errors = (f"± {base[n]['standard_error']:.0f}" for n in NUMBERS)
     return [*rows, ("chance (batch means, 50 to 150 s)", *errors, "-")]
 
@@ -90,16 +92,6 @@ def _three(values: dict[str, float] | None) -> tuple[str, ...]:
     return tuple(f"{values[key] + 0.0:.0f}".replace("-0", "0") for key in ("min", "mean", "max"))
 
 
-def _moved(row: Found, mean: float) -> str:
-    return f"{row['spans'][0]['anchor']['mean'] - mean:+.0f}" if row["spans"] else row["status"].split(" ")[0]
-
-
-def _other(row: Found, mean: float, size: bool) -> str:
-    if row["status"] != "ok":
-        return row["status"]
-    return f"{(row['anchor']['size'] if size else row['anchor'])['mean'] - mean:+.0f}"
-
-
 @table_of("table7")
 def table7_edulis(found: Found) -> Rows:
     """Edulis in both codes."""
@@ -108,24 +100,21 @@ def table7_edulis(found: Found) -> Rows:
         force = row["mean"]["here"] > 100.0
         return "-" if value is None else f"{value:.0f}" if force else f"{value:.2f}"
 
-    def here(what: str) -> Callable[[Found], str]:
-        def cell(row: Found) -> str:
-            one = row[what]
-            value, error, chance = (number(row, x) for x in (one["here"], one["step"] + one["links"], one["chance"]))
-            return f"{value} ± {error} ({chance})"
+    def here(row: Found, what: str) -> str:
+        one = row[what]
+        error = one["step"] + one["links"]
+        return f"{number(row, one['here'])} ± {number(row, error)} ({number(row, one['chance'])})"
 
-        return cell
-
-    def there(what: str) -> Callable[[Found], str]:
-        return lambda r: f"{number(r, r[what]['moordyn'])} ± {number(r, r[what]['moordyn_step'])}"
+    def there(row: Found, what: str) -> str:
+        return f"{number(row, row[what]['moordyn'])} ± {number(row, row[what]['moordyn_step'])}"
 
     return columns(
         (row for row in found["edulis"]["rows"] if row["deviation"]["here"] >= UNMOVED),
         ("", lambda r: f"{r['name']} {'[N]' if r['mean']['here'] > 100.0 else '[m]'}"),
-        ("mean, here", here("mean")),
-        ("mean, MoorDyn v2", there("mean")),
-        ("deviation, here", here("deviation")),
-        ("deviation, MoorDyn v2", there("deviation")),
+        ("mean, here", here, "mean"),
+        ("mean, MoorDyn v2", there, "mean"),
+        ("deviation, here", here, "deviation"),
+        ("deviation, MoorDyn v2", there, "deviation"),
         ("largest, here / MoorDyn v2", lambda r: f"{number(r, r['max']['here'])} / {number(r, r['max']['moordyn'])}"),
     )
 
@@ -136,12 +125,12 @@ def table7_peaks(found: Found) -> Rows:
     schemes = list(dict.fromkeys(row["scheme"] for row in found["rows"]))
     kilo = lambda newton: f"{1e-3 * newton:.1f}" if newton >= 1e4 else f"{1e-3 * newton:.2f}"  # noqa: E731
 
-    def at(scheme: str) -> Callable[[Found], str]:
-        def cell(case: Found) -> str:
-            own = (r for r in case["runs"] if r["moved_m"] == 0.0 and r["scheme"] == scheme)
-            return ", ".join(f"{kilo(r['anchor']['max'])} ({1e3 * r['dt_s']:.3g})" for r in own) or "-"
+    def at(case: Found, scheme: str) -> str:
+        own = (r for r in case["runs"] if r["moved_m"] == 0.0 and r["scheme"] == scheme)
+        return ", ".join(f"{kilo(r['anchor']['max'])} ({1e3 * r['dt_s']:.3g})" for r in own) or "-"
 
-        return cell
+    def paper(case: Found, code: str) -> str:
+        return kilo(found["table_7"][str(case["case"])][code][2])
 
     def moved(case: Found) -> str:
         tops = [r["anchor"]["max"] for r in case["runs"] if r["moved_m"] != 0.0]
@@ -151,12 +140,9 @@ def table7_peaks(found: Found) -> Rows:
     return columns(
         ({"case": n, "runs": [row for row in good if row["case"] == n]} for n in NUMBERS),
         ("case", "{case}"),
-        *((f"{scheme} [kN] (step [ms])", at(scheme)) for scheme in schemes),
+        *((f"{scheme} [kN] (step [ms])", at, scheme) for scheme in schemes),
         ("starts moved by up to 1e-6 m [kN]", moved),
-        *(
-            (f"Table 7: {code} [kN]", lambda r, key=key: kilo(found["table_7"][str(r["case"])][key][2]))
-            for key, code in PAPER
-        ),
+        *((f"Table 7: {code} [kN]", paper, key) for key, code in PAPER),
     )
 
 
@@ -164,18 +150,20 @@ def table7_peaks(found: Found) -> Rows:
 def edulis_anchors(found: Found) -> Rows:
     """Edulis' anchors by heading of the tide."""
 
-    def load(name: str) -> Callable[[Found], str]:
-        return lambda r: f"{1e-3 * r['largest_load_n'][name]:.2f} ({100 * r['utilisation'][name]:.1f})"
+    def load(row: Found, name: str) -> str:
+        return f"{1e-3 * row['largest_load_n'][name]:.2f} ({100 * row['utilisation'][name]:.1f})"
 
-    names = found["rows"][0]["largest_load_n"]
-    anchors = ((f"{name} [kN] ([%])", load(name)) for name in names)
+    anchors = ((f"{name} [kN] ([%])", load, name) for name in found["rows"][0]["largest_load_n"])
     return columns(found["rows"], ("heading [deg]", "{heading_deg}"), *anchors, ("moved [m]", "{moved_m:.1f}"))
 
 
 @table_of("pitching")
 def pitching(found: Found) -> Rows:
     """The paper's cases 1 to 3, upright and pitching, and case 1 without drag across the spar."""
-    motion = lambda values: "{mean:.2f} / {std:.2f}".format(**values)  # noqa: E731
+
+    def motion(row: Found, key: str) -> str:
+        return "{mean:.2f} / {std:.2f}".format(**row[key])
+
     return columns(
         (
             {**row, "note": note}
@@ -184,10 +172,10 @@ def pitching(found: Found) -> Rows:
         ),
         ("case", lambda r: r["case"].removeprefix("paper-case-")),
         ("spar", "{form}{note}"),
-        ("anchor, mean / deviation / 99 % / largest [N]", lambda r: _load(r, "anchor")),
-        ("at the spar [N]", lambda r: _load(r, "buoy")),
-        ("surge, mean / deviation [m]", lambda r: motion(r["away_m"])),
-        ("heave of the base [m]", lambda r: motion(r["heave_m"])),
+        ("anchor, mean / deviation / 99 % / largest [N]", _load, "anchor"),
+        ("at the spar [N]", _load, "buoy"),
+        ("surge, mean / deviation [m]", motion, "away_m"),
+        ("heave of the base [m]", motion, "heave_m"),
         ("tilt, mean / deviation / largest [deg]", _tilt),
     )
 
@@ -204,7 +192,7 @@ def pitching_centres(found: Found) -> Rows:
         ),
         ("natural period of pitch in calm water [s]", lambda r: period(r["pitch_period_s"])),
         ("tilt, mean / deviation / largest [deg]", _tilt),
-        ("anchor, mean / deviation / 99 % / largest [N]", lambda r: _load(r, "anchor")),
+        ("anchor, mean / deviation / 99 % / largest [N]", _load, "anchor"),
         ("beyond 60 degrees [% of time]", lambda r: f"{100 * r['capsized_share']:.0f}"),
     )
 

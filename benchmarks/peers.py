@@ -7,20 +7,16 @@ smaller error, our best integrator at least 15 times faster per simulated second
 faster than diffrax as it is, and not more than a tenth slower than diffrax with our tensions, its runs one kernel too.
 """
 
-from __future__ import annotations
-
 import one_thread  # noqa: F401 - before JAX
 
 # isort: split
 
 from pathlib import Path
-from typing import Any
 
-from study import RESULTS, command, describe, say, store, versions
+from study import RESULTS, Found, command, describe, say, store, versions
 
-from dropper_jax import Scene, load_scene
+from dropper_jax import Scene, build, load_scene
 from dropper_jax.plots import style
-from dropper_jax.run.build import build
 from dropper_jax.study.march import Scheme, runnable
 from dropper_jax.study.peers import peer_rows
 from dropper_jax.study.pictures import marks, title
@@ -67,7 +63,7 @@ def dropper_17() -> Scene:
     )
 
 
-def compare(scene: Scene) -> dict[str, Any]:
+def compare(scene: Scene) -> Found:
     """Rows of all simulators on one scene, and its goals."""
     model, s = build(scene)
     target = reference(model, s, GRID, round(SPAN / GRID), 0.0)
@@ -79,7 +75,7 @@ def compare(scene: Scene) -> dict[str, Any]:
     return {"scene": scene.name, "reference": target.summary(), "rows": rows, "goals": goals(rows)}
 
 
-def goals(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def goals(rows: list[Found]) -> list[Found]:
     """For each goal the ratio of wall times where ours has no larger position error, at the peer's best and worst run.
 
     `ratio` is over all of the peer's runs the least favourable to us; `largest` the most favourable.
@@ -100,7 +96,7 @@ def goals(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def _ratio(row: dict[str, Any], ours: list[dict[str, Any]]) -> dict[str, Any] | None:
+def _ratio(row: Found, ours: list[Found]) -> Found | None:
     """Peer's wall time over that of our fastest run which is at least as exact."""
     good = [r for r in ours if r["rms_position_error_m"] <= row["rms_position_error_m"]]
     if not good:
@@ -115,7 +111,7 @@ def _ratio(row: dict[str, Any], ours: list[dict[str, Any]]) -> dict[str, Any] | 
 
 
 @style.plot_style()
-def picture(result: dict[str, Any], path: Path) -> Path:
+def picture(result: Found, path: Path) -> Path:
     """RMS position error against wall time per simulated second, ours filled, the others open, log-log."""
     figure = style.new_figure(9.0, 5.8)
     axes = figure.subplots()

@@ -8,13 +8,10 @@ periods of pitch; a homogeneous spar starts upright, where it is not stable. Cas
 spar, which tells how much of the difference is drag.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from study import collect, command
+from study import Found, collect, command
 
 import dropper_jax as dj
 from dropper_jax.load.packaged import packaged_scene, pitching
@@ -38,7 +35,7 @@ def spread(values: np.ndarray) -> dict[str, float]:
     }
 
 
-def measured(scene: dj.Scene) -> dict[str, Any]:
+def measured(scene: dj.Scene) -> Found:
     """Tensions at both ends of the chain [N], motion of the base [m] and tilt [deg] after the transient.
 
     Surge is the way along the waves. The tilt is the angle between the spar's axis and the vertical.
@@ -99,11 +96,11 @@ def without_drag(scene: dj.Scene) -> dj.Scene:
 
 @command()
 def main() -> None:
-    def row(case: str, form: str, change: Callable[[dj.Scene], dj.Scene]) -> dict[str, Any]:
+    def row(case: str, form: str, change: Callable[[dj.Scene], dj.Scene]) -> Found:
         scene = dj.load_scene(case if form == "upright" else f"{case}-{form}")
         return {"case": case, "form": form, **measured(change(scene))}
 
-    def moved(centre: float) -> dict[str, Any]:
+    def moved(centre: float) -> Found:
         scene = dj.load_scene(pitching(packaged_scene(CASES[0]), centre))
         return {"centre_m": centre, "pitch_period_s": pitch_period(scene), **measured(scene)}
 

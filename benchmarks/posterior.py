@@ -6,17 +6,12 @@ A synthetic trace of the lab dropper (scenario A, 16 s, 60 Hz, 5 mrad) is fitted
 Writes results/posterior.json.
 """
 
-from __future__ import annotations
-
-import time
-from typing import Any
-
 import numpy as np
-from study import RESULTS, command, describe, say, store
+from study import RESULTS, Found, command, describe, say, store, timed
 
 import dropper_jax as dj
+from fitting import prepare
 from fitting.calibration.estimating import estimate
-from fitting.calibration.preparation import prepare
 from fitting.estimate.nuts import nuts
 from fitting.estimate.posterior import importance
 from fitting.estimate.uncertainty import uncertainty
@@ -24,13 +19,6 @@ from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 SCENE, DURATION, NOISE, OFF = "dropper-release-a", 16.0, 0.005, 1.5
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
-
-
-def timed(work: Any) -> tuple[Any, dict[str, float]]:
-    """What a piece of work gives, and its seconds by the clock and of the processor."""
-    clock, processor = time.perf_counter(), time.process_time()
-    found = work()
-    return found, {"seconds": time.perf_counter() - clock, "processor_s": time.process_time() - processor}
 
 
 @command(draws=120, out=RESULTS / "posterior.json")
@@ -43,14 +31,14 @@ def main(args) -> None:
     solution, seconds = timed(lambda: estimate(prepare(trace, wrong, names), "shooting"))
     say({"status": solution.status, **seconds})
     fitted = uncertainty(solution)
-    rows: list[dict[str, Any]] = []
+    rows: list[Found] = []
     samplers = {"importance": lambda: importance(solution, 200), "NUTS": lambda: nuts(solution, args.draws)}
     for name, sample in samplers.items():
         found, seconds = timed(sample)
         # quantiles about the optimum, in its standard errors: of a normal posterior -1.64, -0.67, 0, 0.67, 1.64
         far = np.array([(found.quantile(p) - solution.values) / fitted.std_error for p in LEVELS])
-        rows.append({"sampler": name, **found.to_json(), **seconds, "quantiles_in_errors": far.tolist()})
-        rows[-1]["warnings"] = found.warnings
+        row = {"sampler": name, **found.to_json(), **seconds, "quantiles_in_errors": far.tolist()}
+        rows.append({**row, "warnings": found.warnings})
         say(rows[-1])
     found = {
         "scene": SCENE, "duration_s": DURATION, "noise_rad": NOISE, "truth": truth, "values": solution.values.tolist(),

@@ -5,11 +5,7 @@
 Writes `results/report_examples.json` (some minutes on a core); `tables.py` makes the tables of it.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
-from study import command, describe, store
+from study import Found, command, describe, store
 
 import dropper_jax as dj
 from dropper_jax.report.build import report_run, report_runs
@@ -22,7 +18,7 @@ SEEDS, FURTHER = range(1, 11), range(11, 29)
 RUN, LEFT_OUT = 660.0, 60.0
 
 
-def damping_and_step(ratio: float, dt: float) -> dict[str, Any]:
+def damping_and_step(ratio: float, dt: float) -> Found:
     """One run of case 1: mean anchor load, largest tension, snaps, equivalent range and damage of its second half."""
     values = {"line_type.chain.damping_ratio": ratio, "run.dt": dt, "run.duration": DURATION}
     solution = dj.simulate(dj.load_scene("paper-case-1").with_values(values))
@@ -47,7 +43,7 @@ def in_storm(seed: int) -> dj.Solution:
     return dj.simulate(dj.load_scene("paper-case-3").with_values(values))
 
 
-def storm() -> dict[str, Any]:
+def storm() -> Found:
     """Extremes of ten runs, and the largest values of further seeds that make up the storm."""
     runs = {f"seed-{seed}": in_storm(seed) for seed in SEEDS}
     found = report_runs(runs, Settings(skip=LEFT_OUT))
@@ -67,5 +63,4 @@ def storm() -> dict[str, Any]:
 @command()
 def main() -> None:
     rows = [damping_and_step(ratio, dt) for ratio in RATIOS for dt in STEPS]
-    found = {"machine": describe(), "damping": rows, "storm": storm()}
-    store("report_examples", found)
+    store("report_examples", {"machine": describe(), "damping": rows, "storm": storm()})

@@ -21,11 +21,7 @@ from second differences of positions); `--rounding` lets them pass. Only public 
 in old checkouts: there with PYTHONPATH set to them.
 """
 
-from __future__ import annotations
-
-import argparse
 import dataclasses
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -34,6 +30,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from study import command
 
 import dropper_jax as dj
 
@@ -73,17 +70,10 @@ class Marched(NamedTuple):
 
 def case_of(name: str) -> Case:
     """The case of a packaged scene, stepped as `simulate` does."""
-    scene = dj.load_scene(name)
-    model, start = dj.build(scene)
-    run = scene.run
-    stepper = dj.make_stepper(model, run.integrator, run.solver, **options_of(run))
+    run = dj.load_scene(name).run
+    model, start = dj.build(name)
+    stepper = dj.make_stepper(model, run.integrator, run.solver, **run.options)
     return Case(stepper, model, rebuilt(start, arrays(start)), jnp.asarray(run.dt, start.r.dtype))
-
-
-def options_of(run: object) -> dict[str, float]:
-    """Options of the scheme in a scene's `[run]`, in older checkouts too."""
-    older = {name: getattr(run, name, None) for name in ("gamma", "rho_infinity")}
-    return getattr(run, "options", {name: value for name, value in older.items() if value is not None})
 
 
 @partial(jax.jit, static_argnums=0)
@@ -99,11 +89,11 @@ def march(stepper: dj.Stepper, model: dj.Model, s: dj.State, dt: jax.Array, step
 
 def single_steps(case: Case, states: Sequence[dj.State]) -> dict[str, np.ndarray]:
     """States one step after each of some, with residual and level of the step."""
-    found = []
-    for s in states:
-        after, residual, level = march(case.stepper, case.model, s, case.dt, 1)
-        found.append({**arrays(after), "residual": np.asarray(residual), "level": np.asarray(level)})
-    return stacked(found)
+    after = [march(case.stepper, case.model, s, case.dt, 1) for s in states]
+    return stacked([arrays(one.state) for one in after]) | {
+        "residual": np.array([one.residual for one in after]),
+        "level": np.array([one.level for one in after]),
+    }
 
 
 # --- states as arrays -------------------------------------------------------------------------------------------
@@ -230,17 +220,14 @@ class Row(NamedTuple):
     levels: bool
     noise: dict[str, float]
 
-    def above(self) -> list[str]:
-        """Columns that are not within the limit."""
-        return [key for key, value in self.found.items() if not value <= LIMIT]
-
     def verdict(self) -> str:
         """`same`, `rounding` or `differs`, with the columns above the limit."""
-        above = self.above()
-        if not above and self.levels:
+        above = [key for key, value in self.found.items() if not value <= LIMIT]
+        if self.levels and not above:
             return "same"
-        rounding = self.levels and all(self.found[key] <= ROUNDING * self.noise.get(key, 0.0) for key in above)
-        return f"{'rounding' if rounding else 'differs'}: {' '.join([*above, *([] if self.levels else ['level'])])}"
+        if self.levels and all(self.found[key] <= ROUNDING * self.noise.get(key, 0.0) for key in above):
+            return f"rounding: {' '.join(above)}"
+        return f"differs: {' '.join([*above, *([] if self.levels else ['level'])])}"
 
     def text(self) -> str:
         """The row as printed after the scene's name."""
@@ -274,7 +261,7 @@ def compare(name: str, kept: Arrays) -> Row:
 def record_all(path: str, names: Sequence[str]) -> int:
     """Record scenes into a file."""
     kept: dict[str, np.ndarray] = {}
-    for name in names or dj.scene_names():
+    for name in names:
         begun = time.perf_counter()
         one = record(name)
         kept |= put(name, one)
@@ -293,13 +280,9 @@ def compare_all(path: str, names: Sequence[str], rounding: bool) -> int:
     print(f"{'':36} " + " ".join([f"{key:>8}" for key in COLUMNS] + [" level", "   noise"]))
     verdicts = []
     for name in names or recorded:
-        if name in dj.scene_names():
-            row = compare(name, part(name, kept))
-            verdicts.append(row.verdict())
-            print(f"{name:36} {row.text()}", flush=True)
-        else:
-            verdicts.append("differs: is no packaged scene here")
-            print(f"{name:36} {verdicts[-1]}")
+        row = compare(name, part(name, kept)) if name in dj.scene_names() else None
+        verdicts.append(row.verdict() if row else "differs: is no packaged scene here")
+        print(f"{name:36} {row.text() if row else verdicts[-1]}", flush=True)
     if new := sorted(set(dj.scene_names()) - set(recorded)):
         print("not recorded:", *new)
     counts = {kind: sum(v.startswith(kind) for v in verdicts) for kind in ("same", "rounding", "differs")}
@@ -307,23 +290,13 @@ def compare_all(path: str, names: Sequence[str], rounding: bool) -> int:
     return int(counts["differs"] > 0 or (counts["rounding"] > 0 and not rounding))
 
 
-def main() -> int:
-    """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("command", choices=("record", "compare"))
-    parser.add_argument("file")
-    parser.add_argument("scene", nargs="*", help="these scenes only")
-    parser.add_argument("--rounding", action="store_true", help="let pass what may be rounding")
-    given = parser.parse_args()
+@command({"command": ("record", "compare"), "file": str, "scene": [str]}, rounding=False)
+def main(given) -> int:
     print(f"{given.command}: {dj.__file__}, jax {jax.__version__}")
     begun = time.perf_counter()
     if given.command == "record":
-        status = record_all(given.file, given.scene)
+        status = record_all(given.file, given.scene or dj.scene_names())
     else:
         status = compare_all(given.file, given.scene, given.rounding)
     print(f"{time.perf_counter() - begun:.0f} s")
     return status
-
-
-if __name__ == "__main__":
-    sys.exit(main())

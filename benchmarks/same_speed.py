@@ -8,9 +8,6 @@ microseconds per step of the other checkout and of this one, their ratio (median
 the middle half), and the same of compilation. Only public names are used, so that the other may be old.
 """
 
-from __future__ import annotations
-
-import argparse
 import os
 import statistics
 import subprocess
@@ -19,6 +16,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from study import command
 
 HERE = Path(__file__).parents[1]
 #: Environment variable of the processes whose functions are one kernel by the tag.
@@ -97,8 +96,9 @@ class Side:
             from dropper_jax.backend.one_kernel import with_option  # an older checkout has the option only
 
             flags = with_option(flags)
-        environment = {**os.environ, "PYTHONPATH": str(tree), "XLA_FLAGS": flags, TAGGED: "1" if tagged else ""}
-        call = [sys.executable, __file__, "--serve", case]
+        paths = os.pathsep.join([str(tree), str(Path(__file__).parent)])
+        environment = {**os.environ, "PYTHONPATH": paths, "XLA_FLAGS": flags, TAGGED: "1" if tagged else ""}
+        call = [sys.executable, "-c", f"import same_speed; same_speed.serve(same_speed.CASES[{case!r}])"]
         self.process = subprocess.Popen(
             call, cwd=tree, env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
@@ -123,35 +123,28 @@ def pairs(other: Side, own: Side, word: str, count: int) -> tuple[float, float, 
     return statistics.median(theirs), statistics.median(ours), sorted(b / a for a, b in zip(theirs, ours, strict=True))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("other", nargs="?", type=Path)
-    parser.add_argument("--pairs", type=int, default=7)
-    parser.add_argument("--compilations", type=int, default=3)
-    parser.add_argument("--cases", nargs="*", default=list(CASES), choices=list(CASES))
-    parser.add_argument("--plain", action="store_true", help="with the kernels that XLA makes by itself")
-    parser.add_argument("--serve", choices=list(CASES), help=argparse.SUPPRESS)
-    args = parser.parse_args()
-    if args.serve:
-        serve(CASES[args.serve])
-        return
-    if args.other is None or not (args.other / "dropper_jax").is_dir():
-        parser.error("OTHER_CHECKOUT: a folder with dropper_jax/ is needed")
+def measure_both(other: Side, own: Side, compilations: int, runs: int) -> tuple:
+    """What `pairs` finds of compilations and of runs, the first of which is left out."""
+    built = pairs(other, own, "compile", compilations)
+    pairs(other, own, "run", 1)
+    ran = pairs(other, own, "run", runs)
+    other.close()
+    own.close()
+    return built, ran
+
+
+@command({"other": Path}, pairs=7, compilations=3, cases=list(CASES), plain=False)
+def main(args) -> None:
+    if not (args.other / "dropper_jax").is_dir():
+        sys.exit("OTHER_CHECKOUT: a folder with dropper_jax/ is needed")
     print(f"{'case':34s} {'us/step':>9s} {'now':>9s} {'ratio':>7s} {'middle half':>13s}   compile    now ratio")
     for name in args.cases:
-        other, own = Side(args.other, name, args.plain), Side(HERE, name, args.plain)
-        built = pairs(other, own, "compile", args.compilations)
-        pairs(other, own, "run", 1)  # warm
-        ran = pairs(other, own, "run", args.pairs)
-        other.close()
-        own.close()
+        built, ran = measure_both(
+            Side(args.other, name, args.plain), Side(HERE, name, args.plain), args.compilations, args.pairs
+        )
         scale, ratios = 1e6 / CASES[name]["steps"], ran[2]
         quarter = len(ratios) // 4
         steps = f"{ran[0] * scale:9.2f} {ran[1] * scale:9.2f} {statistics.median(ratios):7.3f}"
         spread = f"{ratios[quarter]:6.3f}-{ratios[-1 - quarter]:.3f}"
         compiled = f"{built[0]:7.2f} {built[1]:6.2f} {statistics.median(built[2]):.3f}"
         print(f"{name:34s} {steps} {spread}   {compiled}", flush=True)
-
-
-if __name__ == "__main__":
-    main()

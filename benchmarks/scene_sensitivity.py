@@ -5,8 +5,6 @@
 Writes `results/scene_sensitivity.json` (some minutes on a core); `tables.py` makes the table of it.
 """
 
-from __future__ import annotations
-
 from study import command, store
 
 import dropper_jax as dj

@@ -1,9 +1,5 @@
 """Tables of the sources, the thesis and the sea."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 from study import Found, Rows, columns, markdown, percent, table_of
 
 from dropper_jax.load import library
@@ -43,7 +39,11 @@ def thesis_release(found: Found) -> Rows:
         ),
         ("energy_momentum", lambda r: ended.format(**r["default"])),
         *(
-            (f"thesis_angles, b_l {b_l:g} kg/s, b_q {b_q:g} kg/m", lambda r, i=i: ended.format(**r["thesis_angles"][i]))
+            (
+                f"thesis_angles, b_l {b_l:g} kg/s, b_q {b_q:g} kg/m",
+                lambda r, i: ended.format(**r["thesis_angles"][i]),
+                i,
+            )
             for i, (b_l, b_q) in enumerate(dampings)
         ),
     )
@@ -72,16 +72,12 @@ def thesis_dampings(found: Found) -> str:
 def north_sea(found: Found) -> Rows:
     """Angles, tensions and speeds of the dropper in the North Sea, effect by effect."""
 
-    def between(key: str, digits: int = 2) -> Callable[[Found], str]:
+    def between(row: Found, key: str, digits: int = 2) -> str:
         """The value of several runs where they agree to the digits that are printed, else from the least on."""
-
-        def cell(row: Found) -> str:
-            values = [run[key] for run in row["runs"]]
-            if None in values:
-                return "-"
-            return " to ".join(dict.fromkeys(f"{value:.{digits}f}" for value in (min(values), max(values))))
-
-        return cell
+        values = [run[key] for run in row["runs"]]
+        if None in values:
+            return "-"
+        return " to ".join(dict.fromkeys(f"{value:.{digits}f}" for value in (min(values), max(values))))
 
     def ended(row: Found) -> str:
         early = "{status} after {duration_s:.2f} s"
@@ -90,14 +86,14 @@ def north_sea(found: Found) -> Rows:
     return columns(
         found["rows"],
         ("effects", "{name}"),
-        ("minimum polar [rad]", between("polar_min_rad")),
-        ("maximum", between("polar_max_rad")),
-        ("maximum azimuth [rad]", between("azimuth_max_rad")),
-        ("peak [Hz]", between("azimuth_peak_hz")),
-        ("first link at most [N]", between("tension_first_max_n", 0)),
-        ("last", between("tension_last_max_n", 0)),
-        ("minimum [N]", between("tension_min_n", 0)),
-        ("fastest [m/s]", between("speed_max_m_s", 1)),
+        ("minimum polar [rad]", between, "polar_min_rad"),
+        ("maximum", between, "polar_max_rad"),
+        ("maximum azimuth [rad]", between, "azimuth_max_rad"),
+        ("peak [Hz]", between, "azimuth_peak_hz"),
+        ("first link at most [N]", between, "tension_first_max_n", 0),
+        ("last", between, "tension_last_max_n", 0),
+        ("minimum [N]", between, "tension_min_n", 0),
+        ("fastest [m/s]", between, "speed_max_m_s", 1),
         ("status", ended),
     )
 

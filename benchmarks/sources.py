@@ -5,8 +5,6 @@
 Takes about a minute. Writes results/sources.json, of which `python benchmarks/tables.py` makes tables.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator
 from importlib import resources
@@ -15,7 +13,6 @@ import numpy as np
 from study import command, store
 
 import dropper_jax as dj
-from dropper_jax import load_scene
 from dropper_jax.study.sea_facts import tidal_cycle
 
 #: Nominal diameter [m] of the backbone in the paper's Table 1.
@@ -58,8 +55,8 @@ def thesis() -> Iterator[Row]:
 
 def pendulums() -> Iterator[Row]:
     """Tables 2.1, 3.1, 3.2."""
-    circle = float(load_scene("conical-pendulum").start.azimuth_rate[0])
-    printed = dj.simulate(load_scene("conical-pendulum").with_values({"start.azimuth_rate": [3.0105]}))
+    circle = float(dj.load_scene("conical-pendulum").start.azimuth_rate[0])
+    printed = dj.simulate(dj.load_scene("conical-pendulum").with_values({"start.azimuth_rate": [3.0105]}))
     polar = printed.polar[:, 0]
     yield (
         "2.1 conical pendulum, 1 m, pi/8 below the horizontal",
@@ -80,7 +77,7 @@ def pendulums() -> Iterator[Row]:
 
 def lab_dropper() -> Iterator[Row]:
     """Table 8.1."""
-    line = load_scene("dropper-release-a").lines[0]
+    line = dj.load_scene("dropper-release-a").lines[0]
     yield (
         "8.1 lab dropper, total mass M",
         "0.2621 kg (E_max = 2.5624 N: 0.2612 kg)",
@@ -116,7 +113,7 @@ def release_angles() -> Iterator[Row]:
 
 def north_sea() -> Iterator[Row]:
     """Table 8.5 and appendix G."""
-    scene = load_scene("dropper-north-sea-thesis")
+    scene = dj.load_scene("dropper-north-sea-thesis")
     line, waves = scene.lines[0], scene.sea.waves
     yield (
         "8.5 dropper in the North Sea",
@@ -137,7 +134,7 @@ def north_sea() -> Iterator[Row]:
 
 def paper() -> Iterator[Row]:
     """(table, number there, number here, why) of the paper."""
-    edulis, case = load_scene("edulis-longline"), load_scene("paper-case-1")
+    edulis, case = dj.load_scene("edulis-longline"), dj.load_scene("paper-case-1")
     length = {n: sum(float(np.sum(x.length)) for x in edulis.lines if n in x.name) for n in LINES}
     yield (
         "1 lines of Edulis",
@@ -170,7 +167,7 @@ def paper() -> Iterator[Row]:
         f"{float(case.buoys[0].mass):.0f} kg, the same",
         "Table 2 has 2500 kg. Cat 0.50 is of a hemisphere (66 kg); on the wetted volume it would be 793 kg",
     )
-    start = load_scene("paper-case-1-table-6").value("point.buoy.position")
+    start = dj.load_scene("paper-case-1-table-6").value("point.buoy.position")
     yield ("6 start", "buoy at (30, 0, -4.43) m", f"{tuple(float(x) for x in start)} m", "")
     steady = dj.equilibrium("paper-case-4")
     yield (
@@ -179,7 +176,7 @@ def paper() -> Iterator[Row]:
         f"{float(steady.tension[0]):.1f} N at rest",
         "means and extremes of all cases: [MoorDyn](moordyn.md#the-papers-table-7)",
     )
-    waves = load_scene("paper-case-3").sea.waves
+    waves = dj.load_scene("paper-case-3").sea.waves
     height = 4.0 * np.sqrt(0.5 * np.sum(np.square(waves.amplitude)))
     yield (
         "A1 irregular sea",
@@ -204,12 +201,12 @@ def paper() -> Iterator[Row]:
 
 def nominal_diameters() -> Row:
     """What one diameter for volume and drag changes: Edulis' tide along and across with the drag of the nominal one."""
-    line = next(x for x in load_scene("edulis-longline").lines if x.name.startswith("backbone"))
+    line = next(x for x in dj.load_scene("edulis-longline").lines if x.name.startswith("backbone"))
     size, weight = float(np.max(line.diameter)), float(line.mass[0] / line.length[0])
-    cdn = load_scene("edulis-tide").value("line_type.backbone.cdn")
+    cdn = dj.load_scene("edulis-tide").value("line_type.backbone.cdn")
     changes = []
     for heading in (0.0, 0.5 * np.pi):
-        tide = load_scene("edulis-tide").with_values({"sea.current.direction": heading})
+        tide = dj.load_scene("edulis-tide").with_values({"sea.current.direction": heading})
         loads = []
         for scene in (tide, tide.with_values({"line_type.backbone.cdn": cdn * NOMINAL / size})):
             held = [row["held_load_n"] for row in tidal_cycle(scene, 5)["rows"]]

@@ -10,29 +10,24 @@ bound of the model with the true spoiler free, of one uninterrupted run with the
 results/spoilers.json.
 """
 
-from __future__ import annotations
-
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from closed_chain import Chain
 from scipy.interpolate import CubicSpline
-from study import RESULTS, command, say, store
+from study import RESULTS, Found, command, say, store, timed
 
+from fitting import Convention, Trace, prepare
 from fitting.calibration.advice import omitted_parameter_bias, wide
 from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.freeing import free_by_advice, with_freed
-from fitting.calibration.preparation import prepare
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.estimate.shooting import joined_step
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import uncertainty
-from fitting.traces.trace import Convention, Trace
 
 LENGTH, MASS = np.array([0.15, 0.14, 0.16, 0.15]), np.array([0.05, 0.06, 0.05, 0.05])
 END, LINEAR, QUADRATIC = np.array([0.38, 0.0]), 4e-3, 4e-3
@@ -79,7 +74,8 @@ def rate(d: Draw) -> None:
 
 def lost_frames(d: Draw) -> None:
     d.lost = int(d.rng.integers(round(0.15 * DURATION * RATE), round(0.9 * DURATION * RATE)))
-    d.name = "lost frames"
+    # counted from the first frame at rest on
+    d.free, d.name = (f"clock.lost.0.{round(REST * RATE) + d.lost}",), "lost frames"
 
 
 def marker_of_a_link(d: Draw) -> None:
@@ -94,16 +90,9 @@ def marker_of_a_node(d: Draw) -> None:
     d.free, d.name = (f"marker.node.{node}",), f"marker of node {node}"
 
 
-def outliers(d: Draw) -> None:
-    d.outliers, d.name = 0.01, "outliers"
-
-
-def jitter(d: Draw) -> None:
-    d.jitter, d.name = 0.004, "jitter"
-
-
-def memory(d: Draw) -> None:
-    d.kept, d.name = 0.9, "correlated"
+def noise(**values: float | str) -> Callable[[Draw], None]:
+    """A systematic error of the noise alone, by these values of the draw."""
+    return lambda d: vars(d).update(values)
 
 
 def lengths_and_roll(d: Draw) -> None:
@@ -114,8 +103,9 @@ def lengths_and_roll(d: Draw) -> None:
 
 SPOILERS: dict[str, Callable[[Draw], None]] = {
     "clean": lambda d: None, "lengths": lengths, "roll": roll, "rate": rate, "lost frames": lost_frames,
-    "marker of a link": marker_of_a_link, "marker of a node": marker_of_a_node, "outliers": outliers,
-    "jitter": jitter, "AR(1)": memory, "lengths and roll": lengths_and_roll,
+    "marker of a link": marker_of_a_link, "marker of a node": marker_of_a_node,
+    "outliers": noise(outliers=0.01, name="outliers"), "jitter": noise(jitter=0.004, name="jitter"),
+    "AR(1)": noise(kept=0.9, name="correlated"), "lengths and roll": lengths_and_roll,
 }  # fmt: skip
 
 
@@ -135,22 +125,19 @@ def draw(kind: str, number: int) -> tuple[Draw, Trace]:
     fine = np.arange(-4, 4 * (frames + missing) + 8) / (4 * RATE) * max(d.rate, 1.0)
     p = d.chain.swing(polar, np.r_[0.0, fine[fine > 0]])
     spline = CubicSpline(np.r_[0.0, fine[fine > 0]], d.chain.angles(p))
-    frame = np.arange(frames) + (0 if d.lost is None else np.where(np.arange(frames) >= d.lost, missing, 0))
-    moving = frame / RATE * d.rate
-    late = d.jitter * rng.standard_normal(frames)
-    theta = spline(np.maximum(moving + late, 0.0))
+    frame = np.arange(frames)
+    seen = (frame + missing * (frame >= (d.lost or 0))) / RATE * d.rate
+    theta = spline(np.maximum(seen + d.jitter * rng.standard_normal(frames), 0.0))
     resting = np.arange(round(REST * RATE))
     still = d.chain.angles(d.chain.hanging(POLAR)[None])[0]
     theta = np.concatenate([np.tile(still, (len(resting), 1)), theta])
-    t = np.concatenate([resting / RATE, BEGIN + np.arange(frames) / RATE])
+    t = np.concatenate([resting / RATE, BEGIN + frame / RATE])
     theta = _seen(d, theta) + d.turn
     e = rng.standard_normal(theta.shape)
     for i in range(1, len(e)):
         e[i] = d.kept * e[i - 1] + np.sqrt(1 - d.kept**2) * e[i]
     off = rng.random(theta.shape) < d.outliers
     theta = theta + NOISE * e + np.where(off, rng.choice([-1, 1], off.shape) * rng.uniform(0.05, 0.3, off.shape), 0.0)
-    if d.lost is not None:
-        d.free = (f"clock.lost.0.{len(resting) + d.lost}",)
     return d, Trace("film", t, theta, convention=Convention("horizontal", 1, "rad"))
 
 
@@ -168,7 +155,7 @@ def _seen(d: Draw, theta: np.ndarray) -> np.ndarray:
     return np.unwrap(np.arctan2(-link[..., 1], link[..., 0]), axis=0)
 
 
-def scene() -> dict[str, Any]:
+def scene() -> Found:
     """What the researcher believes, with damping twice off."""
     return {
         "run": {"dt": 1 / RATE, "duration": DURATION},
@@ -216,9 +203,8 @@ def bound(prepared: Prepared, d: Draw, simulator: Simulator) -> np.ndarray:
         return np.full(2, np.nan)
 
 
-def one(kind: str, number: int, shared: list[Simulator]) -> dict[str, Any]:
+def one(kind: str, number: int, shared: list[Simulator]) -> Found:
     """One trace, fitted."""
-    begun = time.process_time()
     d, trace = draw(kind, number)
     prepared = prepare(
         trace, scene(), FREE, rest=[(0.0, BEGIN - 0.1)], window=WINDOW, simulator=shared[0] if shared else None
@@ -238,16 +224,17 @@ def one(kind: str, number: int, shared: list[Simulator]) -> dict[str, Any]:
         "spoiler": kind, "draw": number, "truth": d.name, "first": first, "names": names, "noise": kind_of_noise,
         "status": solution.status, "values": solution.values[:2].tolist(), "std_error": u.std_error[:2].tolist(),
         "low": u.low[:2].tolist(), "high": u.high[:2].tolist(), "bound": bound(prepared, d, shared[0]).tolist(),
-        "gap_weight": solution.gap_weight, "gains": [c.gain for c in at.names], "seconds": time.process_time() - begun,
+        "gap_weight": solution.gap_weight, "gains": [c.gain for c in at.names],
     }  # fmt: skip
 
 
 @command(draws=20, first=0, only=list(SPOILERS), out=RESULTS / "spoilers.json")
 def main(args) -> None:
     shared: list[Simulator] = []
-    rows: list[dict[str, Any]] = []
+    rows: list[Found] = []
     for number in range(args.first, args.first + args.draws):
         for kind in args.only:
-            rows.append(one(kind, number, shared))
+            row, seconds = timed(lambda kind=kind, number=number: one(kind, number, shared))
+            rows.append({**row, "seconds": seconds["processor_s"]})
             say(rows[-1])
             store(args.out, rows)

@@ -7,13 +7,10 @@ broken leg. The sea states and currents are examples, not those of a site. Writt
 and each part's factor, load, capacity and utilisation as in the report, with the edition and clause of the numbers.
 """
 
-from __future__ import annotations
-
 import tempfile
 import tomllib
-from typing import Any
 
-from study import store
+from study import Found, command, store
 
 from fitting.cases import assess, run_cases
 from fitting.site import read_site, site_text
@@ -24,7 +21,7 @@ CONDITIONS = {10: (2.8, 8.0, 0.7), 50: (3.5, 9.0, 0.9), 100: (3.8, 9.3, 1.0)}
 EXAMPLES = {"ns-9415": "ns-9415-rope", "dnv-os-e301": "dnv-os-e301-class-1"}
 
 
-def example(cases: str, factors: str) -> dict[str, Any]:
+def example(cases: str, factors: str) -> Found:
     """The load cases of the small longline by a standard, assessed."""
     table = tomllib.loads(site_text("small-longline").decode())
     for key in ("variable", "objective", "optimise"):
@@ -54,5 +51,6 @@ def example(cases: str, factors: str) -> dict[str, Any]:
     }
 
 
-if __name__ == "__main__":
+@command()
+def main() -> None:
     store("standards", {name: example(name, factors) for name, factors in EXAMPLES.items()})

@@ -8,8 +8,6 @@ with a folder of compiled programs of its own, empty at first, each process on o
 another checkout.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess
@@ -46,8 +44,8 @@ PROGRAMS = (
 #: Writes traces of the lab dropper, ten seconds of a known truth with noise.
 TRACES = """
 import sys
+from fitting import write_trace
 from fitting.traces.synthetic import Camera, synthetic_traces
-from fitting.traces.trace import write_trace
 write_trace(sys.argv[1], synthetic_traces(["dropper-release-a"], 10.0, Camera(angle_noise=0.005))[0])
 """
 

@@ -7,8 +7,6 @@ angles of the measured runs, with equivalent simple links (either order of the t
 The table is Markdown, for the README.
 """
 
-from __future__ import annotations
-
 import csv
 from importlib import resources
 

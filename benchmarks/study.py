@@ -1,12 +1,11 @@
 """What studies share: results in `results/`, the machine they were made on, tables in Markdown."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os
 import platform
 import sys
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -49,6 +48,13 @@ def say(found: Any) -> None:
     print(json.dumps(found, default=str), flush=True)
 
 
+def timed(work: Callable[[], Any]) -> tuple[Any, dict[str, float]]:
+    """What a piece of work gives, and its time by the clock and of the processor [s]."""
+    clock, processor = time.perf_counter(), time.process_time()
+    found = work()
+    return found, {"seconds": time.perf_counter() - clock, "processor_s": time.process_time() - processor}
+
+
 def describe() -> dict[str, object]:
     """Processor, cores and Python of this machine."""
     return {
@@ -60,11 +66,10 @@ def describe() -> dict[str, object]:
 
 
 def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.machine())
+    information = Path("/proc/cpuinfo")
+    lines = information.read_text().splitlines() if information.exists() else []
+    named = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor() or platform.machine())
 
 
 def versions(*names: str) -> dict[str, str]:
@@ -78,13 +83,17 @@ def markdown(rows: Rows) -> str:
     return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
 
 
-def columns(rows: Iterable[dict[str, Any]], *pairs: tuple[str, str | Callable[[dict[str, Any]], str]]) -> Rows:
-    """The head, and of each row its cells: a format of the row's values, or a function of the row."""
+def columns(rows: Iterable[Found], *table: tuple) -> Rows:
+    """The head, and of each row its cells.
 
-    def cell(row: dict[str, Any], made: str | Callable[[dict[str, Any]], str]) -> str:
-        return made(row) if callable(made) else made.format(**row)
+    Args:
+        table: head of each column, and a format of the row's values, or a function of the row and more arguments.
+    """
 
-    return [tuple(head for head, _ in pairs), *(tuple(cell(row, made) for _, made in pairs) for row in rows)]
+    def cell(row: Found, made: str | Callable[..., str], *arguments: Any) -> str:
+        return made(row, *arguments) if callable(made) else made.format(**row)
+
+    return [tuple(head for head, *_ in table), *(tuple(cell(row, *made) for _, *made in table) for row in rows)]
 
 
 def joined(values: Sequence[float], form: str, between: str = ", ") -> str:
@@ -109,7 +118,7 @@ def kilo_range(interval: list[float]) -> str:
 
 
 def command(
-    words: tuple[str, Sequence[str]] | None = None, **known: Any
+    words: Mapping[str, Any] | None = None, **known: Any
 ) -> Callable[[Callable[..., int | None]], Callable[..., int | None]]:
     """Run the function, the last of its file, as a command where the file is the program, with what `options` reads."""
 
@@ -143,29 +152,31 @@ def show(*cells: object) -> None:
     print("|", " | ".join(map(str, cells)), "|", flush=True)
 
 
-def options(doc: str | None, words: tuple[str, Sequence[str]] | None = None, **known: Any) -> argparse.Namespace:
-    """Options of a command by name and default, described by the module's text.
+def options(doc: str | None, words: Mapping[str, Any] | None = None, **known: Any) -> argparse.Namespace:
+    """Options of a command by name and default, described by the module's text; `words` are given without a name.
 
-    False: a flag. A list: some of its members. A tuple: one of its members, the first unless given, of which None is
-    none. A type: a value of it, None unless given. `words` are given without a name: of a list some of its members, all
-    unless given, of a tuple one.
+    False: a flag. A list: some of its members, all unless given. A tuple: one of its members, the first unless given,
+    of which None is none. A type: a value of it, None unless given; of a word in a list any number of them.
     """
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    if words:
-        name, members = words
-        if isinstance(members, list):  # the default is compared with the choices too
-            parser.add_argument(name, nargs="*", choices=[*members, members], default=members, metavar=name)
-        else:
-            parser.add_argument(name, choices=members)
+    for name, given in (words or {}).items():
+        parser.add_argument(name, **_settings(given, metavar=name))
     for name, given in known.items():
-        settings: dict[str, Any] = {"type": type(given), "default": given}
-        if given is False:
-            settings = {"action": "store_true"}
-        elif isinstance(given, list):
-            settings = {"nargs": "*", "type": type(given[0]), "choices": given, "default": given}
-        elif isinstance(given, tuple):
-            settings = {"choices": [one for one in given if one is not None], "default": given[0]}
-        elif isinstance(given, type):
-            settings = {"type": given}
-        parser.add_argument(f"--{name}", **settings)
+        parser.add_argument(f"--{name}", **_settings(given))
     return parser.parse_args()
+
+
+def _settings(given: Any, **more: str) -> dict[str, Any]:
+    """What argparse is given of an option, or of a word by its `metavar`."""
+    if given is False:
+        return {"action": "store_true"}
+    if isinstance(given, type):
+        return {"type": given, **more}
+    if isinstance(given, tuple):
+        return {"choices": [one for one in given if one is not None], **({} if more else {"default": given[0]})}
+    if isinstance(given, list) and isinstance(given[0], type):
+        return {"nargs": "*", "type": given[0], **more}
+    if isinstance(given, list):  # of a word the default is compared with the choices too
+        choices = [*given, given] if more else given
+        return {"nargs": "*", "type": type(given[0]), "choices": choices, "default": given, **more}
+    return {"type": type(given), "default": given}

@@ -7,21 +7,17 @@ by SciPy's DOP853 (`closed_chain`), 60 Hz, white noise of 5 mrad. All 15 pairs a
 tail, and b_l and b_q fitted to it.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
-from typing import Any
 
 import numpy as np
 from closed_chain import Chain
-from study import RESULTS, command, describe, say, store
+from study import RESULTS, Found, command, describe, say, store
 
 import dropper_jax as dj
-from fitting.calibration.fit import fit
+from fitting import Convention, Trace, fit
 from fitting.cli.sweep import use_cores
 from fitting.sweep.against_trace import PARTS, TraceScores, sweep_against_trace
-from fitting.traces.trace import Convention, Trace
 
 #: Thesis Table E.1: b_l [kg/s] and b_q [kg/m].
 PAIRS = {
@@ -32,7 +28,7 @@ SCENE, RATE, NOISE = "dropper-release-a", 60.0, 0.005
 MEASURES = ("angle", "spectrum")
 
 
-def truth(scene: str | dict[str, Any], b_l: float, b_q: float, duration: float, seed: int) -> Trace:
+def truth(scene: str | Found, b_l: float, b_q: float, duration: float, seed: int) -> Trace:
     """A noisy trace of a dropper between two ends, released from its scene's start."""
     model, start = dj.build(scene)
     nodes = np.asarray(model.nodes(start.r, model.ends(0.0)))[:, [0, 2]]
@@ -45,9 +41,9 @@ def truth(scene: str | dict[str, Any], b_l: float, b_q: float, duration: float, 
     return Trace(f"truth-{b_l:g}-{b_q:g}", t, theta, convention=Convention("horizontal", 1, "rad"))
 
 
-def rank(scores: TraceScores, case: int) -> dict[str, dict[str, Any]]:
+def rank(scores: TraceScores, case: int) -> dict[str, Found]:
     """Rank of a case (1: best), its score and the best other one [rad], by part and measure."""
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Found] = {}
     for part, name in enumerate(PARTS):
         found[name] = {}
         for by in MEASURES:
@@ -62,7 +58,7 @@ def rank(scores: TraceScores, case: int) -> dict[str, dict[str, Any]]:
     return found
 
 
-def fitted(trace: Trace, pair: np.ndarray) -> dict[str, Any]:
+def fitted(trace: Trace, pair: np.ndarray) -> Found:
     """The fit of both coefficients from the scene's own values, and its distance from the truth in standard errors."""
     result = fit(trace, SCENE, list(PAIRS))
     off = (np.asarray(result.values) - pair) / np.asarray(result.uncertainty.std_error)
@@ -77,7 +73,7 @@ def fitted(trace: Trace, pair: np.ndarray) -> dict[str, Any]:
 @command(duration=50.0, out=RESULTS / "sweep_truths.json")
 def main(args) -> None:
     use_cores(None)
-    found: dict[str, Any] = {"machine": describe(), "noise_rad": NOISE, "duration_s": args.duration, "rows": []}
+    found = {"machine": describe(), "noise_rad": NOISE, "duration_s": args.duration, "rows": []}
     traces = []
     with tempfile.TemporaryDirectory() as folder:
         for case, pair in enumerate(zip(*PAIRS.values(), strict=True)):

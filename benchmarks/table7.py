@@ -6,27 +6,21 @@ Needs the extra `moordyn`; takes about an hour on one core. Writes results/table
 `python benchmarks/tables.py` makes the tables of docs/moordyn-compared.md.
 """
 
-from __future__ import annotations
-
 import one_thread  # noqa: F401 - before JAX
 
 # isort: split
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from moordyn_runs import theirs
+from moordyn_runs import GRID, theirs
 from paper_cases import TABLE_7, case
-from study import collect, command, describe, store, stored, versions
+from study import Found, collect, command, describe, store, stored, versions
 from table7_edulis import edulis
 
 import dropper_jax as dj
-from dropper_jax import Scene
-from dropper_jax.base.errors import SceneError
 from dropper_jax.moordyn.writing.outputs import channel_values
-from dropper_jax.run.simulate import Solution
 
 NUMBERS = (1, 2, 3, 4, 5)
 #: The paper gives no durations; its figures and texts speak of times up to 143.9 s.
@@ -47,7 +41,7 @@ def loads(values: np.ndarray) -> dict[str, float]:
     return {"min": float(np.min(values)), "mean": float(np.mean(values)), "max": float(np.max(values))}
 
 
-def of_run(run: Solution, span: float) -> dict[str, Any]:
+def of_run(run: dj.Solution, span: float) -> Found:
     """Loads at both ends up to a time: tension of the end link, and size of the force on the anchor's node."""
     kept, shown = run.t_tension <= span, run.t <= span
     settled = run.tension[kept & (run.t_tension > SETTLED), 0]
@@ -65,22 +59,21 @@ def of_run(run: Solution, span: float) -> dict[str, Any]:
     return found
 
 
-def ours(scene: dj.Scene, spans: tuple[float, ...]) -> dict[str, Any]:
+def ours(scene: dj.Scene, spans: tuple[float, ...]) -> Found:
     """A scene here: loads up to each time, or why there are none."""
     try:
         run = dj.simulate(scene.with_values({"run.duration": max(spans)}))
-    except SceneError as error:
+    except dj.SceneError as error:
         return {"status": str(error), "spans": []}
     if run.status not in ("ok", "energy_drift"):
         return {"status": run.status, "spans": []}
     return {"status": run.status, "spans": [of_run(run, span) for span in spans]}
 
 
-def in_moordyn(number: int, ratio: float) -> dict[str, Any]:
+def in_moordyn(number: int, ratio: float) -> Found:
     """A case in MoorDyn v2: tensions of the end segments with their sign, and as sizes."""
-    rows = theirs(case(number, ratio), STEPS[ratio], SPAN, look=0.01, grid=number != 4)
-    found = rows.statistics()
-    return {"case": number, "damping_ratio": ratio, "dt_s": STEPS[ratio], **found}
+    rows = theirs(case(number, ratio), STEPS[ratio], SPAN, look=0.01, across=None if number == 4 else GRID)
+    return {"case": number, "damping_ratio": ratio, "dt_s": STEPS[ratio], **rows.statistics()}
 
 
 @dataclass(frozen=True)
@@ -93,42 +86,41 @@ class Convention:
 
     name: str
     cases: tuple[int, ...]
-    values: Callable[[Scene], Mapping[str, Any]]
+    values: Callable[[dj.Scene], Mapping]
 
-    def changed(self, scene: Scene) -> Scene:
+    def changed(self, scene: dj.Scene) -> dj.Scene:
         return scene.with_values(dict(self.values(scene)))
 
 
-def _fixed(name: str, cases: tuple[int, ...], **values: Any) -> Convention:
+def _fixed(name: str, cases: tuple[int, ...], **values) -> Convention:
     """The same values for every case; `__` stands for a dot."""
     paths = {path.replace("__", "."): value for path, value in values.items()}
     return Convention(name, cases, lambda scene: paths)
 
 
-def _friction(scene: Scene) -> dict[str, Any]:
+def _friction(scene: dj.Scene) -> Found:
     has = "seabed_friction" in scene.effects
     return {"effects.seabed_friction.kinetic": 0.0 if has else 0.5}
 
 
-def _phases(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Scene], dict[str, Any]]:
-    def values(scene: Scene) -> dict[str, Any]:
+def _phases(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[dj.Scene], Found]:
+    def values(scene: dj.Scene) -> Found:
         phase = np.asarray(scene.sea.waves.phase if scene.sea.waves.phase is not None else 0.0, float)
-        found = change(phase)
-        return {"sea.waves.phase": found.tolist()}
+        return {"sea.waves.phase": change(phase).tolist()}
 
     return values
 
 
-def _slim(scene: Scene) -> float:
+def _slim(scene: dj.Scene) -> float:
     """Draught at rest over the buoy's diameter: its side is taken as wet to there at all times."""
     return DRAUGHT / scene.buoys[0].diameter
 
 
-def _half(scene: Scene) -> float:
+def _half(scene: dj.Scene) -> float:
     return 0.5 * scene.buoys[0].height
 
 
-def _lower(scene: Scene) -> dict[str, Any]:
+def _lower(scene: dj.Scene) -> Found:
     x, y, _ = next(point for point in scene.points if point.name == "buoy").position
     return {"point.buoy.position": [float(x), float(y), -2.0 * 4.43]}
 

@@ -4,18 +4,15 @@ Both codes get the scene turned by 90 degrees: waves then travel in +x and MoorD
 buoys feel the dynamic pressure. Both start from the static pose found here.
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from moordyn_runs import theirs_many
+from moordyn_runs import looks_at
+from study import Found
 
 import dropper_jax as dj
 from dropper_jax.moordyn.writing.writer import write_moordyn
-from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.data import point_nodes
 from dropper_jax.study.load_errors import load_errors
 
@@ -56,7 +53,7 @@ def turned() -> dj.Scene:
     return dj.Scene.from_dict({**table, "start": {"kind": "points"}, "run": {**table["run"], "duration": SPAN}})
 
 
-def series_here(run: Solution) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def series_here(run: dj.Solution) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times [s] and values over time by name: tensions of end links [N], places of points [m]."""
     links = {line.name: line.links for line in run.lines}
     nodes = point_nodes(run.scene)
@@ -67,18 +64,15 @@ def series_here(run: Solution) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 
 def series_there(scene: dj.Scene, dt: float) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
-    """The same in MoorDyn."""
+    """The same in MoorDyn, and `ok` or what went wrong."""
     number = {line.name: i + 1 for i, line in enumerate(scene.lines)}
     ends = [(number[line], last) for _, line, last in ENDS]
-    places = []
-    for _, point in POINTS:
-        line = next(line for line in scene.lines if point == line.end)
-        places.append((number[line.name], True))
-    t, pulls, where, status = theirs_many(scene, dt, SPAN, LOOK, ends, places, across=(-60, 120))
-    found = {name: pulls[:, i] for i, (name, *_) in enumerate(ENDS)}
+    points = [(next(number[line.name] for line in scene.lines if line.end == point), True) for _, point in POINTS]
+    seen = looks_at(scene, dt, SPAN, LOOK, ends, points, across=(-60, 120), waveKin_rampT=0.0)
+    found = {name: np.abs(seen.tension[:, i]) for i, (name, *_) in enumerate(ENDS)}
     for j, (name, _) in enumerate(POINTS):
-        found.update({f"{name}, {axis}": where[:, j, i] for i, axis in enumerate(AXES)})
-    return t, found, status
+        found.update({f"{name}, {axis}": seen.position[:, j, i] for i, axis in enumerate(AXES)})
+    return seen.t, found, seen.status
 
 
 def statistics(t: np.ndarray, found: dict[str, np.ndarray]) -> dict[str, dict[str, float]]:
@@ -98,13 +92,13 @@ def statistics(t: np.ndarray, found: dict[str, np.ndarray]) -> dict[str, dict[st
     return rows
 
 
-def edulis() -> dict[str, Any]:
+def edulis() -> Found:
     """Statistics of both codes, ours with errors by step and links, MoorDyn's by its step."""
     scene = turned()
-    made: dict[str, Any] = {}
+    made = {}
     order = iter(RUNS)
 
-    def run(variant: dj.Scene) -> Solution:
+    def run(variant: dj.Scene) -> dj.Solution:
         solution = dj.simulate(variant)
         name = next(order)
         made[name] = statistics(*series_here(solution))
@@ -125,8 +119,8 @@ def edulis() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _row(name: str, made: dict[str, Any], there: dict[str, Any]) -> dict[str, Any]:
-    row: dict[str, Any] = {"name": name}
+def _row(name: str, made: Found, there: Found) -> Found:
+    row = {"name": name}
     for what in ("mean", "deviation", "min", "max"):
         steps = [made[key][name][what] for key in ("1", "2", "4")]
         links = 4.0 / 3.0 * abs(made["links"][name][what] - steps[0]) if "links" in made else 0.0  # second order

@@ -7,13 +7,9 @@ ten agree within 3 % the four values must; elsewhere the motion is chaotic, and 
 Takes about half an hour on one core. Writes results/table7_peaks.json; `python benchmarks/tables.py` makes the table.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 from paper_cases import TABLE_7, case
-from study import command, describe, say, store, stored
+from study import Found, command, describe, say, store, stored
 
 import dropper_jax as dj
 
@@ -27,7 +23,7 @@ STEPS_OF = {1: STEPS, 2: STEPS, 3: SHORT, 4: SHORTEST, 5: SHORT}
 MOVED = 1e-6  # [m]
 
 
-def loads(number: int, scheme: str, dt: float, moved: float = 0.0) -> dict[str, Any]:
+def loads(number: int, scheme: str, dt: float, moved: float = 0.0) -> Found:
     """Least, mean and largest tension [N] of the links at both ends over the first 150 s."""
     scene = case(number)
     buoy = scene.value("point.buoy.position")
@@ -50,14 +46,12 @@ def main(args) -> None:
     found = stored("table7_peaks", {"rows": []})
     found |= {"schema": 1, "machine": describe(), "table_7": TABLE_7, "span_s": SPAN}
     draws = np.random.default_rng(7).uniform(-MOVED, MOVED, args.starts)
+    done = [(r["case"], r["scheme"], r["dt_s"], r["moved_m"]) for r in found["rows"]]
     for number in map(int, args.cases.split(",")):
-        schemes = [(scheme, dt) for scheme, steps in STEPS_OF[number].items() for dt in steps]
+        schemes = [(number, scheme, dt) for scheme, steps in STEPS_OF[number].items() for dt in steps]
         runs = [(*one, 0.0) for one in schemes] + [(*schemes[0], float(moved)) for moved in draws]
-        for scheme, dt, moved in runs:
-            done = [(r["case"], r["scheme"], r["dt_s"], r["moved_m"]) for r in found["rows"]]
-            if (number, scheme, dt, moved) in done:
-                continue
-            row = loads(number, scheme, dt, moved)
-            found["rows"].append(row)
-            say(row)
-            store("table7_peaks", found)
+        for run in runs:
+            if run not in done:
+                found["rows"].append(loads(*run))
+                say(found["rows"][-1])
+                store("table7_peaks", found)

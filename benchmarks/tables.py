@@ -7,8 +7,6 @@ and `benchmarks/north_sea.py`, about ten minutes. A table is in a document betwe
 `<!-- table: NAME -->` and `<!-- end -->`.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -7,12 +7,8 @@ x-term as printed; scenario A with the dampings of the thesis' Table E.1; the sc
 that start from measured poses, by the default scheme and by the thesis' own. Writes `results/thesis_release.json`.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
-from study import collect, command, describe
+from study import Found, collect, command, describe
 
 import dropper_jax as dj
 
@@ -32,21 +28,21 @@ MODEL = {
 }
 
 
-def run(name: str, b: tuple[float, float], dt: float = STEP, **settings: Any) -> dj.Solution:
+def run(name: str, b: tuple[float, float], dt: float = STEP, **settings) -> dj.Solution:
     """A release for 65 s (50 s from a pose, which is when a ramp releases)."""
     scene = dj.load_scene(name).with_values({"effects.linear_damping.b_l": b[0], "effects.quadratic_damping.b_q": b[1]})
     return dj.simulate(scene, dt=dt, duration=DURATION if name.endswith("ramp") else DURATION - RELEASE, **settings)
 
 
-def end(solution: dj.Solution) -> dict[str, Any]:
+def end(solution: dj.Solution) -> Found:
     """How a run ended: status, time of its last good step [s], energy balance over its scale."""
     share = solution.energy_drift / solution.energy_scale
     return {"status": solution.status, "reached_s": float(solution.t[-1]), "energy_share": share}
 
 
-def scenario(letter: str) -> dict[str, Any]:
+def scenario(letter: str) -> Found:
     """A scenario from the ramp and from its packaged pose."""
-    found: dict[str, Any] = {"scenario": letter.upper()}
+    found = {"scenario": letter.upper()}
     for start in ("ramp", "pose"):
         name = f"dropper-release-{letter}" + ("-ramp" if start == "ramp" else "")
         default = run(name, DAMPINGS[1])
@@ -61,7 +57,7 @@ def scenario(letter: str) -> dict[str, Any]:
     return found
 
 
-def damping_row(b: tuple[float, float]) -> dict[str, Any]:
+def damping_row(b: tuple[float, float]) -> Found:
     """Scenario A with a damping, by the thesis' scheme."""
     ended = end(run("dropper-release-a-ramp", b, integrator="thesis_angles", gamma=GAMMA))
     return {"b_l": b[0], "b_q": b[1], "table_e_1": b in TABLE_E_1, **ended}
@@ -121,7 +117,7 @@ class PlaneScheme:
         return DURATION
 
 
-def independent(dt: float) -> dict[str, Any]:
+def independent(dt: float) -> Found:
     """How far the equations run undamped, in NumPy, corrected and as printed."""
     rest = dj.simulate("dropper-release-a-ramp", duration=dt, dt=dt)
     start = np.stack([rest.polar[0], np.zeros(7), rest.tension[0]])

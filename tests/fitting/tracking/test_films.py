@@ -27,7 +27,7 @@ NAMES = (
 def test_point_masses_keep_their_lengths_and_swing_as_a_pendulum_does(films):
     # one mass on one link: a pendulum of small swing, whose period is 2 pi sqrt(l/g)
     angle = 0.02
-    start = np.array([[0.0, 0.0], [0.25 * np.sin(angle), -0.25 * np.cos(angle)]])
+    start = np.array([[0.0, 0.0, 0.0], [0.25 * np.sin(angle), 0.0, -0.25 * np.cos(angle)]])
     t = np.linspace(0.0, 2 * np.pi * np.sqrt(0.25 / 9.81), 101)
     swing = films.point_masses(start, False, t, damping=0.0)
     np.testing.assert_allclose(swing[:, 1, 0], start[1, 0] * np.cos(2 * np.pi * t / t[-1]), atol=2e-5 * 0.25)

@@ -171,6 +171,8 @@ class Scene(SceneData):
                 return cls.from_dict(dict(table), name)
             except SceneError as error:
                 raise table.with_line(error) from None
+        if "scene" in table:
+            raise SceneError("scene: this is a site, not a scene. Use it with cases, season or optimise")
         table, written, template = resolve(table)
         check_keys(table, SECTIONS, "")
         bodies = tuple(BodySpec.read(item, f"body.{i}") for i, item in enumerate(_list(table, "body")))

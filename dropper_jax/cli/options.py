@@ -81,25 +81,11 @@ def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scen
         table, name = find_scene(args.scene, vars(args).get("depth"))
 
         from dropper_jax.effects import register_installed
-        from dropper_jax.load.scene import Scene
+        from dropper_jax.load.scene import Scene, change_scene
 
         register_installed()
         scene = Scene.from_dict(table, name)
-    if not values:
-        return with_step(scene, args)
-    try:
-        scene = scene.with_values(values)
-    except SceneError as error:
-        raise SceneError(with_given_path(str(error), values)) from None
-    return with_step(scene, args)
-
-
-def with_given_path(message: str, paths: Iterable[str]) -> str:
-    """An error line with the path as given: with the name of a line or type, where the message has its number."""
-    path, colon, reason = message.partition(":")
-    section, number, key = (*path.split(".", 2), "", "")[:3]
-    given = [own for own in paths if own.startswith(f"{section}.") and own.endswith(f".{key}")]
-    return f"{given[0]}{colon}{reason}" if number.isdecimal() and key and len(given) == 1 else message
+    return with_step(change_scene(scene, values) if values else scene, args)
 
 
 def with_step(scene: Scene, args: argparse.Namespace) -> Scene:

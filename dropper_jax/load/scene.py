@@ -328,3 +328,16 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, *, allow_outside:
         return Scene.from_dict(source)
     with references_of(folder_of(source, allow_outside)):
         return Scene.from_dict(*find_scene(source))
+
+
+def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """`scene.with_values`, whose error has the path as given: with the name of a line or type, not its number."""
+    try:
+        return scene.with_values(values)
+    except SceneError as error:
+        path, colon, reason = str(error).partition(":")
+        section, number, key = (*path.split(".", 2), "", "")[:3]
+        given = [own for own in values if own.startswith(f"{section}.") and own.endswith(f".{key}")]
+        if not (number.isdecimal() and key and len(given) == 1):
+            raise
+        raise SceneError(f"{given[0]}{colon}{reason}") from None

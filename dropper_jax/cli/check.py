@@ -61,7 +61,8 @@ def examine(scene: Scene) -> dict[str, Any]:
     from dropper_jax.run.resolution import periods, suggest_step
     from dropper_jax.scene import whole_lines
 
-    model, wet = bare_model(overgrown(scene)), wet_weights(scene)  # without wakes, which need equilibria
+    grown = overgrown(scene)
+    model, wet = bare_model(grown), wet_weights(scene)  # without wakes, which need equilibria
     stepper = stepper_of(model, scene.run)
     lines = [
         {
@@ -71,7 +72,7 @@ def examine(scene: Scene) -> dict[str, Any]:
             "mass_kg": float(line.spec.mass.sum()),
             "wet_weight_n": float(wet[line.links].sum()),
         }
-        for line in whole_lines(scene)
+        for line in whole_lines(grown)
     ]
     points = [point for point in scene.points if point.is_free]
     mass, volume = (sum(float(getattr(p, key) or 0.0) for p in points) for key in ("mass", "volume"))
@@ -107,7 +108,9 @@ def text(scene: Scene, source: str, found: dict[str, Any]) -> str:
     own, points = found["points"], []
     if own["mass_kg"] or own["lift_n"]:
         weighs = f"; lines weigh {sum(row['wet_weight_n'] for row in found['lines']):.4g} N in water"
-        points = [("floats, masses", f"{own['mass_kg']:.4g} kg; submerged they lift {own['lift_n']:.4g} N{weighs}")]
+        points = [
+            ("floats, masses", f"{own['mass_kg']:.4g} kg; their net lift submerged is {own['lift_n']:.4g} N{weighs}")
+        ]
     pairs = [
         *points,
         *((WORDS[name], f"{value:.3g} s") for name, value in found["periods_s"].items()),

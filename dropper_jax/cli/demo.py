@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.toml_text import literal
-from dropper_jax.cli.options import FAILED, OK, add_examples, add_json, print_line, progress
+from dropper_jax.cli.options import FAILED, OK, add_examples, add_json, output_folder, print_line, progress
 from dropper_jax.cli.outputs import PICTURES, draw
 from dropper_jax.cli.run import report, text
 
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    folder = Path(args.out)
+    folder = output_folder(args.out, "--out") or Path()
     folder.mkdir(parents=True, exist_ok=True)
 
     from dropper_jax import plots

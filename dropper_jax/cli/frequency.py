@@ -108,7 +108,9 @@ def _sea_states(args: argparse.Namespace) -> np.ndarray | None:
     except (KeyError, TypeError, ValueError):
         wanted = "columns `hs` and `tp` of numbers" if option == "--table" else "HS:TP,..., for example 1:6,2:8"
         raise SceneError(f"{option}: needs {wanted}") from None
-    if not found.size or not np.all(np.isfinite(found) & (found > 0.0)):
+    if not found.size:
+        raise SceneError(f"{option}: {args.table!r} has no rows; needed: columns `hs` [m] and `tp` [s]")
+    if not np.all(np.isfinite(found) & (found > 0.0)):
         raise SceneError(f"{option}: a height or period is missing or not positive; allowed: above 0 m and 0 s")
     return found
 

@@ -13,8 +13,8 @@ help = "mussels of a scene by month and depth: mass, diameter, wet weight"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "growth my-farm.toml --months 6 12",
-        "growth my-farm.toml --plot growth.png",
+        "growth my-mussels.toml --months 6 12",
+        "growth my-mussels.toml --plot growth.png",
     )
     add_scene(parser)
     parser.add_argument(

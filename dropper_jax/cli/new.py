@@ -9,9 +9,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.cli.options import add_examples, add_json, done_object, output_file, print_result
 
-help = "write a commented scene to edit: a lab dropper, a longline in a storm, a farm with parameters"
+help = "write a commented scene to edit: a lab dropper, a longline in a storm, a farm with parameters, growing mussels"
 
-KINDS = ("lab", "longline", "farm")
+KINDS = ("lab", "longline", "farm", "mussels")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

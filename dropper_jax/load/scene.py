@@ -171,6 +171,8 @@ class Scene(SceneData):
                 return cls.from_dict(dict(table), name)
             except SceneError as error:
                 raise table.with_line(error) from None
+        if "scene" in table:
+            raise SceneError("scene: this is a site, not a scene. Use it with cases, season or optimise")
         table, written, template = resolve(table)
         check_keys(table, SECTIONS, "")
         bodies = tuple(BodySpec.read(item, f"body.{i}") for i, item in enumerate(_list(table, "body")))
@@ -326,3 +328,16 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, *, allow_outside:
         return Scene.from_dict(source)
     with references_of(folder_of(source, allow_outside)):
         return Scene.from_dict(*find_scene(source))
+
+
+def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """`scene.with_values`, whose error has the path as given: with the name of a line or type, not its number."""
+    try:
+        return scene.with_values(values)
+    except SceneError as error:
+        path, colon, reason = str(error).partition(":")
+        section, number, key = (*path.split(".", 2), "", "")[:3]
+        given = [own for own in values if own.startswith(f"{section}.") and own.endswith(f".{key}")]
+        if not (number.isdecimal() and key and len(given) == 1):
+            raise
+        raise SceneError(f"{given[0]}{colon}{reason}") from None

@@ -70,12 +70,15 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[di
     """
     season = scene.season
     if season is None:
-        raise SceneError("growth: missing; needed: [growth] with `lines`, `month`, `months`, `depth` and `thickness`")
+        raise SceneError(
+            "growth: missing; needed: [growth] with `lines`, `month`, `months`, `depth`, `thickness` and `density`, "
+            "as `dropper new mussels` writes"
+        )
     asked = list(season.months) if months is None else list(months)
     for month in asked:
         if not season.months[0] <= month <= season.months[-1]:
             raise SceneError(
-                f"--month: {month:g} is out of range; allowed: {season.months[0]:g} to {season.months[-1]:g} months"
+                f"--months: {month:g} is out of range; allowed: {season.months[0]:g} to {season.months[-1]:g} months"
             )
     ropes: dict[tuple[float, float], list[str]] = {}
     for line in scene.lines:

@@ -128,7 +128,9 @@ class VesselSpec:
 
     name: str = option("name", type=str)
     position: np.ndarray = parameter("mean position of its reference point", unit="m", shape="vector")
-    heading: float = parameter("direction of its x-axis from x towards y", unit="rad", default=0.0)
+    heading: float = parameter(
+        "direction of its x-axis from x towards y", unit="rad", low=-6.29, high=6.29, default=0.0
+    )
     time: np.ndarray | None = parameter("times of a table of its motion", unit="s", shape="table", optional=True)
     motion: np.ndarray | None = None
     rao: RaoSpec | None = None

@@ -48,7 +48,9 @@ class WaveSpec:
     amplitude: Any = parameter("amplitude", unit="m", shape="numbers", low=0.0, optional=True)
     period: Any = parameter("period", unit="s", shape="numbers", low=0.0, open_low=True, optional=True)
     phase: Any = parameter("phase", unit="rad", shape="numbers", default=0.0)
-    direction: Any = parameter("direction of travel, +x towards +y", unit="rad", shape="numbers", default=0.0)
+    direction: Any = parameter(
+        "direction of travel, +x towards +y", unit="rad", shape="numbers", low=-6.29, high=6.29, default=0.0
+    )  # up to a turn: larger numbers are degrees
     file: str | None = option("CSV file", type=str, default=None)
     spectrum: str = option("shape", choices=SHAPES, default="jonswap")
     hs: float | None = parameter("significant wave height", unit="m", low=0.0, optional=True)
@@ -141,7 +143,7 @@ class CurrentSpec:
     """`[sea.current]`: see `dropper_jax.sea.water.Current`."""
 
     speed: float = parameter("speed at the reference height", unit="m/s", default=0.0)
-    direction: float = parameter("direction of flow, +x towards +y", unit="rad", default=0.0)
+    direction: float = parameter("direction of flow, +x towards +y", unit="rad", low=-6.29, high=6.29, default=0.0)
     exponent: float | None = parameter("exponent of the power law", unit="-", low=0.0, optional=True)
     reference: float | None = parameter("height where the speed is given", unit="m", high=0.0, optional=True)
     heights: Any = parameter("heights of the table, rising", unit="m", shape="table", optional=True)

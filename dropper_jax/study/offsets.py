@@ -186,8 +186,9 @@ def solve_design(
     for what, given in (("vary", paths), ("target", names)):
         if len(set(given)) < len(given):
             raise SceneError(f"{what}: {', '.join(given)}: the same twice; allowed: each once")
-    if np.any(lows >= highs):
-        raise SceneError(f"vary: {lows.tolist()} to {highs.tolist()}: an empty range; allowed: LOW < HIGH")
+    for name, start, end in zip(paths, lows, highs, strict=True):
+        if not start < end:
+            raise SceneError(f"vary: {name}: {start:g} to {end:g} is an empty range; allowed: LOW < HIGH")
     design = _DesignSearch(load_scene(scene), paths, names, goals)
     x = design.find_root(*lows, *highs) if len(paths) == 1 else design.solve_together(lows, highs)
     reached, changed = design.evaluate(x), design.at(x)

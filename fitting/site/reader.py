@@ -60,6 +60,10 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     """
     file = None if isinstance(source, Mapping) else Path(source)
     table = new_keys(read_table(source if file is None else parse_toml(site_text(file), str(file)), "site"))
+    if "line" in table:
+        raise SceneError(
+            "line: this is a scene, not a site; `dropper cases small-longline --print` prints a site to edit"
+        )
     check_keys(table, (*SITE_KEYS, *PASSED), "")
     scene = _scene(table, Path(folder) if folder is not None else (file or Path()).parent)
     if scene.sea is None:

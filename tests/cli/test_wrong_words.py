@@ -1,0 +1,80 @@
+"""Slips of users on the command line, each refused in one line that names the field, the value and the way out."""
+
+from __future__ import annotations
+
+import json
+import shlex
+
+import pytest
+
+from dropper_jax.cli import main
+from dropper_jax.cli.new import template
+from fitting.site import site_text
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A scene, a site, an empty table, a table without rows."""
+    found = tmp_path_factory.mktemp("words")
+    for kind in ("longline", "mussels"):
+        (found / f"{kind}.toml").write_text(template(kind), encoding="utf-8")
+    (found / "site.toml").write_bytes(site_text("small-longline"))
+    (found / "empty.csv").write_text("hs,tp\n", encoding="utf-8")
+    return found
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("run site.toml", "scene: this is a site, not a scene. Use it with cases, season or optimise"),
+        ("cases longline.toml --list", "line: this is a scene, not a site; `dropper cases small-longline --print`"),
+        (
+            "run longline.toml --set sea.waves.direction=270",
+            "sea.waves.direction: 270 is out of range; allowed: a number -6.29",
+        ),
+        ("check longline.toml --set sea.current.direction=-90", "sea.current.direction: -90 is out of range"),
+        (
+            "check longline.toml --set line.west-leg.length=-3",
+            "line.west-leg.length: -3 is out of range; allowed: a number > 0 m",
+        ),
+        (
+            "check longline.toml --set line_type.rope.EA=stiff",
+            "line_type.rope.EA: 'stiff' is not a number; allowed: a number > 0 N",
+        ),
+        (
+            "sweep string --vary b_l=0:1:0 --out x.zarr",
+            "--vary: 'b_l=0:1:0' is not a list of numbers; allowed: NAME=LO:HI:N with N >= 1",
+        ),
+        (
+            "design paper-case-4 --vary line.chain.length=52:51 --target tension.chain.last --value 3730",
+            "vary: line.chain.length: 52 to 51 is an empty range",
+        ),
+        ("growth mussels.toml --months 13", "--months: 13 is out of range; allowed: 0 to 12 months"),
+        ("growth longline.toml", "`density`, as `dropper new mussels` writes"),
+        (
+            "frequency edulis-longline --table empty.csv",
+            "--table: 'empty.csv' has no rows",
+        ),
+        (
+            "demo --out empty.csv",
+            "--out: 'empty.csv' is a file; allowed: a folder",
+        ),
+    ],
+)
+def test_a_slip_is_refused_in_one_line(folder, monkeypatch, capsys, line, words):
+    monkeypatch.chdir(folder)
+    assert main([*shlex.split(line), "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert json.loads(out)["status"] == "invalid_input"
+    assert words in err
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+
+
+def test_check_counts_mussels_in_the_mass_of_a_line(folder, capsys):
+    assert main(["check", str(folder / "mussels.toml"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    row, weights = found["lines"][0], found["line_weights"][0]
+    assert row["mass_kg"] == pytest.approx(row["length_m"] * weights["mass_kg_per_m"])
+    assert row["wet_weight_n"] == pytest.approx(row["length_m"] * weights["wet_weight_n_per_m"])
+    assert weights["mass_kg_per_m"] > 5.0  # the bare rope has 0.8 kg/m

@@ -21,6 +21,8 @@ from dropper_jax.scene import LineSlice, line_slices, whole_lines
 
 #: Version of the saved file; files of other versions are rejected.
 RUN_FORMAT = 1
+#: Status of a run whose check estimates an error above 10 % (`run.step_check`).
+TOO_LONG = "step_too_long"
 
 
 ARRAYS = (
@@ -201,6 +203,8 @@ class Samples:
         if self.status == "energy_drift":
             what = f"energy balance error {self.energy_drift:.3g} J (reference {self.energy_scale:.3g} J)"
             return f"{self.status}: {what}. Use a smaller step"
+        if self.status == TOO_LONG:
+            return f"{self.status}: tensions or positions are off by more than 10 %; the warning has the step to take"
         if self.first_bad is None:
             return f"{self.status}: at t = {self.t[-1]:.6g} s of {self.settings['duration']:g} s"
         bad = self.first_bad
@@ -271,7 +275,7 @@ def _plain(value: np.ndarray) -> Plain:
 
 def is_finished(run: Samples) -> bool:
     """Whether a run reached its end with a bounded motion, so that its errors can be estimated."""
-    return run.status == "ok" or (run.status == "energy_drift" and run.energy_drift <= run.energy_scale)
+    return run.status in ("ok", TOO_LONG) or (run.status == "energy_drift" and run.energy_drift <= run.energy_scale)
 
 
 def extent(values: np.ndarray) -> dict[str, float]:

@@ -22,7 +22,7 @@ import numpy as np
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.run.chunks import Program, RunOutcome
 from dropper_jax.run.resolution import unresolved_peak
-from dropper_jax.run.samples import Kind, Samples, is_finished
+from dropper_jax.run.samples import TOO_LONG, Kind, Samples, is_finished
 from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.integrate import Trajectory
 
@@ -58,7 +58,7 @@ class _Compared(NamedTuple):
 
 
 def with_step_check(solution: Kind, run: Program, outcome: RunOutcome, start_s: float) -> Kind:
-    """The solution with the estimated errors of its step, and a warning if they are large.
+    """The solution with the estimated errors of its step, a warning if they are large, and a status if it is unusable.
 
     Args:
         start_s: time [s] until the first step of the run.
@@ -75,8 +75,9 @@ def with_step_check(solution: Kind, run: Program, outcome: RunOutcome, start_s: 
         dt = solution.settings["dt"]
         note = f"time step: {dt:g} s is not checked, because a step fails at {0.5 * dt:g} s; compare with another --dt"
         return replace(solution, warnings=(*solution.warnings, note))
-    settings = {**solution.settings, "step_check": found}
-    return replace(solution, settings=settings, warnings=(*solution.warnings, *_warnings(found, solution)))
+    settings, warned = {**solution.settings, "step_check": found}, _warnings(found, solution)
+    status = TOO_LONG if solution.status == "ok" and warned and not _usable(found) else solution.status
+    return replace(solution, settings=settings, status=status, warnings=(*solution.warnings, *warned))
 
 
 def check_full_run(solution: Samples, run: Program, outcome: RunOutcome) -> dict[str, Any] | None:
@@ -311,11 +312,15 @@ def _off(found: dict[str, Any], names: list[str]) -> str:
     return ", ".join(by).replace("about no more", "no more").replace("about at least", "at least")
 
 
+def _usable(found: dict[str, Any]) -> bool:
+    return max(found[name] or 0.0 for name in WARNED) <= ROUGH
+
+
 def _warnings(found: dict[str, Any], solution: Samples) -> tuple[str, ...]:
     off = _off(found, [name for name in WORDS if is_warned(found, name)])
     if not off:
         return ()
-    use = "not usable" if max(found[name] or 0.0 for name in WARNED) > ROUGH else "usable as a rough estimate"
+    use = "usable as a rough estimate" if _usable(found) else "not usable"
     dt, better = solution.settings["dt"], f"--dt {found['dt_for_1_percent_s']:g}"
     if found["snap_period_s"] is not None and solution.scene.run.step_tolerance is None:
         better += ", or with --step-tolerance 0.1, whose steps follow snaps"

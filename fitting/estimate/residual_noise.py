@@ -61,7 +61,8 @@ class ResidualNoiseModel:
         ratio = np.where(
             windows.weight > 0, windows.weight / np.where(windows.weight > 0, self.claimed.weight, 1.0), 0.0
         )
-        e = self.raw._replace(residual=self.raw.residual * ratio, jacobian=self.raw.jacobian * ratio[..., None])
+        shift = windows.weight * (self.claimed.theta - windows.theta)  # of the samples, by delays
+        e = self.raw._replace(residual=self.raw.residual * ratio + shift, jacobian=self.raw.jacobian * ratio[..., None])
         problem = replace(self.solution.problem, windows=windows, noise=noise)
         if problem.rest is not None:
             problem = replace(problem, rest=problem.rest.with_noise(noise, problem.simulator, self.solution.values))

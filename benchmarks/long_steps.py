@@ -27,12 +27,14 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.packaged import scene_names
 from dropper_jax.load.scene import Scene
 from dropper_jax.run import chunks, step_check
+from dropper_jax.run.samples import TOO_LONG
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import whole_lines
 
 FACTORS = (0.5, 1, 3, 10, 30)
 #: Steps and observed periods of a run at least, and parts of the packaged step that the truth takes.
 STEPS, PERIODS, FINER = 200, 5, 3
+REACHED_END = ("ok", TOO_LONG)
 #: Allowed errors, and the error below which a warning at the packaged step or half of it is a false alarm.
 LIMITS = {"mean_tension": 0.05, "window_maxima": 0.1, "positions": 0.1}
 FALSE = 0.01
@@ -112,7 +114,7 @@ def judge(name: str) -> dict[str, Any]:
         until = max(STEPS * max(factor, 1) * dt, PERIODS * (period or 0.0))
         window = min(period or until / WINDOWS, until / 2)
         run, row = checked(scene, factor * dt, until)
-        if run.status == "ok":
+        if run.status in REACHED_END:
             own = errors(truth, finer, until, window)
             row["left_out"] = [key for key, limit in LIMITS.items() if own[key] > limit / 3]
             row["errors"] = errors(run, truth, until, window)
@@ -158,7 +160,7 @@ def counts(scenes: list[dict[str, Any]], mode: str) -> dict[str, Any]:
     """Wrong results at long steps, right ones at the packaged step and half of it, and where the check misses them."""
     found: dict[str, Any] = {"wrong": 0, "without_warning": [], "right": 0, "false_alarms": [], "left_out": 0}
     for name, row, key in ((s["scene"], row, key) for s in scenes for row in s.get("runs", []) for key in LIMITS):
-        if row["status"] != "ok":
+        if row["status"] not in REACHED_END:
             continue
         if key in row["left_out"]:
             found["left_out"] += 1

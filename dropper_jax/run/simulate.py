@@ -65,7 +65,8 @@ class Solution(Samples):
         work: work done since the start (k, w) [J] by each of `work_names`.
         step_status: 0 where every step up to the saved time is good.
         status: `ok`, `energy_drift` (the end is reached; the energy balance error exceeds 10 % of the energy scale),
-            `step_too_long` (the same; `step_check` estimates an error above 10 %), `retry_exhausted`, `not_converged`, `non_finite` or `interrupted`.
+            `step_too_long` (the same; `step_check` estimates an error above 10 %), `retry_exhausted`, `not_converged`,
+            `non_finite` or `interrupted`.
         failed_steps, retried_steps: counts.
         first_bad: step, time_s, residual and reason of the first bad step, or None.
         max_residual: maximum scaled residual of a step.
@@ -222,8 +223,9 @@ def simulate(
             `Solution.continued`); values of `[run]` may differ except scheme and precision.
         scratch: an empty folder for the saved states of runs that are larger than memory; the arrays of the solution
             are mapped from it and are valid while it exists.
-        step_check: repeat the run, or stretches of a long one, at half the step; a warning or status if the step is too long (see
-            `run.step_check`). No effect with `tolerance` or `errors`, or for schemes that choose their steps.
+        step_check: repeat the run, or stretches of a long one, at half the step. A step that is too long gives a
+            warning, or `step_too_long` (see `run.step_check`). No effect with `tolerance` or `errors`, or for schemes
+            that choose their steps.
         **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
             residual_tolerance, extra, halvings).
 

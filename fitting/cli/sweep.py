@@ -226,8 +226,7 @@ def _values(option: str) -> tuple[str, np.ndarray]:
         raise
     except (ValueError, KeyError):
         raise SceneError(
-            f"--vary: {option!r} is not a list of numbers; allowed: NAME=LO:HI:N with N >= 1, NAME=LO:HI:N:log "
-            "with LO > 0, NAME=A,B,C"
+            f"--vary: {option!r} is not NAME=LO:HI:N; allowed: N >= 1; also NAME=LO:HI:N:log with LO > 0 and NAME=A,B,C"
         ) from None
 
 

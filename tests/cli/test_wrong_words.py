@@ -43,7 +43,7 @@ def folder(tmp_path_factory):
         ),
         (
             "sweep string --vary b_l=0:1:0 --out x.zarr",
-            "--vary: 'b_l=0:1:0' is not a list of numbers; allowed: NAME=LO:HI:N with N >= 1",
+            "--vary: 'b_l=0:1:0' is not NAME=LO:HI:N; allowed: N >= 1",
         ),
         (
             "design paper-case-4 --vary line.chain.length=52:51 --target tension.chain.last --value 3730",

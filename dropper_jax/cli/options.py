@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import sys
 import time
@@ -170,6 +171,9 @@ def output_folder(text: str | None, option: str) -> Path | None:
     path = Path(text)
     if path.exists() and not path.is_dir():
         raise SceneError(f"{option}: {text!r} is a file; allowed: a folder")
+    above = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+    if not (above.is_dir() and os.access(above, os.W_OK)):
+        raise SceneError(f"{option}: {text!r} cannot be made in {str(above)!r}; allowed: a writable folder")
     return path
 
 

@@ -125,10 +125,9 @@ def weights_table(scene: Scene) -> list[str]:
 def plot_target(text: str | None) -> Path | None:
     if text is None or Path(text).suffix.lower() == ".png":
         return output_file(text, "--plot", (".png",))
-    path = Path(text)
-    if path.exists() and not path.is_dir():
+    if Path(text).is_file():
         raise SceneError(f"--plot: {text!r} is neither a folder nor a PNG; allowed: a folder or a file FILE.png")
-    return path
+    return output_folder(text, "--plot")
 
 
 def write_run_report(solution: Solution, folder: Path) -> None:

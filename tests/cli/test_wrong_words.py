@@ -59,6 +59,7 @@ def folder(tmp_path_factory):
             "demo --out empty.csv",
             "--out: 'empty.csv' is a file; allowed: a folder",
         ),
+        ("run string --plot empty.csv/pictures", "--plot: 'empty.csv/pictures' cannot be made in"),
     ],
 )
 def test_a_slip_is_refused_in_one_line(folder, monkeypatch, capsys, line, words):

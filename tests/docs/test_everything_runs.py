@@ -151,7 +151,8 @@ def test_command_runs(line, place, capsys):
     argv = words(line)
     if "seed-*.npz" in line:  # the example counts its start from 300 s on
         argv[argv.index("300")] = "20"
-    assert main(argv) == 0, capsys.readouterr().err[-2000:]
+    too_long = line == "dropper run SCENE --dt 0.15"  # the example of such a step
+    assert main(argv) == (3 if too_long else 0), capsys.readouterr().err[-2000:]
 
 
 @pytest.mark.check

@@ -11,7 +11,8 @@ from dropper_jax.cli.options import add_examples, add_json, done_object, output_
 
 help = "write a commented scene to edit: a lab dropper, a longline in a storm, a farm with parameters, growing mussels"
 
-KINDS = ("lab", "longline", "farm", "mussels")
+#: Kinds of templates, and options of their first run: equal steps miss the snaps of the storm.
+KINDS = {"lab": "", "longline": "--step-tolerance 0.1 ", "farm": "", "mussels": ""}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,10 +29,8 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(f"FILE: {args.file!r} exists. Use another name, or --force to replace it")
     atomic_write(file, template(args.kind))
     found = done_object(kind=args.kind, file=str(file))
-    snaps = " --step-tolerance 0.1" if args.kind == "longline" else ""  # equal steps miss the snaps of its storm
-    return print_result(
-        args.json, found, f"ok: {file}\nnext: dropper check {file}\n      dropper run {file}{snaps} --plot pictures"
-    )
+    first_run = f"dropper run {file} {KINDS[args.kind]}--plot pictures"
+    return print_result(args.json, found, f"ok: {file}\nnext: dropper check {file}\n      {first_run}")
 
 
 def template(kind: str) -> str:

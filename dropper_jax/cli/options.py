@@ -82,11 +82,11 @@ def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scen
         table, name = find_scene(args.scene, vars(args).get("depth"))
 
         from dropper_jax.effects import register_installed
-        from dropper_jax.load.scene import Scene, change_scene
+        from dropper_jax.load.scene import Scene
 
         register_installed()
         scene = Scene.from_dict(table, name)
-    return with_step(change_scene(scene, values) if values else scene, args)
+    return with_step(scene.with_values(values) if values else scene, args)
 
 
 def with_step(scene: Scene, args: argparse.Namespace) -> Scene:

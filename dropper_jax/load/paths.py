@@ -210,6 +210,16 @@ def _find_parent(
     return table, key
 
 
+def path_as_given(error: SceneError, given: Iterable[str]) -> SceneError:
+    """The error of a changed table with the path that was given: with the name of a line or type, not its number."""
+    path, colon, reason = str(error).partition(":")
+    section, number, key = (*path.split(".", 2), "", "")[:3]
+    same = [own for own in given if own.startswith(f"{section}.") and own.endswith(f".{key}")]
+    if number.isdecimal() and key and len(same) == 1:
+        return SceneError(f"{same[0]}{colon}{reason}")
+    return error
+
+
 def _hint(path: str, candidates: set[str]) -> str:
     """The nearest path, otherwise those of the same section, otherwise the sections."""
     shown = 20  # maximum number of valid paths listed in an error line

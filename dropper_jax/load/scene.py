@@ -35,7 +35,7 @@ from dropper_jax.load.checks_system import (
     check_system,
 )
 from dropper_jax.load.packaged import find_scene, folder_of
-from dropper_jax.load.paths import Written, get, is_written, locate, locate_written, set_value
+from dropper_jax.load.paths import Written, get, is_written, locate, locate_written, path_as_given, set_value
 from dropper_jax.load.resolve import resolve
 from dropper_jax.load.template import Template
 from dropper_jax.scene import (
@@ -262,11 +262,15 @@ class Scene(SceneData):
         if "sea.packaged" in values:  # another sea replaces this one's waves and water
             table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
         if self.written is not None:
-            return Scene.from_dict(self.written.with_changes(table, values))
-        known = locate(table)
-        for path, value in values.items():
-            set_value(table, path, value, known)
-        return Scene.from_dict(table)
+            table = self.written.with_changes(table, values)
+        else:
+            known = locate(table)
+            for path, value in values.items():
+                set_value(table, path, value, known)
+        try:
+            return Scene.from_dict(table)
+        except SceneError as error:
+            raise path_as_given(error, values) from None
 
     def _from_template(self, values: Mapping[str, Any]) -> Scene:
         """The scene with values changed: parameters before all others, including those of earlier changes."""
@@ -328,16 +332,3 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene, *, allow_outside:
         return Scene.from_dict(source)
     with references_of(folder_of(source, allow_outside)):
         return Scene.from_dict(*find_scene(source))
-
-
-def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
-    """`scene.with_values`, whose error has the path as given: with the name of a line or type, not its number."""
-    try:
-        return scene.with_values(values)
-    except SceneError as error:
-        path, colon, reason = str(error).partition(":")
-        section, number, key = (*path.split(".", 2), "", "")[:3]
-        given = [own for own in values if own.startswith(f"{section}.") and own.endswith(f".{key}")]
-        if not (number.isdecimal() and key and len(given) == 1):
-            raise
-        raise SceneError(f"{given[0]}{colon}{reason}") from None

@@ -28,8 +28,9 @@ from fitting.calibration.advice import Candidate
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import fit_starts
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.problem import Solution, wrap_angle
+from fitting.estimate.problem import Solution
 from fitting.estimate.windows import Starts, Windows
+from fitting.traces.planar import wrap
 
 #: Numbers of lost frames that are tested; negative numbers are duplicate frames.
 LAGS = tuple(k for k in range(-20, 61) if k)
@@ -159,13 +160,13 @@ def _extend_windows(windows: Windows, right: np.ndarray) -> Windows:
 def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first: int) -> tuple[float, int, int]:
     """Gain, first frame and lost frames of the best jump from slot `first` on; angles (S, n)."""
     rho = lambda r: np.minimum(0.5 * r**2, BOUND).sum(axis=1)  # noqa: E731
-    plain, count, best = rho(wrap_angle(angle - measured) * weight), len(angle), (0.0, 0, 0)
+    plain, count, best = rho(wrap(angle - measured) * weight), len(angle), (0.0, 0, 0)
     known = (weight > 0).sum(axis=1)
     for lag in LAGS:
         low, high = max(0, -lag), min(count, count - lag)
         if high - max(low, first) < AFTER:
             continue
-        later = rho(wrap_angle(angle[low + lag : high + lag] - measured[low:high]) * weight[low:high])
+        later = rho(wrap(angle[low + lag : high + lag] - measured[low:high]) * weight[low:high])
         better = np.cumsum((plain[low:high] - later)[::-1])[::-1]
         left = np.cumsum(later[::-1])[::-1] / np.maximum(np.cumsum(known[low:high][::-1])[::-1], 1)
         gain = better / np.maximum(2 * left, 1.0)
@@ -300,14 +301,14 @@ def _first_missed(solution: Solution, windows: Windows, which: np.ndarray, start
     known = (mine.weight > 0).any(axis=2)
     late = known & (np.cumsum(known, axis=1) > QUANTILE * known.sum(axis=1, keepdims=True))
     found = _only_starts(solution, replace(mine, weight=np.where(late[..., None], 0.0, mine.weight)), starts)
-    error = np.abs(wrap_angle(found.evaluation.theta - mine.theta)) * mine.weight
+    error = np.abs(wrap(found.evaluation.theta - mine.theta)) * mine.weight
     missed = late & ~(error < limit).all(axis=2)
     return np.where(missed, mine.times(), np.inf).min(axis=1)
 
 
 def misfit(solution: Solution, claimed: Windows) -> np.ndarray:
     """Size of every window's residuals relative to the claimed noise (K,); 0 for windows without samples."""
-    error = np.abs(wrap_angle(solution.evaluation.theta - claimed.theta)) * claimed.weight
+    error = np.abs(wrap(solution.evaluation.theta - claimed.theta)) * claimed.weight
     rows = np.where(claimed.weight > 0, error, np.nan).reshape(claimed.count, -1)
     known = ~np.isnan(rows).all(axis=1)
     found = np.zeros(claimed.count)

@@ -24,10 +24,10 @@ from dropper_jax.model import Model
 from fitting.calibration.decision import smooth_stretch
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.problem import wrap_angle
 from fitting.estimate.windows import first_starts
 from fitting.parameters.of_scene import DAMPING
 from fitting.traces.conventions import Change, changes, in_model, late_columns, resting_angles, shift, units
+from fitting.traces.planar import wrap
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, without_spikes
 
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames
@@ -134,7 +134,7 @@ def _distance(model: Model, opening: float) -> str:
 def _off_rest(theta: np.ndarray, rest: np.ndarray) -> float:
     """RMS departure [rad] of the links' mean directions from those at rest."""
     mean = np.angle(np.nanmean(np.exp(1j * theta), axis=0))
-    return float(np.sqrt(np.mean(wrap_angle(mean - rest) ** 2)))
+    return float(np.sqrt(np.mean(wrap(mean - rest) ** 2)))
 
 
 def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator[Change]:
@@ -211,7 +211,7 @@ def _energy(model: Model, theta: np.ndarray, omega: np.ndarray) -> np.ndarray:
 def _breaks(trace: Trace) -> Iterator[float]:
     """Times [s] at which most links jump, or where frames are missing."""
     step = np.diff(trace.t)
-    move = np.abs(wrap_angle(np.diff(trace.theta, axis=0)))
+    move = np.abs(wrap(np.diff(trace.theta, axis=0)))
     for i in range(5, len(move) - 5):
         if step[i] > 10 * trace.interval:
             yield float(trace.t[i + 1])
@@ -318,7 +318,7 @@ def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
         return  # open frames were handled before
     at = trace.convention
     mean = np.angle(np.nanmean(np.exp(1j * trace.theta), axis=0))
-    off = wrap_angle(resting_angles(model) - mean) * (-at.sign if at.zero == "down" else at.sign or 1)
+    off = wrap(resting_angles(model) - mean) * (-at.sign if at.zero == "down" else at.sign or 1)
     for part in (0.7, 1.0, 1.3):  # the mean of a few swings differs from the angle at rest
         for j, by in enumerate(off):
             yield shift(j, part * float(by))

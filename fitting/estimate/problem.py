@@ -16,17 +16,12 @@ from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.of_scene import JointPrior
 from fitting.parameters.parameter import Parameter
-from fitting.traces.planar import chart
+from fitting.traces.planar import chart, wrap
 
 #: Minimum correlation of neighbouring residuals that counts in standard errors.
 CORRELATION_FLOOR = 0.05
 #: chi-square per degree of freedom outside which the noise does not explain the residuals.
 CHI2_RANGE = (0.5, 1.5)
-
-
-def wrap_angle(angle: np.ndarray) -> np.ndarray:
-    """The angle as the shortest turn, in [-pi, pi] [rad]."""
-    return angle - 2 * np.pi * np.round(angle / (2 * np.pi))
 
 
 class Descent(Protocol):
@@ -311,7 +306,7 @@ class Solution:
     @property
     def errors(self) -> np.ndarray:
         """Simulated minus measured angles (K, S, n) [rad], 0 where there is no sample."""
-        return np.where(self.windows.weight > 0, wrap_angle(self.evaluation.theta - self.windows.theta), 0.0)
+        return np.where(self.windows.weight > 0, wrap(np.asarray(self.evaluation.theta - self.windows.theta)), 0.0)
 
     @property
     def rms(self) -> float:

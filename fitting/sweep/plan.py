@@ -175,16 +175,13 @@ def make_plan(
         if name not in QUANTITIES and "." not in name:
             known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
             raise SceneError(f"quantities: {name!r} is unknown; {known}")
-    counts = {path: values.size for path, values in vary.items()}
-    _check_cases(counts, len(names), listed)
+    cases = _count_cases({path: values.size for path, values in vary.items()}, len(names), listed)
     paths = _paths(scene, list(vary))
     # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
     base = scene.with_values({path: values[0].item() for path, values in zip(paths, vary.values(), strict=True)})
     axes = tuple(_axis(base, path, values) for path, values in zip(paths, vary.values(), strict=True))
     if chunk is None:
-        chunk = default_chunk(build_model(base).geometry.branched)
-        if not on_processor():  # no wider than the sweep
-            chunk = min(chunk, max(counts.values()) if listed else math.prod(counts.values()))
+        chunk = default_chunk(build_model(base).geometry.branched, cases)
     found = Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
     if any(quantity.signal == PERIOD for quantity in found.named_quantities):
         raise SceneError(
@@ -198,11 +195,12 @@ def on_processor() -> bool:
     return jax.default_backend() == "cpu"
 
 
-def default_chunk(system: bool) -> int:
+def default_chunk(system: bool, cases: int) -> int:
     """Cases of a device at a time, where the user gives none."""
     if on_processor():  # cases of a system run one after another, so that larger chunks gain nothing
         return 1 if system else 64
-    return 256 if system else 16384  # an H200 runs 131 072 lab droppers only 1.14 times as fast per case
+    # an H200 runs 131 072 lab droppers only 1.14 times as fast per case
+    return min(cases, 256 if system else 16384)
 
 
 def describe_quantity(plan: Plan, name: str) -> tuple[str, str]:
@@ -212,8 +210,8 @@ def describe_quantity(plan: Plan, name: str) -> tuple[str, str]:
     return next(one.unit for one in plan.named_quantities if one.name == name), name
 
 
-def _check_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> None:
-    """Reject a grid or list whose table does not fit into memory."""
+def _count_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> int:
+    """The number of cases of a grid or list, whose table must fit into memory."""
     cases = max(counts.values()) if listed else math.prod(counts.values())
     need, left = 8 * cases * (3 * len(counts) + quantities + 2), available_memory()
     if need > 0.5 * left:  # the table of all cases may use half of the free memory
@@ -221,6 +219,7 @@ def _check_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> No
         raise SceneError(
             f"vary: {what}, whose table needs {in_words(need)} of memory; only {in_words(left)} are free. Use fewer"
         )
+    return cases
 
 
 def _first_seed(scene: Scene) -> int:

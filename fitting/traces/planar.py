@@ -8,6 +8,8 @@ with N an orthonormal basis of the closed directions at the reference.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +18,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.renamed import old_names
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import from_angles
+
+Angles = TypeVar("Angles", jax.Array, np.ndarray)
 
 
 def check_planar(model: Model, start: State) -> None:
@@ -110,10 +114,9 @@ def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax
     return theta, omega
 
 
-def wrap(angle: jax.Array) -> jax.Array:
-    """The angle as the shortest turn, in [-pi, pi] [rad]."""
-    host = np if isinstance(angle, np.ndarray) else jnp  # JAX operations outside a program compile one by one
-    return angle - 2 * np.pi * host.round(angle / (2 * np.pi))
+def wrap(angle: Angles) -> Angles:
+    """The angle [rad] as the shortest turn, between -pi and pi."""
+    return angle - 2 * np.pi * (angle / (2 * np.pi)).round()
 
 
 __getattr__ = old_names(__name__)

@@ -142,9 +142,12 @@ LYING = {
         # the bed rises from 30 m at x = 10 to 20 m at x = 60: by 0.2 per metre
         (
             {"point.anchor.position": [40.0, 0.0, -24.1]},
-            "point.0.position: z = -24.1 m is below the seabed; .* >= -24 m",
+            "point.anchor.position: z = -24.1 m is below the seabed; .* >= -24 m",
         ),
-        ({"point.buoy.position": [55.0, 0.0, -22.0]}, "point.1.position: z = -22 m is below the seabed; .* >= -21 m"),
+        (
+            {"point.buoy.position": [55.0, 0.0, -22.0]},
+            "point.buoy.position: z = -22 m is below the seabed; .* >= -21 m",
+        ),
     ],
 )
 def test_a_point_below_the_bed_at_its_place_is_named(values, words):

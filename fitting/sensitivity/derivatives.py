@@ -342,4 +342,8 @@ def global_text(found: Global, of: str) -> str:
         numbers = (found.first[i], found.first_error[i], found.total[i], found.total_error[i])
         cells = ["" if np.isnan(x) else f"{x:.3g}" for x in numbers]
         rows.append([found.names[i], *(f"{x:.4g}" for x in found.ranges[i]), *cells])
-    return f"{of}: {found.runs} runs, mean {found.mean:.5g}, standard deviation {found.std:.3g}\n\n{table(rows)}"
+    text = f"{of}: {found.runs} runs, mean {found.mean:.5g}, standard deviation {found.std:.3g}\n\n{table(rows)}"
+    if sobol and np.max(found.total_error) > 0.2:  # of the variance: ranks are then chance
+        more = 4 * found.runs // (len(found.names) + 2)
+        text += f"\n\nintervals of +-{np.max(found.total_error):.2g} are wide; --samples {more} halves them"
+    return text

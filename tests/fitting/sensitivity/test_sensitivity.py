@@ -17,6 +17,7 @@ from dropper_jax.study.stability.rope_cases import slack_rope
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import global_indices, local, ranges, study, windows
+from fitting.sensitivity.derivatives import global_text
 from fitting.sensitivity.tornado import path_label
 
 SCENE = {
@@ -124,6 +125,8 @@ def test_sobol_indices_of_the_ishigami_function():
     np.testing.assert_allclose(found.first, [v1 / total, v2 / total, 0.0], atol=0.05)
     np.testing.assert_allclose(found.total, [(v1 + v13) / total, v2 / total, v13 / total], atol=0.05)
     assert found.runs == 2048 * 5
+    assert "wide" not in global_text(found, "f")
+    assert "--samples 16 halves them" in global_text(global_indices(ishigami, ["x1", "x2", "x3"], box, samples=4), "f")
 
 
 def test_morris_ranks_a_function_with_known_effects():

@@ -8,6 +8,7 @@ are rejected, so that half a circle is enough. Motion blur lengthens a marker eq
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -282,9 +283,8 @@ def _learn_appearance(
     )
 
 
-def map_circles(circles: list[Circles], to: object) -> list[Circles]:
+def map_circles(circles: list[Circles], to: Callable[[np.ndarray], np.ndarray]) -> list[Circles]:
     """The circles with their centres mapped by `to`: points (m, 2) to points (m, 2)."""
-    size = np.cumsum([0, *(len(each) for each in circles)])
-    centre = to(np.concatenate([each.centre for each in circles])) if size[-1] else np.zeros((0, 2))
-    parts = zip(circles, size[:-1], size[1:], strict=True)
-    return [replace(each, centre=centre[a:b]) if len(each) else NONE for each, a, b in parts]
+    ends = np.cumsum([len(each) for each in circles])
+    centres = np.split(to(np.concatenate([each.centre for each in circles])), ends[:-1])
+    return [replace(each, centre=centre) for each, centre in zip(circles, centres, strict=True)]

@@ -121,8 +121,9 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
         return flat
 
     def off(parameters: np.ndarray) -> np.ndarray:
-        length = link_lengths(replace(flat, parameters=parameters)(positions))
-        return np.where(both, _departures(np.log(np.maximum(length, 1e-9)), both), 0.0)
+        log = np.log(np.maximum(link_lengths(replace(flat, parameters=parameters)(positions)), 1e-9))
+        mean = np.sum(np.where(both, log, 0.0), axis=0) / np.maximum(both.sum(axis=0), 1)
+        return np.where(both, log - mean, 0.0)
 
     size = np.nanmedian(np.where(both, link_lengths(positions), np.nan), axis=0)
     found = np.zeros(len(spread)) if flat.parameters is None else flat.parameters
@@ -142,14 +143,20 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
     return replace(flat, parameters=found, covariance=_covariance(off, found, noise, spread, keep, fps))
 
 
-def _departures(log: np.ndarray, both: np.ndarray) -> np.ndarray:
-    count = np.maximum(both.sum(axis=0), 1)
-    return log - np.sum(np.where(both, log, 0.0), axis=0) / count
-
-
 def link_lengths(positions: np.ndarray) -> np.ndarray:
     """Lengths (k, n - 1) of positions (k, n, 2)."""
     return np.linalg.norm(np.diff(positions, axis=1), axis=-1)
+
+
+def robust_lengths(positions: np.ndarray, detected: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lengths (k, n - 1) of links, NaN unless both ends are detected, their medians and robust deviations (n - 1,).
+
+    Both are zero for a link that is never detected.
+    """
+    lengths = np.where(detected[:, 1:] & detected[:, :-1], link_lengths(positions), np.nan)
+    known = np.where(np.isfinite(lengths).any(axis=0), lengths, 0.0)
+    usual = np.nanmedian(known, axis=0)
+    return lengths, usual, 1.4826 * np.nanmedian(np.abs(known - usual), axis=0)
 
 
 def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, detected: np.ndarray) -> float:
@@ -211,8 +218,7 @@ def four_quadrant(positions: np.ndarray) -> np.ndarray:
 
 def angle_errors(positions: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Standard errors (k, n - 1) [rad] from those of the positions (k, n), in the same unit: across the link."""
-    length = np.linalg.norm(np.diff(positions, axis=1), axis=-1)
-    return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(length, 1e-12)
+    return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(link_lengths(positions), 1e-12)
 
 
 def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -230,7 +236,7 @@ def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, 
         positions: (k, n, 2), in one unit with `fit_error`; seen: (k, n).
         used: (k, n - 1) valid samples.
     """
-    link = np.linalg.norm(np.diff(positions, axis=1), axis=-1)
+    link = link_lengths(positions)
     both = detected[:, 1:] & detected[:, :-1]
     expected = angle_errors(positions, np.where(detected, fit_error, 0.0))
     found = np.full(link.shape, np.nan)

@@ -124,8 +124,7 @@ def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, 
     answer = cv2.GaussianBlur(small, (0, 0), 0.6 * r) - cv2.GaussianBlur(small, (0, 0), 1.2 * r)
     answer = answer if bright else -answer
     reach = 2 * int(np.ceil(0.7 * r)) + 1
-    top = (answer == cv2.dilate(answer, np.ones((reach, reach), np.uint8))) & (answer > 0)
-    row, column = np.nonzero(top)
+    row, column = np.nonzero((answer == cv2.dilate(answer, np.ones((reach, reach), np.uint8))) & (answer > 0))
     strength = answer[row, column]
     order = np.argsort(-strength)[:200]
     factor = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
@@ -220,9 +219,8 @@ def _solve(
 
 def _distinct(circles: Circles, appearance: MarkerAppearance) -> Circles:
     """One circle of each group whose centres nearly coincide: that with the most rays, then the smallest error."""
-    order = np.lexsort([circles.error, -np.round(circles.rays, 1)])
     kept: list[int] = []
-    for i in order:
+    for i in np.lexsort([circles.error, -np.round(circles.rays, 1)]):
         apart = np.hypot(*(circles.centre[kept] - circles.centre[i]).T)
         if (apart > 0.5 * appearance.radius).all():
             kept.append(i)

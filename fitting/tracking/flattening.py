@@ -62,11 +62,10 @@ class Flat:
     def back(self, flat: np.ndarray) -> np.ndarray:
         """The inverse (Newton iteration with differences; the map is nearly the identity up to a shift)."""
         flat = np.asarray(flat, float)
-        step = 0.5 * np.eye(2)
         guess = np.broadcast_to(self.middle, flat.shape).copy()
         limit = 0.5 * np.array(self.size)
         for _ in range(12):
-            slopes = np.stack([self(guess + d) - self(guess - d) for d in step], axis=-1)
+            slopes = np.stack([self(guess + d) - self(guess - d) for d in 0.5 * np.eye(2)], axis=-1)
             move = np.linalg.solve(slopes, (flat - self(guess))[..., None])[..., 0]
             guess = np.clip(guess + np.clip(move, -limit, limit), -limit, 3 * limit)
         return guess
@@ -295,8 +294,7 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
             f"motion out of the plane: link {worst + 1} seems to change its length by {100 * away[worst]:.2g} %, which "
             "a fixed camera cannot show for a motion in the plane",
         )
-    length = np.where(used, link_lengths(flat), np.nan)
-    known = [column[np.isfinite(column)] for column in length.T]
+    known = [column[good] for column, good in zip(link_lengths(flat).T, used.T, strict=True)]
     change = np.array([np.std(column) / np.mean(column) if len(column) else 0.0 for column in known])
     worst = int(np.argmax(change))
     if change[worst] > 0.03:
@@ -322,8 +320,8 @@ def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
         position = middle[keep, j] - middle[keep, j].mean(axis=0)
         x, z = (position / max(np.abs(position).max(), 1e-300)).T
         c, s, one = np.cos(twice[keep, j]), np.sin(twice[keep, j]), np.ones_like(x)
-        terms = [one, x, z, x * x, x * z, z * z, *(f * g for f in (one, x, z) for g in (c, s))]
-        columns = np.stack(terms, axis=1)
+        products = [f * g for f in (one, x, z) for g in (c, s)]
+        columns = np.stack([one, x, z, x * x, x * z, z * z, *products], axis=1)
         log_length = np.log(length[keep, j])
         rest = np.full(len(keep), np.nan)
         rest[keep] = log_length - columns @ np.linalg.lstsq(columns, log_length, rcond=None)[0]

@@ -132,8 +132,8 @@ def bridge_gaps(found: TrackedChain) -> None:
 def remove_blur(found: TrackedChain) -> TrackedChain:
     """The positions corrected for a long exposure."""
     share = exposure_share(found.flat, found.detected)
-    flat = found.flat - share * second_differences(found.flat, found.detected)
-    return replace(found, flat=flat, exposure=float(np.sqrt(24 * share)))
+    shift = share * second_differences(found.flat, found.detected)
+    return replace(found, flat=found.flat - shift, exposure=float(np.sqrt(24 * share)))
 
 
 def second_differences(positions: np.ndarray, detected: np.ndarray) -> np.ndarray:

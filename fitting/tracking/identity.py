@@ -76,8 +76,7 @@ class Follower:
         positions = self._at_rest(guess)
         positions[detected] = circles.centre[found[detected]]
         positions = self._bridge(positions, ~detected & ~self.held)
-        step = np.linalg.norm(positions - self.past[0], axis=1)
-        steady = step[detected & (self.lost == 0)]
+        steady = np.linalg.norm(positions - self.past[0], axis=1)[detected & (self.lost == 0)]
         self.fastest = max(0.95 * self.fastest, float(steady.max(initial=0.0)))
         self.last_positions = np.where(detected[:, None], positions, self.last_positions)
         self.lost = np.where(detected, 0, self.lost + 1)

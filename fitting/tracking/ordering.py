@@ -127,8 +127,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
     # durations of the stretches [s]
     for duration in (1.0, 2.0, 4.0):
         size = min(len(frames), max(20, round(duration * fps)))
-        starts = np.unique(np.linspace(0, len(frames) - size, 16).astype(int))
-        for start in starts:
+        for start in np.unique(np.linspace(0, len(frames) - size, 16).astype(int)):
             # a frame with at least as many circles as nodes, the one in which most others agree
             here = counts[start : start + size]
             if here.max(initial=0) < nodes:
@@ -150,8 +149,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
 def changes(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Robust deviation and median (m, m) [pixel] of the distances of all pairs; 1e6 if rarely detected together."""
     apart = np.linalg.norm(tracks[:, :, None] - tracks[:, None], axis=-1)
-    together = np.isfinite(apart).sum(axis=0)
-    few = together < max(2, min(10, len(tracks) // 8))
+    few = np.isfinite(apart).sum(axis=0) < max(2, min(10, len(tracks) // 8))
     apart = np.where(few, 0.0, apart)
     low, middle, high = np.nanpercentile(apart, (5, 50, 95), axis=0)
     return np.where(few, 1e6, 0.5 * (high - low)), middle

@@ -80,7 +80,6 @@ class Tracked:
     def to_json(self) -> dict[str, Any]:
         """The result without its samples."""
         mean, deviation = self.link_lengths
-        gap = _longest_gaps(self.detected)
         found = {
             "schema": 1,
             "status": self.status,
@@ -89,7 +88,7 @@ class Tracked:
             "nodes": self.detected.shape[1],
             "links": self.detected.shape[1] - 1,
             "bridged": [int(x) for x in (~self.detected).sum(axis=0)],
-            "longest_gap_s": float(gap.max() / self.fps),
+            "longest_gap_s": float(_longest_gaps(self.detected).max() / self.fps),
             "angle_se_rad": float(np.nanmedian(self.trace.se)),
             "marker_radius_pixel": self.appearance.radius,
             "link_length_m": [float(x) for x in mean] if self.scaled else None,

@@ -37,9 +37,8 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
         if not good:
             continue
         cases[-1] |= _position_results(site, storm, runs, good)
-        maxima = runs.maxima(good)
         for part in site.parts:
-            rows[part.name].append(_part_row(site, part, storm, maxima, runs, good))
+            rows[part.name].append(_part_row(site, part, storm, runs, good))
         for number, name in enumerate(runs.held):
             loads = [run["held_loads"][:, number].astype(float) for run in good]
             held[name].append(anchor_row(site, name, storm, loads))
@@ -89,14 +88,15 @@ def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found
     found: dict[str, Any] = {"broken": sum(len(run["broken"]) for run in good)}
     for name in site.quantities:  # a characteristic maximum, or the mean of another statistic
         own = site.run_of(storm)
-        own = own if name.endswith(".max") else replace(own, characteristic="mean")
-        values = np.array([run[f"quantity:{name}"] for run in good])
-        found.setdefault("quantities", {})[name] = characteristic(values, own)
-    index = {line.name: i for i, line in enumerate(runs.lines)}
+        if not name.endswith(".max"):
+            own = replace(own, characteristic="mean")
+        values = [run[f"quantity:{name}"] for run in good]
+        found.setdefault("quantities", {})[name] = characteristic(np.array(values), own)
+    index = {name: i for i, name in enumerate(runs.links)}
     if site.exclusion is not None:
         rows = [index[name] for name in site.matching(site.exclusion.lines)]
-        way = np.array([run["excursion"][rows].max() for run in good])
-        found["excursion_m"] = characteristic(way, site.run_of(storm))
+        way = [run["excursion"][rows].max() for run in good]
+        found["excursion_m"] = characteristic(np.array(way), site.run_of(storm))
     if site.backbone is not None:
         rows = [index[name] for name in site.matching(site.backbone.lines)]
         depth = good[0]["depth"][rows]
@@ -104,22 +104,19 @@ def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found
     return found
 
 
-def _part_row(
-    site: Site, part: Part, storm: Storm, maxima: dict[str, np.ndarray], runs: Runs, good: Sequence[Found]
-) -> dict[str, Any]:
+def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
     """A part in one case, represented by its worst line."""
     factor, run = part.factor[storm.kind], site.run_of(storm)
-    found = [characteristic(maxima[name], run) for name in part.lines]
+    found = [characteristic(runs.maxima(good, name), run) for name in part.lines]
     share = np.array([load["value"] for load in found]) * factor / part.capacity
     worst = int(np.argmax(share))
     load, scale = found[worst], factor / float(part.capacity[worst])
-    name = part.lines[worst]
-    links = next(line.links for line in runs.lines if line.name == name)
+    links = runs.links[part.lines[worst]]
     first = good[0]
     at = links.start + int(np.argmax(first["largest"][links]))
     return {
         "case": storm.number,
-        "line": name,
+        "line": part.lines[worst],
         "load_n": load["value"],
         "load_error_n": load["error"],
         "interval_n": load["interval"],
@@ -144,27 +141,27 @@ def _damage(part: Part, good: Sequence[Found], counted: float) -> float | None:
         keys = [[key for key in run if key.startswith(f"cycles:{name}:")] for run in good]
         if not all(keys):
             return None
-        own = [max(_miner(run[key], float(capacity), part) for key in of) for run, of in zip(good, keys, strict=True)]
+        own = [
+            max(
+                damage(np.insert(run[key], 1, 0.0, axis=1).astype(float), capacity, part.curve.k, part.curve.m)
+                for key in of
+            )
+            for run, of in zip(good, keys, strict=True)
+        ]
         most = max(most or 0.0, float(np.mean(own)) * 3600.0 / counted)
     return most
 
 
-def _miner(rows: np.ndarray, capacity: float, part: Part) -> float:
-    wide = np.column_stack([rows[:, 0], np.zeros(len(rows)), rows[:, 1]]).astype(float)
-    return damage(wide, capacity, part.curve.k, part.curve.m)
-
-
 def _part(part: Part, rows: list[dict[str, Any]], site: Site, step: dict[str, Any] | None) -> dict[str, Any]:
-    found = {
+    return {
         "part": part.name,
         "lines": len(part.lines),
         "factors": asdict(part.factors),
         "cases": rows,
-        "worst": max(rows, key=lambda row: row["utilisation"]) if rows else None,
+        "worst": max(rows, key=lambda row: row["utilisation"], default=None),
         "step": step,
         "fatigue": _fatigue(part, rows, site),
     }
-    return found
 
 
 def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, Any]:
@@ -175,9 +172,13 @@ def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, An
         return {"skipped": "cycles were not counted: the package rainflow is missing (extra `fatigue`)"}
     storms = {storm.number: storm for storm in site.storms}
     intact = [row for row in rows if storms[row["case"]].broken is None]
-    curve = {"k": part.curve.k, "m": part.curve.m, "source": part.curve.source}
     hourly = max((row["damage_per_hour"] for row in rows), default=None)
-    found = {"curve": curve, "largest_damage_per_hour": hourly, "damage_per_year": None, "life_years": None}
+    found = {
+        "curve": asdict(part.curve),
+        "largest_damage_per_hour": hourly,
+        "damage_per_year": None,
+        "life_years": None,
+    }
     given = [state for state in site.sea_states if state.hours is not None]
     if not given:
         return {**found, "why": "no sea state has `hours`"}
@@ -185,15 +186,16 @@ def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, An
     for state in given:
         own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state is state]
         yearly += state.hours * float(np.mean(own)) if own else 0.0
-    hours = sum(state.hours for state in given)
-    life = 1.0 / yearly if yearly > 0.0 else None
-    return {**found, "damage_per_year": yearly, "life_years": life, "share_of_year": hours * 3600.0 / YEAR}
+    return {
+        **found,
+        "damage_per_year": yearly,
+        "life_years": 1.0 / yearly if yearly > 0.0 else None,
+        "share_of_year": sum(state.hours for state in given) * 3600.0 / YEAR,
+    }
 
 
 def _exclusion(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
     """The case with the largest excursion of nodes."""
-    if site.exclusion is None:
-        return None
     rows = [case for case in cases if "excursion_m" in case]
     if not rows:
         return None
@@ -205,9 +207,10 @@ def _exclusion(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None
 def _backbone(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
     """Depths of the backbone at rest over all cases."""
     rows = [case for case in cases if "depth_m" in case]
-    if site.backbone is None or not rows:
+    if not rows:
         return None
-    high, low = min(rows, key=lambda c: c["depth_m"][0]), max(rows, key=lambda c: c["depth_m"][1])
+    high = min(rows, key=lambda case: case["depth_m"][0])
+    low = max(rows, key=lambda case: case["depth_m"][1])
     own = site.backbone
     return {
         "shallowest_m": high["depth_m"][0],
@@ -278,7 +281,7 @@ def anchor_found(site: Site, name: str, rows: list[dict[str, Any]]) -> dict[str,
         "point": name,
         "anchor": None if anchor is None else anchor.name,
         "cases": rows,
-        "worst": max(rows, key=by) if rows else None,
+        "worst": max(rows, key=by, default=None),
         "uplift_deg": max((row["uplift_deg"] for row in rows), default=None),
         "allowed_uplift_deg": None if anchor is None else anchor.table.uplift,
     }

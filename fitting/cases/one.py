@@ -46,9 +46,11 @@ class Tally:
         self.largest, self.when = np.full(links, -np.inf), np.full(links, np.nan)
         self.total, self.samples = np.zeros(links), 0
         self.excursion = np.zeros(len(self.lines))
-        self.loads: list[np.ndarray] = []
+        self.loads = [np.zeros((0, len(self.held), 2), np.float32)]
         self.curved = {line.name: line.links for line in self.lines if line.name in curved}
-        self.series: dict[str, list[np.ndarray]] = {name: [] for name in self.curved}
+        self.series = {
+            name: [np.zeros((0, links.stop - links.start), np.float32)] for name, links in self.curved.items()
+        }
 
     def add(self, t: np.ndarray, positions: np.ndarray, tension: np.ndarray, largest: np.ndarray) -> None:
         """Samples at times t (k,) [s]: nodes (k, nodes, 3) [m], tension and its maximum since the last (k, n) [N]."""
@@ -81,18 +83,16 @@ class Tally:
         """Arrays of the whole run; cycles are omitted if the package that counts them is not installed."""
         counted = {}
         for name, parts in self.series.items():
-            whole = np.concatenate(parts) if parts else np.zeros((0, 1), np.float32)
             try:
-                counted |= _cycles(name, whole)
+                counted |= _cycles(name, np.concatenate(parts))
             except SceneError:
                 break
-        empty = np.zeros((0, len(self.held), 2), np.float32)
         return {
             "largest": self.largest,
             "when": self.when,
             "mean": self.total / max(self.samples, 1),
             "excursion": self.excursion,
-            "held_loads": np.concatenate(self.loads) if self.loads else empty,
+            "held_loads": np.concatenate(self.loads),
             **counted,
         }
 
@@ -131,7 +131,6 @@ class Runner:
 
     def __init__(self, site: Site, dt: float | None = None) -> None:
         self.site, self.base = site, site.prepared(dt=dt)
-        self.curved = [name for part in site.parts if part.curve is not None for name in part.lines]
         self._scenes: dict[Any, Scene] = {}
         self._starts: dict[Any, tuple[State, np.ndarray, np.ndarray]] = {}
 
@@ -157,7 +156,7 @@ class Runner:
         stepper = stepper_of(model, scene.run, track_work=False)
         start, positions, rest = self._start(scene, model, case.storm)
         skip = self.site.run_of(case.storm).skip
-        tally = Tally(scene, skip, positions, self.curved)
+        tally = Tally(scene, skip, positions, self.site.curved)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run)
         carry, done, info = run.carry, 0, {"status": np.array(0)}
         signals: list[list[np.ndarray]] = [[] for _ in self.site.quantities]

@@ -56,13 +56,12 @@ class CaseStore(Store[Case, Found]):
         except OSError as error:
             raise SceneError(f"--out: {str(folder)!r} cannot be made: {error.strerror or error}") from None
         run = site.run
-        curved = [name for part in site.parts if part.curve is not None for name in part.lines]
         shared = {
             "format": RUN_FORMAT,
             "scene": site.scene.as_written(),
             "run": [run.duration, dt, run.skip, run.ramp],
             "exclusion": site.exclusion is not None,
-            "curved": curved,
+            "curved": site.curved,
             **({"quantities": site.quantities} if site.quantities else {}),
         }
         self._shared = hashlib.sha256(json.dumps(shared, sort_keys=True).encode()).hexdigest()
@@ -141,9 +140,9 @@ def run_cases(
 
 
 def _here(site: Site, todo: list[Case], dt: float) -> Iterator[tuple[Case, Found]]:
-    runner = Runner(site, dt) if todo else None
-    for case in todo:
-        yield case, runner(case)
+    if todo:
+        runner = Runner(site, dt)
+        yield from ((case, runner(case)) for case in todo)
 
 
 @lru_cache(maxsize=2)
@@ -200,27 +199,26 @@ class Runs:
 
     def __init__(self, site: Site, folder: str | Path, dt: float) -> None:
         self.site, self.store = site, CaseStore(folder, site, dt)
-        self.lines = whole_lines(site.scene)
+        self.links = {line.name: line.links for line in whole_lines(site.scene)}
         self.held = [point.name for point in site.scene.points if not point.is_free]
 
     def of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[dict[str, Any]]]:
         """Successful runs of a load case, and a row for every other run."""
         good, bad = [], []
         for seed in self.site.seeds if seeds is None else seeds:
-            found = self.store.read(Case(storm, seed))
-            code = None if found is None else STATUS[int(found["status"])]
+            found = self.store.read(Case(storm, seed)) or {}
+            code = STATUS[int(found["status"])] if found else "missing"
             if code == "ok":
                 good.append(found)
                 continue
-            why = "" if found is None else str(found.get("message", ""))
-            at = float(found["failed_at"]) if found is not None and "failed_at" in found else None
-            row = {"case": storm.number, "seed": seed, "status": code or "missing", "time_s": at, "why": why}
-            bad.append(row)
+            at = float(found["failed_at"]) if "failed_at" in found else None
+            why = str(found.get("message", ""))
+            bad.append({"case": storm.number, "seed": seed, "status": code, "time_s": at, "why": why})
         return good, bad
 
-    def maxima(self, runs: Sequence[Found]) -> dict[str, np.ndarray]:
-        """Maximum tension (seeds,) [N] of each line."""
-        return {w.name: np.array([run["largest"][w.links].max() for run in runs]) for w in self.lines}
+    def maxima(self, runs: Sequence[Found], line: str) -> np.ndarray:
+        """Maximum tension (seeds,) [N] of a line."""
+        return np.array([run["largest"][self.links[line]].max() for run in runs])
 
 
 def step_errors(
@@ -263,7 +261,7 @@ def _error(
         good, bad = runs.of(site.storms[row["case"]], seeds)
         if bad:
             return {"skipped": f"a run with a step of {dt:g} s ended with {bad[0]['status']}"}
-        means.append(float(np.mean(runs.maxima(good)[row["line"]])))
+        means.append(float(np.mean(runs.maxima(good, row["line"]))))
     error = 2.0 * abs(means[0] - means[1]) if len(means) == 2 else step_error(*means, chaotic=False)
     return {
         "case": row["case"],

@@ -58,7 +58,8 @@ def node_of(scene: SceneData, where: Where, path: str) -> Node:
     """
     _one_of(where, ("node", "end", "at", "point"), path)
     if where.point is not None:
-        return _point(scene, where.point, path)
+        node = ends_at(scene, where.point, path)[0][0]
+        return Node(node, node, 0.0)
     line = line_of(scene, where.line, path)
     if where.at is not None:
         total = np.concatenate([[0.0], np.cumsum(line.spec.length)])
@@ -99,24 +100,18 @@ def ends_at(scene: SceneData, point: str, path: str) -> tuple[tuple[int, int, in
     Raises:
         SceneError: no such point.
     """
-    found = []
-    for line in whole_lines(scene):
-        for node, name in line.stops.items():
-            if name != point:
-                continue
-            if node < line.spec.links:
-                found.append((int(line.nodes[node]), int(line.nodes[node + 1]), line.links.start + node))
-            if node > 0:
-                found.append((int(line.nodes[node]), int(line.nodes[node - 1]), line.links.start + node - 1))
+    found = tuple(
+        (int(line.nodes[node]), int(line.nodes[inner]), line.links.start + min(node, inner))
+        for line in whole_lines(scene)
+        for node, name in line.stops.items()
+        for inner in (node + 1, node - 1)
+        if name == point and 0 <= inner <= line.spec.links
+    )
     if not found:
-        known = [p.name for p in scene.points]
-        raise SceneError(f"{path}.point: {point!r} is not a point of the scene; {nearest(point, known)}")
-    return tuple(found)
-
-
-def _point(scene: SceneData, point: str, path: str) -> Node:
-    node = ends_at(scene, point, path)[0][0]
-    return Node(node, node, 0.0)
+        raise SceneError(
+            f"{path}.point: {point!r} is not a point of the scene; {nearest(point, [p.name for p in scene.points])}"
+        )
+    return found
 
 
 def _end(end: str, first: int, last: int, path: str) -> int:

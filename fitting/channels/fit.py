@@ -13,13 +13,13 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.build import SceneLike, build_model
+from dropper_jax.run.build import SceneLike, build_model, initial_state
 from fitting.channels.channel import Data
 from fitting.channels.free import find_free
 from fitting.channels.noise import Evaluation, estimate_noise, first_noise, scale_of
-from fitting.channels.problem import MOST_HALVED, Problem, first_near
+from fitting.channels.problem import MOST_HALVED, Problem
 from fitting.channels.reading import read_data
-from fitting.channels.result import ChannelFit, between, errors_of
+from fitting.channels.result import Between, ChannelFit, between, errors_of
 from fitting.estimate.gauss_newton import continue_windows, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss, loss_of
 from fitting.estimate.problem import Solution
@@ -83,17 +83,18 @@ def pose(
         of_run.append((*range(len(shared)), *range(first, first + len(split))))
     if split:  # joint priors apply only to shared parameters
         wide = lambda a: np.concatenate([a, np.zeros(len(parameters) - len(a))])  # noqa: E731
-        together = tuple(replace(c, share=wide(c.share)) for c in known_together.common)
-        massive = None if known_together.massive is None else wide(known_together.massive)
-        known_together = replace(known_together, common=together, massive=massive)
-    near = tuple(first_near(s) for s in scenes)
+        known_together = replace(
+            known_together,
+            common=tuple(replace(c, share=wide(c.share)) for c in known_together.common),
+            massive=None if known_together.massive is None else wide(known_together.massive),
+        )
     return Problem(
         data=data,
         scenes=tuple(scenes),
         parameters=tuple(parameters),
         of_run=tuple(of_run),
         plain=tuple(plain),
-        near=near,
+        near=tuple(initial_state(build_model(s), s.start) for s in scenes),
         known=known_together,
     )
 
@@ -160,9 +161,8 @@ def fit_channels(
     if iterations < 1:
         raise SceneError(f"iterations: {iterations} is too small; allowed: at least 1")
     asked = Intervals(profile, bootstrap, posterior)
-    scene = load_scene(scene)
     changed = {"run.dt": dt, "run.integrator": integrator}
-    scene = scene.with_values({key: value for key, value in changed.items() if value is not None})
+    scene = load_scene(scene).with_values({key: value for key, value in changed.items() if value is not None})
     problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
     asked.profile_names(scene, problem.parameters)  # rejects unknown names before anything runs
     loss = loss_of(huber, student, robust)
@@ -178,7 +178,7 @@ def fit_channels(
         again = lambda ahead: settle_noise(replace(ahead, iterations=0), iterations, say)  # noqa: E731
         point = refine(point, say, again, sure=0.0)  # the interval of saved states, used by the cubics, stays the same
     result = ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
-    result.between = over_runs(result, own)
+    result.between = over_runs(result)
     result.warnings = warnings_of(result)
     asked.add_to(result, progress)
     result.seconds = time.perf_counter() - started
@@ -186,15 +186,12 @@ def fit_channels(
     return result
 
 
-def over_runs(result: ChannelFit, own: Sequence[str]) -> tuple[Any, ...]:
-    """Mean and spread of every parameter that runs have separately."""
-    problem = result.solution.problem
-    runs = [run.name for run in problem.data.runs]
-    names = [p.name for p in problem.parameters]
-    stems = dict.fromkeys(n.rsplit("@", 1)[0] for n in names if "@" in n) if own else {}
+def over_runs(result: ChannelFit) -> tuple[Between, ...]:
+    """Mean and spread of every parameter that runs have separately, named `STEM@RUN`."""
+    stems = [p.name.rpartition("@")[0] for p in result.parameters]
     found = []
-    for stem in stems:
-        index = [names.index(f"{stem}@{run}") for run in runs]
+    for stem in dict.fromkeys(filter(None, stems)):
+        index = [i for i, other in enumerate(stems) if other == stem]
         found.append(between(stem, result.values[index], result.errors.covariance[np.ix_(index, index)]))
     return tuple(found)
 
@@ -202,12 +199,11 @@ def over_runs(result: ChannelFit, own: Sequence[str]) -> tuple[Any, ...]:
 def warnings_of(result: ChannelFit) -> list[str]:
     """Warnings, one line each."""
     found, point, e = [], result.solution, result.errors
-    for p, kind, why in zip(result.parameters, e.determined, e.why, strict=True):
+    for p, kind, why, bound in zip(result.parameters, e.determined, e.why, e.at_bound, strict=True):
         if kind == "no":
             found.append(f"{p.name}: not determined: {why}")
         elif kind != "yes":
             found.append(f"{p.name}: {kind}: {why}")
-    for p, bound in zip(result.parameters, e.at_bound, strict=True):
         if bound:
             found.append(f"{p.name}: at its bound")
     for row in result.channels():
@@ -240,11 +236,11 @@ def scales_of(problem: Problem, e: Evaluation) -> tuple[tuple[np.ndarray, ...], 
 def floors_of(problem: Problem) -> np.ndarray:
     """Minimum noise of each channel (c,): the rounding of its sensor, `resolution/sqrt(12)`."""
     fit = problem.scenes[0].fit
-    found = []
-    for sensor in problem.data.sensors:
-        least = 0.0 if fit is None or sensor.relative else fit.resolution(sensor.channel.kind) / np.sqrt(12)
-        found.append(max(least, 1e-15))
-    return np.array(found)
+    least = [
+        0.0 if fit is None or sensor.relative else fit.resolution(sensor.channel.kind) / np.sqrt(12)
+        for sensor in problem.data.sensors
+    ]
+    return np.maximum(least, 1e-15)
 
 
 def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
@@ -267,8 +263,9 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
         raise SceneError(
             f"start: the run at the start values fails, {e.failed}. Try a smaller --dt{hint}, or other values"
         )
-    noise = first_noise(problem.data, floors_of(problem))
-    problem = replace(problem, loss=loss, noise=noise, scales=scales_of(problem, e))
+    problem = replace(
+        problem, loss=loss, noise=first_noise(problem.data, floors_of(problem)), scales=scales_of(problem, e)
+    )
     return first_solution(problem, values, problem.with_rows(e))
 
 

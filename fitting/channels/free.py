@@ -18,7 +18,6 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
-from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from fitting.channels.channel import Data
 from fitting.channels.motion import Clock, Reading, Setup
@@ -81,11 +80,8 @@ def _of_start(scene: Scene, name: str, option: str) -> list[Parameter]:
         raise SceneError(f"{option}: {name!r} is not given in the scene's start; {nearest(name, given)}")
     key, index = given[found[0]], found[1]
     array = np.asarray(getattr(scene.start, key), float)
-    if len(index) > array.ndim:
-        raise SceneError(f"{option}: {name!r} has no such entry; allowed: {array.ndim} numbers behind start.{key}")
-    if any(i >= size for i, size in zip(index, array.shape, strict=False)):
+    if len(index) > array.ndim or any(i >= size for i, size in zip(index, array.shape, strict=False)):
         raise SceneError(f"{option}: {name!r} has no such entry; allowed: below {', '.join(map(str, array.shape))}")
-    within = list(np.ndindex(array.shape[len(index) :]))
     return [
         Parameter(
             ".".join(["start", key, *map(str, (*index, *more))]),
@@ -93,7 +89,7 @@ def _of_start(scene: Scene, name: str, option: str) -> list[Parameter]:
             float(array[(*index, *more)]),
             unit=STARTS[key],
         )
-        for more in within
+        for more in np.ndindex(array.shape[len(index) :])
     ]
 
 
@@ -112,13 +108,13 @@ def _find(
 
 
 def _of_channel(data: Data, name: str, option: str) -> list[Parameter]:
-    known = [s.channel.name for s in data.sensors]
-    index, field, entries = _find(name, "channel", known, ("offset", "gain", "delay"), option)
+    names = [s.channel.name for s in data.sensors]
+    index, field, entries = _find(name, "channel", names, ("offset", "gain", "delay"), option)
     sensor = data.sensors[index]
     if field == "gain":
         return [Parameter(name, SetupPlace("readings", index, field), sensor.gain, 0.0)]
     if field == "delay":
-        return [_of_time(name, SetupPlace("readings", index, "time"), sensor.delay)]
+        return [_of_time(name, SetupPlace("readings", index, field), sensor.delay)]
     columns = len(sensor.channel.columns)
     if len(entries) > 1 or any(i >= columns for i in entries):
         raise SceneError(f"{option}: {name!r} has no such column; allowed: 0 to {columns - 1}")
@@ -138,9 +134,9 @@ def _of_camera(data: Data, name: str, option: str) -> Parameter:
     index, field, _ = _find(name, "camera", [c.name for c in data.cameras], ("delay", "rate"), option)
     camera = data.cameras[index]
     if field == "delay":
-        return _of_time(name, SetupPlace("clocks", index, "time"), camera.delay)
+        return _of_time(name, SetupPlace("clocks", index, field), camera.delay)
     ends = camera.rate * (1 - RATE_RANGE), camera.rate * (1 + RATE_RANGE)
-    return Parameter(name, SetupPlace("clocks", index, "rate"), camera.rate, *ends, unit="s/s")
+    return Parameter(name, SetupPlace("clocks", index, field), camera.rate, *ends, unit="s/s")
 
 
 def _of_time(name: str, where: SetupPlace, delay: float) -> Parameter:
@@ -166,21 +162,17 @@ def setup_with_directions(scene: Scene, data: Data, parameters: Sequence[Paramet
     directions: list[Setup] = []
     for p in parameters:
         if p.moves_model:
-            where = scene_parameter(scene, setup.model, p.name).where
-            leaves, tree = jax.tree.flatten(jax.tree.map(jnp.zeros_like, setup.model))
-            for leaf, slope in where.slopes.items():
+            still = jax.tree.map(jnp.zeros_like, setup)
+            leaves, tree = jax.tree.flatten(still.model)
+            for leaf, slope in scene_parameter(scene, setup.model, p.name).where.slopes.items():
                 leaves[leaf] = jnp.asarray(slope, leaves[leaf].dtype)
-            directions.append(replace_model(setup, jax.tree.unflatten(tree, leaves)))
+            directions.append(still._replace(model=jax.tree.unflatten(tree, leaves)))
         else:
             directions.append(jax.jvp(lambda v, p=p: set_parameter(setup, p, v), (1.0,), (1.0,))[1])
     for p, v in zip(parameters, values, strict=True):
         if not p.moves_model:
             setup = set_parameter(setup, p, v)
-    if not directions:
-        tangents = jax.tree.map(lambda a: jnp.zeros((0, *jnp.shape(a))), setup)
-    else:
-        tangents = jax.tree.map(lambda *parts: jnp.stack(parts), *directions)
-    return Placed(setup, tangents)
+    return Placed(setup, jax.tree.map(lambda *parts: jnp.stack(parts), *directions))
 
 
 def first_setup(scene: Scene, data: Data) -> Setup:
@@ -188,18 +180,15 @@ def first_setup(scene: Scene, data: Data) -> Setup:
     dtype = jnp.dtype(scene.run.dtype)
     array = lambda x: jnp.asarray(x, dtype)  # noqa: E731
     start = {key: array(getattr(scene.start, key)) for key in STARTS if getattr(scene.start, key) is not None}
-    readings = tuple(
-        Reading(array(np.full(len(s.channel.columns), s.offset)), array(s.gain), array(s.delay)) for s in data.sensors
+    return Setup(
+        model=jax.tree.map(array, build_model(scene)),
+        start=start,
+        readings=tuple(
+            Reading(array(np.full(len(s.channel.columns), s.offset)), array(s.gain), array(s.delay))
+            for s in data.sensors
+        ),
+        clocks=tuple(Clock(array(c.delay), array(c.rate)) for c in data.cameras),
     )
-    clocks = tuple(Clock(array(c.delay), array(c.rate)) for c in data.cameras)
-    model = jax.tree.map(lambda a: jnp.asarray(a, dtype), build_model(scene))
-    return Setup(model, start, readings, clocks)
-
-
-def replace_model(setup: Setup, model: Model) -> Setup:
-    """A direction that changes only the model."""
-    still = jax.tree.map(jnp.zeros_like, setup)
-    return still._replace(model=model)
 
 
 def set_parameter(setup: Setup, p: Parameter, value: Any) -> Setup:
@@ -212,8 +201,6 @@ def set_parameter(setup: Setup, p: Parameter, value: Any) -> Setup:
         start[where.index] = start[where.index].at[where.entry].set(value)
         return setup._replace(start=start)
     items = list(getattr(setup, where.section))
-    field = "delay" if where.field == "time" else where.field
-    old = getattr(items[where.index], field)
-    new = jnp.asarray(old).at[where.entry].set(value)
-    items[where.index] = items[where.index]._replace(**{field: new})
+    new = jnp.asarray(getattr(items[where.index], where.field)).at[where.entry].set(value)
+    items[where.index] = items[where.index]._replace(**{where.field: new})
     return setup._replace(**{where.section: tuple(items)})

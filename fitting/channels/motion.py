@@ -73,8 +73,7 @@ def begin(plan: Plan, setup: Setup, near: State) -> State:
     if plan.start == "static":
         return settle(model, near, nodal_loads(model, plan.release_nodes, given.get("release_force")))
     if plan.start == "angles":
-        angles = (given[key] for key in ("polar", "azimuth", "polar_rate", "azimuth_rate"))
-        s = from_angles(model, *angles, plan.zero)
+        s = from_angles(model, *(given[key] for key in ("polar", "azimuth", "polar_rate", "azimuth_rate")), plan.zero)
     elif plan.start == "positions":
         free = slice(1, 1 + model.free_nodes)
         s = state(model, given["positions"][free], given["velocities"][free])
@@ -127,11 +126,10 @@ def differentiate_channels(
     plan: Plan, setup: Setup, tangents: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
 ) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...], State, jax.Array]:
     """Channel values, their derivatives (k, m, directions), the start, and the first failed step."""
-    directions = jax.tree.leaves(tangents)[0].shape[0]
 
     def of(e: jax.Array) -> Any:
         shown, s, bad = observe_channels(plan, shift_setup(setup, tangents, e), near, dt, times)
         return shown, (shown, s, bad)
 
-    slopes, (shown, s, bad) = jax.jacfwd(of, has_aux=True)(jnp.zeros(directions, dt.dtype))
+    slopes, (shown, s, bad) = jax.jacfwd(of, has_aux=True)(jnp.zeros(len(jax.tree.leaves(tangents)[0]), dt.dtype))
     return shown, slopes, s, bad

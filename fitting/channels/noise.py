@@ -62,21 +62,16 @@ class Rows:
 class Evaluation(NamedTuple):
     """Predictions of every run and channel (k, m) [SI], and their derivatives by all parameters (k, m, p).
 
-    `near` are the runs' starts, from which the next ones are solved. `failed` describes a step that did not solve, or,
-    if `unstable`, derivatives that overflow. `rows` are residuals in units of the noise, if that is known.
+    `starts` are the runs' starts, from which the next ones are solved. `failed` describes a step that did not solve,
+    or, if `unstable`, derivatives that overflow. `rows` are residuals in units of the noise, if that is known.
     """
 
     shown: tuple[tuple[np.ndarray, ...], ...]
     slopes: tuple[tuple[np.ndarray, ...], ...]
-    near: tuple[State, ...]
+    starts: tuple[State, ...]
     failed: str = ""
     unstable: bool = False
     rows: Rows | None = None
-
-    @property
-    def starts(self) -> tuple[State, ...]:
-        """The runs' starts."""
-        return self.near
 
     @property
     def residual(self) -> np.ndarray:
@@ -168,8 +163,8 @@ def estimate_noise(
 ) -> Noise:
     """The noise estimated from the residuals of a fit, starting from the noise used in the fit."""
     rows = rows_of(data, e, noise, scales)
-    weights = loss.weights(rows.residual)
-    used = np.bincount(rows.channel, hat_diagonal(np.sqrt(weights)[:, None] * rows.jacobian, information))
+    root = np.sqrt(loss.weights(rows.residual))
+    used = np.bincount(rows.channel, hat_diagonal(root[:, None] * rows.jacobian, information))
     size, decay = noise.size.copy(), noise.decay.copy()
     for c in range(len(size)):
         mine = rows.channel == c

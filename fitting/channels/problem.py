@@ -13,8 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
-from dropper_jax.run.build import build_model, equal_steps, initial_state
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.run.build import build_model, equal_steps
 from fitting.channels.channel import Data
 from fitting.channels.free import SetupPlace, setup_with_directions
 from fitting.channels.motion import Plan, differentiate_channels
@@ -171,27 +170,23 @@ class Problem(Residuals):
     def plan(self, run: int) -> Plan:
         """Static settings of a run, the same for all, so that runs of one kind share a program."""
         scene = self.scenes[run]
-        start = scene.start
+        more = {} if self.retries else {"extra": 0, "halvings": 0}
         return Plan(
-            self._stepper(run),
-            start.kind,
-            start.zero,
-            start.release_nodes,
+            equal_steps(build_model(scene), scene.run, track_work=False, reverse=False, **more),
+            scene.start.kind,
+            scene.start.zero,
+            scene.start.release_nodes,
             tuple(sensor.channel for sensor in self.data.sensors),
             self._saves(),
             scene.run.save_every * 2**self.halved,
         )
 
-    def _stepper(self, run: int) -> Stepper:
-        more = {} if self.retries else {"extra": 0, "halvings": 0}
-        scene = self.scenes[run]
-        return equal_steps(build_model(scene), scene.run, track_work=False, reverse=False, **more)
-
     def _saves(self) -> int:
         """Number of saved states beyond the last sample of the longest run, with delays and rates at their bounds."""
         late = max(float(t[-1]) for run in self.data.runs for t in run.t)
-        delays = [p.low for p in self.parameters if isinstance(p.where, SetupPlace) and p.where.field == "time"]
-        rates = [p.high for p in self.parameters if isinstance(p.where, SetupPlace) and p.where.field == "rate"]
+        free = [p for p in self.parameters if isinstance(p.where, SetupPlace)]
+        delays = [p.low for p in free if p.where.field == "delay"]
+        rates = [p.high for p in free if p.where.field == "rate"]
         given = [s.delay for s in self.data.sensors] + [c.delay for c in self.data.cameras]
         rate = max([1.0, *rates, *(c.rate for c in self.data.cameras)])
         late = late * rate - min([0.0, *given, *(d for d in delays if np.isfinite(d))]) * (2 if delays else 1)
@@ -210,9 +205,8 @@ class Problem(Residuals):
             except SceneError as error:  # such as a static pose that does not exist
                 return Evaluation((), (), tuple(near), f"{self.data.runs[run].name}: {error}")
             dt = jnp.asarray(self.dt, at.setup.model.dtype)
-            times = self._pad_stamps(run, dt.dtype)
             motion, slope, start, bad = differentiate_channels(
-                self.plan(run), at.setup, at.tangents, near[run], dt, times
+                self.plan(run), at.setup, at.tangents, near[run], dt, self._pad_stamps(run, dt.dtype)
             )
             if int(bad) >= 0 or not all(np.isfinite(y).all() for y in motion):
                 when = f"step {int(bad) + 1} at {(int(bad) + 1) * self.dt:g} s" if int(bad) >= 0 else "the start"
@@ -228,11 +222,9 @@ class Problem(Residuals):
 
     def _pad_stamps(self, run: int, dtype: jnp.dtype) -> tuple[jax.Array, ...]:
         """Stamps of a run's channels, the last one repeated up to the longest run's count."""
-        found = []
-        for channel, t in enumerate(self.data.runs[run].t):
-            most = max(len(r.t[channel]) for r in self.data.runs)
-            found.append(jnp.asarray(np.concatenate([t, np.full(most - len(t), t[-1])]), dtype))
-        return tuple(found)
+        most = np.max([[len(t) for t in other.t] for other in self.data.runs], axis=0)
+        stamps = zip(self.data.runs[run].t, most, strict=True)
+        return tuple(jnp.asarray(np.pad(t, (0, n - len(t)), mode="edge"), dtype) for t, n in stamps)
 
     def _spread(self, slope: np.ndarray, mine: list[int]) -> np.ndarray:
         """Derivatives by all parameters, from those by a run's own parameters."""
@@ -243,12 +235,3 @@ class Problem(Residuals):
     def finer(self) -> Problem:
         """The same with half the step."""
         return replace(self, halved=self.halved + 1)
-
-
-def first_near(scene: Scene) -> State:
-    """The scene's own start.
-
-    Raises:
-        SceneError: no static pose is found.
-    """
-    return initial_state(build_model(scene), scene.start)

@@ -28,7 +28,6 @@ unit = "mm"
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,7 +36,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, check_keys, read_integer, read_list, read_table, read_text
-from dropper_jax.base.toml_text import parsed_toml
+from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import in_si
 from fitting.channels.channel import CameraSpec, Channel, Context, Data, Run, Sensor, Where
@@ -52,6 +51,7 @@ from fitting.channels.sensors import (
     name_of,
     number_of,
     read_camera,
+    required,
     tables_of,
     unit_of,
 )
@@ -90,9 +90,7 @@ def read_columns(path: Path) -> Columns:
 
 
 def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: tuple[CameraSpec, ...]) -> Sensor:
-    if "kind" not in table:
-        raise SceneError(f"{path}.kind: missing; needed: {', '.join(KINDS)}")
-    cls = KINDS[read_text(table["kind"], f"{path}.kind", KINDS)]
+    cls = KINDS[read_text(required(table, path, "kind", ", ".join(KINDS)), f"{path}.kind", KINDS)]
     check_keys(table, (*COMMON, *LOCATIONS, *cls.KEYS), path)
     names = [camera.name for camera in cameras]
     camera = table.get("camera")
@@ -113,18 +111,18 @@ def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: 
         **({"at": number_of(table, path, "at", None)} if "at" in table else {}),
     )
     channel = cls.make(common, table, where, Context(scene, tuple(c.matrix for c in cameras), path))
-    factor = in_si(1.0, unit)[0]
     relative = table.get("noise_unit") == "%"
     size = number_of(table, path, "noise", None, low=0.0, open_low=True)
-    if "noise_unit" in table and not relative:
-        factor_of_noise = in_si(1.0, unit_of(table, path, "noise_unit", cls.measures))[0]
+    if relative:
+        factor_of_noise = 0.01
     else:
-        factor_of_noise = 0.01 if relative else factor
+        key = "noise_unit" if "noise_unit" in table else "unit"
+        factor_of_noise = in_si(1.0, unit_of(table, path, key, cls.measures))[0]
     return Sensor(
         channel,
         None if size is None else size * factor_of_noise,
         relative,
-        number_of(table, path, "offset", 0.0) * factor,
+        in_si(number_of(table, path, "offset", 0.0), unit)[0],
         number_of(table, path, "gain", 1.0),
         number_of(table, path, "delay", 0.0),
     )
@@ -153,23 +151,18 @@ def read_run(
     scene: SceneData,
 ) -> Run:
     check_keys(table, ("file", "name", "from", "until", "scene"), path)
-    if "file" not in table:
-        raise SceneError(f"{path}.file: missing; needed: a CSV, or a list of them")
-    files, default = _files(table["file"], path, folder)
+    files, default = _files(required(table, path, "file", "a CSV, or a list of them"), path, folder)
     low, high = number_of(table, path, "from", -np.inf), number_of(table, path, "until", np.inf)
     times, values = [], []
     for sensor in sensors:
-        found = _find(files, sensor.channel.columns, f"{path}: channel {sensor.channel.name!r}")
-        factor = in_si(1.0, sensor.channel.unit)[0]
-        y = factor * np.stack([found.values[name] for name in sensor.channel.columns], axis=1)
-        keep = (found.t >= low) & (found.t <= high)
+        what = f"{path}: channel {sensor.channel.name!r}"
+        t, y = _measured(files, sensor.channel.columns, sensor.channel.unit, what)
+        keep = (t >= low) & (t <= high)
         if (np.isfinite(y[keep]).sum(axis=0) < FEWEST_READINGS).any():
-            raise SceneError(
-                f"{path}: channel {sensor.channel.name!r} has fewer than {FEWEST_READINGS} samples; allowed: more"
-            )
-        if found.t[keep][0] < 0:
-            raise SceneError(f"{path}: t: {found.t[keep][0]:g} s is before the scene starts; allowed: from 0 s")
-        times.append(found.t[keep])
+            raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
+        if t[keep][0] < 0:
+            raise SceneError(f"{path}: t: {t[keep][0]:g} s is before the scene starts; allowed: from 0 s")
+        times.append(t[keep])
         values.append(y[keep])
     own = dict(read_table(table.get("scene", {}), f"{path}.scene"))
     own.update(_recorded_motions(files, motions, scene, path))
@@ -179,11 +172,11 @@ def read_run(
 def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
     """The files of a run and its default name."""
     if isinstance(given, Mapping):
-        t = np.asarray(given.get("t", ()), float)
+        columns = {name: np.asarray(v, float) for name, v in given.items()}
+        t = columns.pop("t", np.zeros(0))
         if t.ndim != 1 or len(t) < 2:
             raise SceneError(f"{path}.file: has no times t; allowed: at least 2")
         check_times(f"{path}.file", t)
-        columns = {name: np.asarray(v, float) for name, v in given.items() if name != "t"}
         for name, column in columns.items():
             if column.shape != t.shape:
                 raise SceneError(f"{path}.file: {name} has {column.size} values for {len(t)} times; allowed: as many")
@@ -200,11 +193,11 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
     return found, Path(items[0]).stem if isinstance(items[0], str) else path.replace(".", "_")
 
 
-def _find(files: Sequence[Columns], columns: Sequence[str], what: str) -> Columns:
-    """The single file that contains all of these columns."""
+def _measured(files: Sequence[Columns], columns: Sequence[str], unit: str, what: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times (k,) [s] and values (k, m) [SI] of these columns, from the single file that contains all of them."""
     found = [file for file in files if all(name in file.values for name in columns)]
     if len(found) == 1:
-        return found[0]
+        return found[0].t, in_si(1.0, unit)[0] * np.stack([found[0].values[name] for name in columns], axis=1)
     if found:
         raise SceneError(f"{what}: {', '.join(columns)} occurs in {len(found)} files; allowed: in one")
     known = [name for file in files for name in file.values]
@@ -220,21 +213,19 @@ def _recorded_motions(
         return {}
     times, paths = None, []
     for point, columns, unit in motions:
-        found = _find(files, columns, f"{path}: motion of {point!r}")
-        y = in_si(1.0, unit)[0] * np.stack([found.values[name] for name in columns], axis=1)
+        what = f"{path}: motion of {point!r}"
+        t, y = _measured(files, columns, unit, what)
         keep = np.isfinite(y).all(axis=1)
         if keep.sum() < FEWEST_READINGS:
-            raise SceneError(f"{path}: motion of {point!r} has fewer than {FEWEST_READINGS} samples; allowed: more")
-        if times is not None and not np.array_equal(times, found.t[keep]):
-            raise SceneError(
-                f"{path}: motion of {point!r} has other times; allowed: those of the other points that move"
-            )
-        times = found.t[keep]
-        paths.append((point, y[keep]))
+            raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
+        if times is not None and not np.array_equal(times, t[keep]):
+            raise SceneError(f"{what} has other times; allowed: those of the other points that move")
+        times = t[keep]
+        paths.append(y[keep])
     return {
-        "effects.recorded_motion.points": [point for point, _ in paths],
+        "effects.recorded_motion.points": [point for point, *_ in motions],
         "effects.recorded_motion.time": times.tolist(),
-        "effects.recorded_motion.positions": np.concatenate([y for _, y in paths], axis=0).tolist(),
+        "effects.recorded_motion.positions": np.concatenate(paths).tolist(),
     }
 
 
@@ -274,8 +265,6 @@ def read_data(source: str | Path | Mapping[str, Any], scene: SceneData, folder: 
 
 def parse_file(path: Path) -> dict[str, Any]:
     try:
-        return parsed_toml(path.read_text(encoding="utf-8"))
+        return parse_toml(path.read_bytes(), path.name)
     except OSError as error:
         raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path.name}: is not valid TOML: {error}") from None

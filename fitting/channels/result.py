@@ -129,8 +129,8 @@ def _verdict(point: Solution, i: int, se: float, sensitivity: np.ndarray) -> tup
     if not p.low < p.high:
         return "yes", ""
     if p.prior is not None:
-        alone = se >= 0.95 * p.prior[1]  # the data add next to nothing
-        return ("prior", "determined by its prior only") if alone else ("yes", "")
+        # the data add next to nothing to a prior that is as wide as the error
+        return ("prior", "determined by its prior only") if se >= 0.95 * p.prior[1] else ("yes", "")
     if p.low < 0:
         return "yes", ""
     most, reach = float(sensitivity.max(initial=0.0)), quantile(0.95) * se
@@ -185,7 +185,6 @@ class ChannelFit(SceneFit):
     def channels(self) -> list[dict[str, Any]]:
         """Of every channel: kind, unit, samples, RMS of the residuals, estimated noise, remaining correlation."""
         point, found = self.solution, []
-        noise = point.problem.noise
         for c, sensor in enumerate(point.problem.data.sensors):
             runs = zip(point.problem.data.runs, point.evaluation.shown, strict=True)
             off = np.concatenate([(shown[c] - run.values[c]).ravel() for run, shown in runs])
@@ -200,7 +199,7 @@ class ChannelFit(SceneFit):
                     "unit": sensor.channel.measures,
                     "samples": int(off.size),
                     "rms": float(np.sqrt(np.mean(off**2))),
-                    "noise": float(noise.size[c]),
+                    "noise": float(point.problem.noise.size[c]),
                     "noise_unit": "-" if sensor.relative else sensor.channel.measures,
                     "noise_claimed": sensor.noise,
                     "kept": float(

@@ -12,7 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.base.read import check_keys, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.read import Plain, check_keys, read_list, read_number, read_table, read_text, refuse
 from dropper_jax.scene.fit import PRIOR_UNITS
 from fitting.channels.channel import (
     CameraSpec,
@@ -31,8 +31,7 @@ from fitting.channels.channel import (
 
 
 def tables_of(source: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-    allowed = f"one or more [[{key}]] tables"
-    items = read_list(source.get(key, []), key, None, allowed)
+    items = read_list(source.get(key, []), key, None, f"one or more [[{key}]] tables")
     return [read_table(item, f"{key}.{i}") for i, item in enumerate(items)]
 
 
@@ -51,23 +50,30 @@ def name_of(table: Mapping[str, Any], path: str, default: str | None = None) -> 
     return name.replace(".", "_")
 
 
+def required(table: Mapping[str, Any], path: str, key: str, needed: str) -> Plain:
+    """The value of a key.
+
+    Raises:
+        SceneError: the table does not have it.
+    """
+    if key not in table:
+        raise SceneError(f"{path}.{key}: missing; needed: {needed}")
+    return table[key]
+
+
 def number_of(table: Mapping[str, Any], path: str, key: str, default: float | None, **limits: Any) -> float | None:
     unit = {"at": "m", "delay": "s", "from": "s", "until": "s", "focal": "px"}.get(key, "-")
     return read_number(table[key], f"{path}.{key}", {"unit": unit, **limits}) if key in table else default
 
 
 def vector_of(table: Mapping[str, Any], path: str, key: str, count: int) -> np.ndarray:
-    if key not in table:
-        raise SceneError(f"{path}.{key}: missing; needed: {count} numbers")
-    items = read_list(table[key], f"{path}.{key}", count, f"{count} numbers")
+    items = read_list(required(table, path, key, f"{count} numbers"), f"{path}.{key}", count, f"{count} numbers")
     return np.array([read_number(x, f"{path}.{key}.{i}", {"unit": "-"}) for i, x in enumerate(items)])
 
 
 def unit_of(table: Mapping[str, Any], path: str, key: str, measures: str) -> str:
     fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == measures]
-    if key not in table:
-        raise SceneError(f"{path}.{key}: missing; needed: {', '.join(fitting)}")
-    unit = read_text(table[key], f"{path}.{key}")
+    unit = read_text(required(table, path, key, ", ".join(fitting)), f"{path}.{key}")
     if unit not in fitting:
         raise SceneError(f"{path}.{key}: {unit!r} is not a unit of this quantity; allowed: {', '.join(fitting)}")
     return unit
@@ -105,9 +111,7 @@ class Tension(Channel):
         if where.point is None:
             return cls(**common, link=link_of(context.scene, where, context.path))
         ends = ends_at(context.scene, where.point, context.path)
-        if len(ends) == 1:
-            return cls(**common, link=ends[0][2])
-        return cls(**common, ends=ends)
+        return cls(**common, ends=ends) if len(ends) > 1 else cls(**common, link=ends[0][2])
 
     def see(self, motion: SavedMotion) -> jax.Array:
         if not self.ends:
@@ -133,8 +137,7 @@ def projection(position: np.ndarray, look_at: np.ndarray, focal: float, centre: 
     ahead = (look_at - position) / np.linalg.norm(look_at - position)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right = right / np.linalg.norm(right)
-    down = np.cross(ahead, right)
-    turn = np.stack([right, down, ahead])
+    turn = np.stack([right, np.cross(ahead, right), ahead])
     inner = np.array([[focal, 0.0, centre[0]], [0.0, focal, centre[1]], [0.0, 0.0, 1.0]])
     return inner @ np.column_stack([turn, -turn @ position])
 
@@ -152,17 +155,15 @@ class Pixel(Channel):
 
     @classmethod
     def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        if common["camera"] is None:
-            raise SceneError(f"{context.path}.camera: missing; needed: the name of a [[camera]]")
+        required(table, context.path, "camera", "the name of a [[camera]]")
         if len(common["columns"]) != 2:
             raise SceneError(f"{context.path}.columns: {len(common['columns'])} columns; allowed: 2, u and v")
-        matrix = context.projections[common["camera"]]
-        return cls(**common, node=node_of(context.scene, where, context.path), matrix=matrix)
+        node = node_of(context.scene, where, context.path)
+        return cls(**common, node=node, matrix=context.projections[common["camera"]])
 
     def see(self, motion: SavedMotion) -> jax.Array:
-        position = position_at(motion.nodes, self.node)
         matrix = np.array(self.matrix)
-        seen_at = position @ matrix[:, :3].T + matrix[:, 3]
+        seen_at = position_at(motion.nodes, self.node) @ matrix[:, :3].T + matrix[:, 3]
         return seen_at[:, :2] / jnp.where(seen_at[:, 2:] == 0, 1.0, seen_at[:, 2:])
 
 
@@ -268,9 +269,8 @@ def read_camera(table: Mapping[str, Any], path: str) -> CameraSpec:
         ahead = look_at - position
         if np.hypot(ahead[0], ahead[1]) < 1e-9:
             raise SceneError(f"{path}.look_at: directly above or below the camera. Use another point, or `projection`")
+        required(table, path, "focal", "focal length [px]")
         focal = number_of(table, path, "focal", None, low=0.0, open_low=True)
-        if focal is None:
-            raise SceneError(f"{path}.focal: missing; needed: focal length [px]")
         matrix = projection(position, look_at, focal, vector_of(table, path, "centre", 2))
     return CameraSpec(
         name_of(table, path),

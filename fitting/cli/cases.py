@@ -14,6 +14,7 @@ from dropper_jax.cli.options import (
     add_examples,
     add_json,
     add_quiet,
+    done_object,
     listing,
     output_folder,
     positive_integer,
@@ -43,7 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     if args.print:
-        return print_result(args.json, {"schema": 1, "status": "ok", "toml": _file(args.site)}, _file(args.site))
+        from fitting.site import site_text
+
+        toml = site_text(args.site).decode().rstrip()
+        return print_result(args.json, done_object(toml=toml), toml)
     out = output_folder(args.out, "--out")
     if out is None and not args.list:
         raise SceneError("--out: missing; needed: a folder for the runs and the report, or --list")
@@ -77,15 +81,9 @@ def run(args: argparse.Namespace) -> int:
     return FAILED if found["failed"] else OK
 
 
-def _file(site: str) -> str:
-    from fitting.site import site_text
-
-    return site_text(site).decode().rstrip()
-
-
 def _list(site: Any, as_json: bool) -> int:
     names = [storm.name for storm in site.storms]
-    found = {"schema": 1, "status": "ok", "site": site.name, "cases": names, "runs": len(site.cases)}
+    found = done_object(site=site.name, cases=names, runs=len(site.cases))
     lines = [*(f"{i}  {label}" for i, label in enumerate(names)), f"\ncases: {len(names)}, runs: {len(site.cases)}"]
     return print_result(as_json, found, "\n".join(lines))
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError, silent
 from dropper_jax.cli.options import (
@@ -20,9 +18,6 @@ from dropper_jax.cli.options import (
     read_scene,
 )
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
-
-if TYPE_CHECKING:
-    from fitting.sensitivity import Global, Local, Study
 
 help = "sensitivity of a quantity to parameters: exact derivatives, Sobol indices, Morris screening"
 
@@ -67,12 +62,16 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
 
     from fitting import sensitivity
+    from fitting.sensitivity.derivatives import global_text, local_text
 
     problem = sensitivity.study(scene, args.of, args.to.split(","))
     if args.method:
-        found = _over_ranges(problem, args)
+        box = sensitivity.ranges(problem, dict(_range(text) for text in args.range))
+        found = sensitivity.global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
+        text = global_text(found, args.of)
     else:
         found = sensitivity.local(problem, progress(args.quiet) or silent, args.check)
+        text = local_text(found)
     if target and found.finite:
         from fitting.sensitivity.tornado import global_picture, local_picture
 
@@ -80,23 +79,11 @@ def run(args: argparse.Namespace) -> int:
             global_picture(found, args.of, picture(target, "tornado"))
         else:
             local_picture(found, picture(target, "tornado"))
-    return _report(found, args, [*problem.fallbacks.warnings(), *found.warnings], out)
-
-
-def _over_ranges(problem: Study, args: argparse.Namespace) -> Global:
-    from fitting.sensitivity import global_indices, ranges
-
-    box = ranges(problem, dict(_range(text) for text in args.range))
-    return global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
-
-
-def _report(found: Local | Global, args: argparse.Namespace, warnings: list[str], out: Path | None) -> int:
-    from fitting.sensitivity.derivatives import global_text, local_text
-
+    warnings = [*problem.fallbacks.warnings(), *found.warnings]
     print_warnings(warnings)
     failure = None if found.finite else ("not_converged", f"{args.of}: a step of the run failed; see `dropper run`")
     whole = {**done_object(of=args.of), **found.to_json(), "warnings": warnings}
-    return deliver(args.json, whole, global_text(found, args.of) if args.method else local_text(found), out, failure)
+    return deliver(args.json, whole, text, out, failure)
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:

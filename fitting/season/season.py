@@ -35,21 +35,17 @@ def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) 
     """
     spans = [(lo, max(lo, hi)) for lo, hi in zip(low, high, strict=True)]
     numbers = sorted({n for span in spans for n in span} | ({start} if start is not None else set()))
-    best: dict[int, tuple[tuple[int, int], list[int]]] = {}
-    for month, (lo, hi) in enumerate(spans):
-        after = {}
-        for n in (n for n in numbers if lo <= n <= hi):
-            if month == 0:
-                moved = 0 if start is None else abs(n - start)
-                after[n] = ((int(moved > 0), moved), [n])
-                continue
-            cost, plan = min(
-                ((visits + (n != before), moved + abs(n - before)), plan)
-                for before, ((visits, moved), plan) in best.items()
+    best: dict[int | None, tuple[int, int, list[int]]] = {start: (0, 0, [])}
+    for lo, hi in spans:
+        best = {
+            n: min(
+                (visits + (before not in (None, n)), moved + (abs(n - before) if before is not None else 0), [*plan, n])
+                for before, (visits, moved, plan) in best.items()
             )
-            after[n] = (cost, [*plan, n])
-        best = after
-    return min(best.values(), key=lambda found: (found[0], found[1][-1]))[1] if spans else []
+            for n in numbers
+            if lo <= n <= hi
+        }
+    return min(best.values(), key=lambda found: (*found[:2], found[2][-1:]))[2]
 
 
 def spread(count: int, need: Sequence[float]) -> list[int]:
@@ -125,8 +121,7 @@ def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray,
     """Weights and bounds of a month; forces on the points (waters, points) [N]."""
     total = pulls.sum(axis=1)
     own = site.season
-    share = own.least_share
-    most = math.floor(max(total.min(), 0.0) / (share * lift) + 1e-9) if share > 0.0 else 10**6
+    most = math.floor(max(total.min(), 0.0) / (own.least_share * lift) + 1e-9) if own.least_share > 0.0 else 10**6
     return {
         "month": month,
         "wet_weight_n": sum(weights.values()),
@@ -152,7 +147,6 @@ def _lying(
     own = site.backbone
     sinking = None if own is None or own.deepest is None else own.deepest - deepest
     lifting = None if own is None or own.shallowest is None else shallowest - own.shallowest
-    found = all(p["status"] == "ok" for p in poses)
     inside = all(margin is None or margin >= 0.0 for margin in (sinking, lifting))
     return {
         "floats": count,
@@ -162,17 +156,16 @@ def _lying(
         "shallowest_m": shallowest,
         "sinking_m": sinking,
         "lifting_m": lifting,
-        "holds": found and inside and row["least"] <= count <= row["most"],
+        "holds": inside and all(p["status"] == "ok" for p in poses) and row["least"] <= count <= row["most"],
     }
 
 
 def _season_table(site: Site, names: list[str], lift: float, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    before, flags, visits, handled = site.season.start, [], 0, 0
+    before = site.season.start
     for row in rows:
         row["change"] = 0 if before is None else row["floats"] - before
-        visits, handled, before = visits + (row["change"] != 0), handled + abs(row["change"]), row["floats"]
         row["reserve"] = row["floats"] * lift / row["need_n"] if row["need_n"] > 0.0 else None
-        flags += _flags(row)
+        before = row["floats"]
     return {
         "schema": 1,
         "status": "ok",
@@ -183,10 +176,10 @@ def _season_table(site: Site, names: list[str], lift: float, rows: list[dict[str
         "wanted_reserve": site.season.reserve,
         "least_share": site.season.least_share,
         "months": rows,
-        "visits": visits,
-        "handled": handled,
+        "visits": sum(row["change"] != 0 for row in rows),
+        "handled": sum(abs(row["change"]) for row in rows),
         "holds": all(row["holds"] for row in rows),
-        "flags": flags,
+        "flags": [flag for row in rows for flag in _flags(row)],
     }
 
 
@@ -218,11 +211,10 @@ def write_season(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
     """Write season.md, season.csv, season.json and season.png into a folder; returns their paths by name."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n"
     return {
         "picture": draw(found, folder / "season.png"),
         "csv": atomic_write(folder / "season.csv", _csv(found)),
-        "json": atomic_write(folder / "season.json", text),
+        "json": atomic_write(folder / "season.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n"),
         "page": atomic_write(folder / "season.md", page(found)),
     }
 

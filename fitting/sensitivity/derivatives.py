@@ -155,8 +155,8 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
             problem.check_derivatives(reverse)
         found = dataclasses.replace(found, reverse=reverse)
     moved = reach * [p.scale for p in problem.parameters]
-    small = bool(np.all(moved <= 0.1 * CHAOTIC_GROWTH * extent))  # far from chaos
-    if problem.of.at_rest or (small and not check):
+    far_from_chaos = bool(np.all(moved <= 0.1 * CHAOTIC_GROWTH * extent))
+    if problem.of.at_rest or (far_from_chaos and not check):
         say(1.0, "ok")
         return found
     say(0.7, "trust horizon")
@@ -280,16 +280,16 @@ def global_indices(
     bad = int(np.sum(~np.isfinite(values)))
     if bad:
         raise SceneError(f"samples: {bad} of {len(values)} cases failed. Use ranges in which every case runs")
+    columns = [np.zeros(len(names))] * 4
     if np.ptp(values) <= 1e-12 * np.max(np.abs(values)):
-        zero = np.zeros(len(names))
-        return Global(method, list(names), list(box), zero, zero, zero, zero, len(values), float(values.mean()), 0.0)
-    if sobol:
+        values = np.full_like(values, values.mean())
+    elif sobol:
         found = analyser.analyze(problem, values, seed=seed, **more)
-        columns = [found[key] for key in ("S1", "S1_conf", "ST", "ST_conf")]
+        columns = [np.asarray(found[key], float) for key in ("S1", "S1_conf", "ST", "ST_conf")]
     else:
         found = analyser.analyze(problem, points, values, seed=seed)
-        columns = [found["mu_star"], found["mu_star_conf"], found["sigma"], np.full(len(names), np.nan)]
-    columns = [np.asarray(column, float) for column in columns]
+        columns = [np.asarray(found[key], float) for key in ("mu_star", "mu_star_conf", "sigma")]
+        columns.append(np.full(len(names), np.nan))
     return Global(method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std()))
 
 
@@ -299,17 +299,16 @@ def global_indices(
 def local_text(found: Local) -> str:
     """Derivatives as text, the largest first, and their range of validity."""
     order = np.argsort(-np.abs(found.scaled if np.isfinite(found.scaled).all() else found.forward))
-    head = ["parameter p", "value", f"dQ/dp [{found.unit} per unit of p]", "p/Q dQ/dp [% per %]"]
-    windowed = not found.trusted
-    rows = [head + (["window mean", "std error"] if windowed else [])]
-    for i in order:
-        row = [
-            found.names[i],
-            f"{found.values[i]:.5g} {found.units[i]}",
-            f"{found.forward[i]:.6g}",
-            f"{found.scaled[i]:.4g}",
-        ]
-        rows.append(row + ([f"{found.window_mean[i]:.5g}", f"{found.window_error[i]:.2g}"] if windowed else []))
+    columns = {
+        "parameter p": found.names,
+        "value": [f"{x:.5g} {unit}" for x, unit in zip(found.values, found.units, strict=True)],
+        f"dQ/dp [{found.unit} per unit of p]": [f"{x:.6g}" for x in found.forward],
+        "p/Q dQ/dp [% per %]": [f"{x:.4g}" for x in found.scaled],
+    }
+    if not found.trusted:
+        columns["window mean"] = [f"{x:.5g}" for x in found.window_mean]
+        columns["std error"] = [f"{x:.2g}" for x in found.window_error]
+    rows = [list(columns), *([column[i] for column in columns.values()] for i in order)]
     trust = (
         "over the whole run"
         if found.trusted
@@ -322,7 +321,7 @@ def local_text(found: Local) -> str:
     ]
     if found.mismatch is not None:
         pairs.append(("modes", f"forward and reverse differ by {found.mismatch:.1e}"))
-    if windowed:
+    if not found.trusted:
         pairs.append(("windows", f"of {found.window:.3g} s: the quantity of each, averaged over the motion"))
     return f"{listing(pairs)}\n\n{table(rows)}"
 

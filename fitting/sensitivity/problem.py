@@ -51,8 +51,8 @@ class Plan:
 
     def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
         """Saved states of a run from s."""
-        steps = saves * self.run.save_every
-        return integrate(self.stepper, model, s, self.run.dt, steps, self.run.save_every, checkpoint)[1]
+        every = self.run.save_every
+        return integrate(self.stepper, model, s, self.run.dt, saves * every, every, checkpoint)[1]
 
     def measure(self, model: Model, s: State, run: Trajectory) -> jax.Array:
         """The quantity, NaN if a step failed."""

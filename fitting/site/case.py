@@ -15,7 +15,7 @@ from dropper_jax.base.read import refuse
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import AnchorSpec, LineSpec, whole_lines
 from fitting.site.case_lists import CASE_KINDS
-from fitting.site.sections import AnchorTable, Curve, Factors, GrowthTable, SeaState
+from fitting.site.sections import AnchorTable, Curve, Factors, SeaState
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,14 +67,11 @@ def match_names(patterns: Iterable[str], names: Sequence[str], path: str, what: 
     for pattern in patterns:
         own = [name for name in names if fnmatchcase(name, pattern)]
         if not own:
-            raise SceneError(f"{path}: {pattern!r} matches no {what}; {_nearest_hint(pattern, names)}")
+            hint = nearest(pattern, names)
+            known = f"known: {short(names)}" if hint.startswith("known:") else hint
+            raise SceneError(f"{path}: {pattern!r} matches no {what}; {known}")
         found.update(own)
     return tuple(name for name in names if name in found)
-
-
-def _nearest_hint(pattern: str, names: Sequence[str]) -> str:
-    hint = nearest(pattern, names)
-    return hint if not hint.startswith("known:") else f"known: {short(names)}"
 
 
 def short(names: Sequence[str]) -> str:
@@ -182,7 +179,17 @@ def storms(site: Any) -> tuple[Storm, ...]:
     """
     lists, standard = site.lists, site.lists.standard
     combined = [
-        Storm(0, sea, way, *_current(site, current, way), kinds, month, state, crop, _periods(sea, current))
+        Storm(
+            0,
+            sea,
+            way,
+            *_current(site, current, way),
+            kinds,
+            month,
+            state,
+            crop,
+            (sea.return_period, (current or {}).get("return_period")),
+        )
         for sea, way, current, kinds, month, crop, state in itertools.product(
             site.sea_states,
             np.radians(lists.directions).tolist(),
@@ -194,18 +201,14 @@ def storms(site: Any) -> tuple[Storm, ...]:
         )
     ]
     if standard is not None:
-        for pair in map(tuple, standard["pairs"]):
-            if pair not in {storm.periods for storm in combined}:
-                needed = "a [[sea_state]] and a current with these, each as `return_period`"
+        for waves, current in standard["pairs"]:
+            if (waves, current) not in {storm.periods for storm in combined}:
                 raise SceneError(
-                    f"cases.pairs: waves of {pair[0]}, current of {pair[1]} years: missing; needed: {needed}"
+                    f"cases.pairs: waves of {waves}, current of {current} years: missing; needed: a [[sea_state]] and "
+                    "a current with these, each as `return_period`"
                 )
         combined = [storm for storm in combined if list(storm.periods) in standard["pairs"]]
     return tuple(dataclasses.replace(storm, number=i) for i, storm in enumerate(combined))
-
-
-def _periods(sea: SeaState, current: dict[str, Any] | None) -> tuple[str | None, str | None]:
-    return sea.return_period, None if current is None else current.get("return_period")
 
 
 def _current(site: Any, given: dict[str, Any] | None, direction: float) -> tuple[dict[str, Any] | None, str | None]:
@@ -262,20 +265,3 @@ def _locate_link(scene: Scene, name: str, link: int | None, path: str) -> tuple[
     if line.rigid:
         raise SceneError(f"{path}: the links of {name!r} are rigid and do not break. Use a line that stretches")
     return line.name, at
-
-
-def growth_of(tables: tuple[GrowthTable, ...], lines: tuple[str, ...], path: str) -> dict[str, dict[str, Any]]:
-    """`[line.growth]` by line, from a month's tables.
-
-    Raises:
-        SceneError: a pattern without a match, or a line in two tables.
-    """
-    found: dict[str, dict[str, Any]] = {}
-    for table in tables:
-        for name in match_names(table.lines, lines, f"{path}.{table.month}.lines"):
-            if name in found:
-                raise SceneError(
-                    f"{path}.{table.month}.lines: {name!r} already has mussels in this month; allowed: once a month"
-                )
-            found[name] = table.growth.table()
-    return found

@@ -70,7 +70,9 @@ class CaseLists(Section):
         standard = _case_standard(own, path)
         currents = own.pop("currents", [])
         heading = own.pop("current_direction", "waves")
-        if heading != "waves":
+        if heading == "waves":
+            heading = None
+        else:
             heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, "'waves', or a number in deg")
         kinds = {
             key: read_parameter(own.pop(key, kind.values.default), f"{path}.{key}", kind.values.metadata, {}).tolist()
@@ -84,13 +86,15 @@ class CaseLists(Section):
         for key, values in numbers.items():
             if len(set(values)) < len(values):
                 raise refuse(f"{path}.{key}", values, "has a duplicate value", "every value once")
-        tables = [_current(item, f"{path}.currents.{i}") for i, item in enumerate(_list(currents, f"{path}.currents"))]
+        allowed = "a list of speeds [m/s], or of tables as [sea.current]"
+        currents = read_list(currents, f"{path}.currents", None, allowed)
+        tables = [_current(item, f"{path}.currents.{i}") for i, item in enumerate(currents)]
         names = [item["name"] for item in tables]
         if len(set(names)) < len(names):
             raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
-        heading = None if heading == "waves" else heading
-        more = {"current_direction": heading, "kinds": kinds, "standard": standard}
-        return dataclasses.replace(found, currents=tuple(tables), **more)
+        return dataclasses.replace(
+            found, currents=tuple(tables), current_direction=heading, kinds=kinds, standard=standard
+        )
 
 
 def _case_standard(table: dict[str, Any], path: str) -> dict[str, Any] | None:
@@ -109,7 +113,8 @@ def _case_standard(table: dict[str, Any], path: str) -> dict[str, Any] | None:
     if name is not None:
         found |= known[read_text(name, f"{path}.standard", known)]
     if given is not None:
-        rows = [read_list(row, f"{path}.pairs.{i}", 2, "[waves, current]") for i, row in enumerate(_pairs(given, path))]
+        given = read_list(given, f"{path}.pairs", None, "pairs of return periods of waves and current [years]")
+        rows = [read_list(row, f"{path}.pairs.{i}", 2, "[waves, current]") for i, row in enumerate(given)]
         found["pairs"] = [[read_years(x, f"{path}.pairs.{i}") for x in row] for i, row in enumerate(rows)]
         found["source"] = "; ".join(filter(None, (found["source"], "pairs: given for this site")))
     if not found.get("pairs"):
@@ -118,14 +123,6 @@ def _case_standard(table: dict[str, Any], path: str) -> dict[str, Any] | None:
             "current, such as [[50, 10], [10, 50]]"
         )
     return {"name": name, **found}
-
-
-def _pairs(value: Plain, path: str) -> list[Any]:
-    return read_list(value, f"{path}.pairs", None, "pairs of return periods of waves and current [years]")
-
-
-def _list(value: Plain, path: str) -> list[Any]:
-    return read_list(value, path, None, "a list of speeds [m/s], or of tables as [sea.current]")
 
 
 def _current(item: Plain, path: str) -> dict[str, Any]:

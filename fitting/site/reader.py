@@ -23,7 +23,7 @@ from dropper_jax.run.quantities import PERIOD, quantity
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
-from fitting.site.case import Anchor, Part, breaks, growth_of, match_names, refuse_overlap, short
+from fitting.site.case import Anchor, Part, breaks, match_names, refuse_overlap, short
 from fitting.site.case_lists import CaseLists
 from fitting.site.sections import (
     AnchorTable,
@@ -91,15 +91,11 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     unchecked = [unchecked] if isinstance(unchecked, str) else read_list(unchecked, "unchecked", None, "patterns")
     held = [point.name for point in scene.points if not point.is_free]
     free = [point.name for point in scene.points if point.is_free]
-    sections = {
-        "exclusion": Exclusion.read(table["exclusion"], "exclusion") if "exclusion" in table else None,
-        "backbone": Backbone.read(table["backbone"], "backbone") if "backbone" in table else None,
-        "season": SeasonValues.read(table["season"], "season") if "season" in table else None,
-    }
-    for name, section in sections.items():
-        if section is not None and name != "season":
-            match_names(section.lines, lines, f"{name}.lines")
-    if sections["season"] is not None:
+    kinds_of_section = {"exclusion": Exclusion, "backbone": Backbone, "season": SeasonValues}
+    sections = {name: cls.read(table[name], name) for name, cls in kinds_of_section.items() if name in table}
+    for name in sorted(sections.keys() & {"exclusion", "backbone"}):
+        match_names(sections[name].lines, lines, f"{name}.lines")
+    if "season" in sections:
         match_names(sections["season"].points, free, "season.points", "free point")
     site = Site(
         name=read_text(table.get("name", scene.name if file is None else file.stem), "name"),
@@ -140,8 +136,8 @@ def _quantities(table: Plain, scene: Scene) -> tuple[str, ...]:
 
 def packaged_sites() -> dict[str, Traversable]:
     """Files of the packaged sites by name."""
-    folder = resources.files("dropper_jax") / "data" / "sites"
-    return {item.name.removesuffix(".toml"): item for item in folder.iterdir() if item.name.endswith(".toml")}
+    items = (resources.files("dropper_jax") / "data" / "sites").iterdir()
+    return {item.name.removesuffix(".toml"): item for item in items if item.name.endswith(".toml")}
 
 
 def site_text(source: str | Path) -> bytes:
@@ -211,9 +207,16 @@ def _check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
 
 def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[str, dict[str, Any]]]:
     """Tables of `[line.growth]` by month and line."""
-    tables = [GrowthTable.read(item, f"growth.{i}") for i, item in _items(table, "growth")]
-    months = dict.fromkeys(item.month for item in tables)
-    return {month: growth_of(tuple(t for t in tables if t.month == month), lines, "growth") for month in months}
+    found: dict[str, dict[str, dict[str, Any]]] = {}
+    for i, item in _items(table, "growth"):
+        own = GrowthTable.read(item, f"growth.{i}")
+        month = found.setdefault(own.month, {})
+        path = f"growth.{own.month}.lines"
+        for name in match_names(own.lines, lines, path):
+            if name in month:
+                raise SceneError(f"{path}: {name!r} already has mussels in this month; allowed: once a month")
+            month[name] = own.growth.table()
+    return found
 
 
 def _crop(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
@@ -257,8 +260,7 @@ def _parts(
         )
     _unique("part.name", [part.name for part in found])
     refuse_overlap(groups, "line")
-    taken = {name for _, names in groups for name in names}
-    left = [name for name in lines if name not in taken]
+    left = [name for name in lines if not any(name in names for _, names in groups)]
     if left:
         raise SceneError(f"part: no part has the lines {short(left)}. Use a [[part]] with them, or `unchecked`")
     return tuple(found)

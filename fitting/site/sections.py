@@ -113,6 +113,8 @@ class SeaState(Section):
 class GrowthTable(Section):
     """`[[growth]]`: mussels of a month on some lines."""
 
+    PATTERNS = ("lines",)
+
     month: str = option("name of the month", type=str)
     lines: tuple[str, ...] = patterns("lines that carry them")
     growth: GrowthSpec | None = None
@@ -120,11 +122,8 @@ class GrowthTable(Section):
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
         own = dict(read_table(table, path))
-        known = {key: own.pop(key) for key in ("month", "lines") if key in own}
-        if isinstance(known.get("lines"), str):
-            known["lines"] = [known["lines"]]
-        head = read_fields(cls, known, path, {})
-        return cls(**{**head, "growth": GrowthSpec.read(own, path)})
+        found = super().read({key: own.pop(key) for key in ("month", "lines") if key in own}, path)
+        return dataclasses.replace(found, growth=GrowthSpec.read(own, path))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -100,6 +100,11 @@ class Site:
         return tuple(kind for kind in (INTACT, BROKEN) if kind in found)
 
     @property
+    def curved(self) -> list[str]:
+        """Lines of the parts with a fatigue curve."""
+        return [name for part in self.parts if part.curve is not None for name in part.lines]
+
+    @property
     def grown_lines(self) -> tuple[str, ...]:
         """Lines that carry mussels in any month of the cases."""
         found = {name for month in self.lists.months for name in self.growth[month]}
@@ -122,15 +127,13 @@ class Site:
         for line in table["line"]:
             if line.get("name") in self.grown_lines:
                 line["growth"] = dict(BARE)
-        broken = [state for state in self.states if state is not None]
+        broken = [{"line": s.line, "link": s.link, "time": NEVER} for s in self.states if s is not None]
         if broken:
-            entries = [{"line": state.line, "link": state.link, "time": NEVER} for state in broken]
-            table["failure"] = [*table.get("failure", []), *entries]
-        sea = dict(table["sea"])
-        ramp = self.run.ramp or sea.get("ramp") or (self.run.skip or None)
-        table["sea"] = {**sea, **({} if ramp is None else {"ramp": ramp})}
-        base = Scene.from_dict(table, scene.name)
-        return base.with_values(self.changes(self.cases[0]))
+            table["failure"] = [*table.get("failure", []), *broken]
+        ramp = self.run.ramp or table["sea"].get("ramp") or self.run.skip
+        if ramp:
+            table["sea"] = {**table["sea"], "ramp": ramp}
+        return Scene.from_dict(table, scene.name).with_values(self.changes(self.cases[0]))
 
     def changes(self, case: Case) -> dict[str, Any]:
         """Changes of `prepared` by a case: values by path."""

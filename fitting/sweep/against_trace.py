@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from dropper_jax import load_scene
@@ -65,8 +66,7 @@ class Against:
 
     def spectrum(self, x: np.ndarray, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (m,) [Hz] and amplitudes (m, n) [rad] of angles (k, n) in a part."""
-        part = self.part(index)
-        return amplitude_spectrum(self.t[part], x[part])
+        return amplitude_spectrum(self.t[self.part(index)], x[self.part(index)])
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,6 @@ class TraceScores:
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
         begins = (0.0, *self.against.ends)
-        rows = zip(self.values, self.status, self.angle, self.spectrum, strict=True)
         return {
             "name": self.against.trace.name,
             "samples": len(self.against.t),
@@ -121,7 +120,7 @@ class TraceScores:
             "cases": [
                 {"values": dict(zip(self.paths, map(float, values), strict=True)), "status": STATUS[status]}
                 | by_part(*scores)
-                for values, status, *scores in rows
+                for values, status, *scores in zip(self.values, self.status, self.angle, self.spectrum, strict=True)
             ],
             "best": {part: {by: self.best_of(i, by) for by in ("angle", "spectrum")} for i, part in enumerate(PARTS)},
         }
@@ -209,12 +208,11 @@ def sweep_against_trace(
     scene = scene if integrator is None else scene.with_values({"run.integrator": integrator})
     scene = at_samples(scene, trace)
     t = (1 + np.arange(scene.run.saves)) * scene.run.dt * scene.run.save_every
-    measured = sample_trace(trace, t)
-    against = Against(trace, t, measured, trace.at(t), part_ends(t, parts))
+    against = Against(trace, t, sample_trace(trace, t), trace.at(t), part_ends(t, parts))
     result = sweep(scene, vary, out, traces=True, **settings)
     plan = result.plan
     scores = np.full((2, plan.cases, len(PARTS)), np.nan)
-    best, simulated = None, measured
+    best, simulated = None, against.measured
     found = extra("zarr", "sweep").open_group(result.path, mode="r")
     for case in range(plan.cases):
         run = angles(plan, found["positions"][case])
@@ -223,8 +221,8 @@ def sweep_against_trace(
             best, simulated = case, run
     if best is None:
         raise SceneError("vary: no case ran to its end. Use values for which the scene runs, or a smaller --dt")
-    values = plan.inputs(np.arange(plan.cases))
-    return TraceScores(against, result, values, found["status"][:], *scores, best, simulated, warnings)
+    cases = plan.inputs(np.arange(plan.cases))
+    return TraceScores(against, result, cases, found["status"][:], *scores, best, simulated, warnings)
 
 
 def at_samples(scene: Scene, trace: Trace) -> Scene:
@@ -269,8 +267,5 @@ def part_ends(t: np.ndarray, parts: Sequence[float] | None) -> tuple[float, floa
 def angles(plan: Plan, positions: np.ndarray) -> np.ndarray:
     """Polar angles (k, n) [rad] of the links, without jumps, of free nodes (k, nodes, 3) [m] of a case."""
     model = plan.base[0]
-    ends = model.ends(0.0)
-    beside = [np.asarray(end)[None] for end in (ends.start, ends.end)][: 1 + model.end_held]
-    whole = [np.broadcast_to(end, (len(positions), 1, 3)) for end in beside]
-    link = np.diff(np.concatenate([whole[0], positions, *whole[1:]], axis=1), axis=1)
+    link = np.asarray(jax.vmap(lambda free: model.links(free, model.ends(0.0)))(positions))
     return np.unwrap(np.arctan2(-link[..., 2], link[..., 0]), axis=0)

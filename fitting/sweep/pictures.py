@@ -71,8 +71,9 @@ def draw_against_trace(scores: TraceScores, folder: str | Path, fit: FittedScore
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     links = range(min(scores.simulated.shape[1], 9))
+    busiest = int(np.argmax(np.std(scores.against.interpolated[scores.against.part(0)], axis=0)))
     files = {
-        "scores": [_map_row, *(partial(row, link=_busiest(scores)) for row in (_curves, _spectra))],
+        "scores": [_map_row, *(partial(row, link=busiest) for row in (_curves, _spectra))],
         "curves": [partial(_curves, link=link) for link in links],
         "spectra": [partial(_spectra, link=link) for link in links],
     }
@@ -85,9 +86,15 @@ def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: list[Row],
     height = [3.4 if row is _map_row else 1.7 if len(rows) > MAPPED else 2.5 for row in rows]
     whole = 1.6 + sum(height)
     figure = style.new_figure(13.0, whole, layout=None)  # a constrained layout takes seconds for so many panels
-    edges = {"left": 0.06, "right": 0.98, "bottom": 0.55 / whole, "top": 1.0 - 0.95 / whole}
     gap = 0.3 if len(rows) > MAPPED else 0.62
-    space = {"wspace": 0.2, "hspace": gap * len(rows) / sum(height), **edges}
+    space = {
+        "left": 0.06,
+        "right": 0.98,
+        "bottom": 0.55 / whole,
+        "top": 1.0 - 0.95 / whole,
+        "wspace": 0.2,
+        "hspace": gap * len(rows) / sum(height),
+    }
     grid = figure.subplots(len(rows), len(PARTS), squeeze=False, height_ratios=height, gridspec_kw=space)
     for i, row in enumerate(rows):
         for part, axes in enumerate(grid[i]):
@@ -102,15 +109,10 @@ def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: list[Row],
         axes.set_title(f"{title}\n{error}{fitted}", loc="left", fontsize=9)
     curves = next(i for i, row in enumerate(rows) if row is not _map_row)
     figure.legend(*grid[curves, 0].get_legend_handles_labels(), loc="upper right", ncols=3, markerscale=4)
-    name = f"{scores.sweep.plan.scene.name} against {scores.against.trace.name}"
-    figure.suptitle(name, fontsize=12, fontweight="bold", x=0.01, ha="left")
+    title = f"{scores.sweep.plan.scene.name} against {scores.against.trace.name}"
+    figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
     figure.align_ylabels()
     return style.save(figure, path)
-
-
-def _busiest(scores: TraceScores) -> int:
-    """The link whose measured angle varies most in the head."""
-    return int(np.argmax(np.std(scores.against.interpolated[scores.against.part(0)], axis=0)))
 
 
 def _of_all(scores: TraceScores, fit: FittedScore | None) -> list[tuple[str, np.ndarray, str, float]]:
@@ -119,9 +121,8 @@ def _of_all(scores: TraceScores, fit: FittedScore | None) -> list[tuple[str, np.
     found = [(f"best case: {named(scores.values[scores.best])}", scores.simulated, style.SECOND, 1.2)]
     if fit is not None and np.isfinite(fit.simulated).all():
         found.append((f"fit: {named(fit.values)}", fit.simulated, style.FIRST, 1.0))
-    turn = 2 * np.pi
-    first = scores.against.interpolated[0]
-    return [(name, x + turn * np.round((first - x[0]) / turn), *look) for name, x, *look in found]
+    turns = [np.round((scores.against.interpolated[0] - x[0]) / (2 * np.pi)) for _, x, *_ in found]
+    return [(name, x + 2 * np.pi * n, *look) for n, (name, x, *look) in zip(turns, found, strict=True)]
 
 
 def _curves(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int, link: int) -> None:
@@ -182,9 +183,8 @@ def _map_row(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int
 
 
 def _label(scores: TraceScores, axis: int) -> str:
-    parameters = scores.sweep.plan.axes[axis].parameters
-    unit = f" [{parameters[0].unit}]" if parameters else ""
-    return f"{_words(scores.paths[axis])}{unit}"
+    units = [f" [{p.unit}]" for p in scores.sweep.plan.axes[axis].parameters]
+    return f"{_words(scores.paths[axis])}{units[0] if units else ''}"
 
 
 def _scale(set_scale: Callable[..., None], values: np.ndarray) -> None:

@@ -253,9 +253,9 @@ def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
     except SceneError:
         return Axis(path, values)
     inside = apply(model, parameters, np.full(len(parameters), float(values[-1])))
-    if not same(inside, build_model(changed[-1])):
-        return Axis(path, values)
-    return Axis(path, values, parameters, moves_start=not still)
+    if same(inside, build_model(changed[-1])):
+        return Axis(path, values, parameters, moves_start=not still)
+    return Axis(path, values)
 
 
 def same(one: Model, other: Model) -> bool:

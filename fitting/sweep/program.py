@@ -42,12 +42,8 @@ Carry = tuple[Progress, Tally]
 Tree = TypeVar("Tree")
 
 
-class Pending(NamedTuple):
-    """Chunks in progress: their numbers, cases that the scene rejects (members,), arrays (members, ...) by name."""
-
-    chunks: list[int]
-    refused: np.ndarray
-    found: dict[str, jax.Array]
+#: Chunks in progress: their numbers, cases that the scene rejects (members,), arrays (members, ...) by name.
+Pending = tuple[list[int], np.ndarray, dict[str, jax.Array]]
 
 
 class Program:
@@ -62,6 +58,8 @@ class Program:
         self.devices = jax.local_device_count() if devices is None else devices
         self.by_scene = [i for i, axis in enumerate(plan.axes) if not axis.parameters]
         self.by_start = [i for i, axis in enumerate(plan.axes) if axis.moves_start]
+        #: Axis of cases of the model, the start, the values and the step; None for one of all cases.
+        self.in_axes = 0 if self.by_scene else None, 0 if self.by_start else None, 0, None
         self.mesh = jax.make_mesh((self.devices,), ("device",), devices=jax.local_devices()[: self.devices])
         self.fallbacks = Fallbacks()
         # On a CPU, cases of a system run one after another. Processor time of nine cases of a longline (52 links, 750
@@ -80,7 +78,7 @@ class Program:
         """Start the chunks (at most one per device); `collect` waits for the results."""
         self.compile(chunks)
         arguments, refused = self._arguments(chunks)
-        return Pending(chunks, refused, self._compiled(*arguments))
+        return chunks, refused, self._compiled(*arguments)
 
     def _arguments(self, chunks: list[int]) -> tuple[tuple[Any, ...], np.ndarray]:
         plan = self.plan
@@ -91,7 +89,7 @@ class Program:
         dtype = plan.base[0].dtype
         batched = jax.NamedSharding(self.mesh, PartitionSpec("device"))
         shared = jax.NamedSharding(self.mesh, PartitionSpec())
-        axes = [batched if self.by_scene else shared, batched if self.by_start else shared, batched, shared]
+        axes = [shared if axis is None else batched for axis in self.in_axes]
         arguments = (model, start, jnp.asarray(values, dtype), jnp.asarray(plan.scene.run.dt, dtype))
         return tuple(map(jax.device_put, arguments, axes)), refused
 
@@ -147,12 +145,11 @@ class Program:
         return model, start
 
     def _program(self) -> jax.stages.Wrapped:
-        batched, shared = PartitionSpec("device"), PartitionSpec()
-        member = 0 if self.by_scene else None, 0 if self.by_start else None, 0, None
-        specs = tuple(shared if axis is None else batched for axis in member)
+        specs = tuple(PartitionSpec() if axis is None else PartitionSpec("device") for axis in self.in_axes)
         run = partial(run_case, self.plan)
-        chunk = one_by_one(run, member) if self.system else lanes(run, member, self.fallbacks)
-        return jax.jit(jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=batched, check_vma=False))
+        chunk = one_by_one(run, self.in_axes) if self.system else lanes(run, self.in_axes, self.fallbacks)
+        out = PartitionSpec("device")
+        return jax.jit(jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=out, check_vma=False))
 
 
 def one_by_one(f: Callable[..., Tree], in_axes: tuple[int | None, ...]) -> Callable[..., Tree]:
@@ -204,13 +201,19 @@ def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.
         save, (begin(stepper, model, start), tally), None, length=plan.scene.run.saves
     )
     failed = progress.first_bad >= 0
-    finite = jnp.isfinite(tally.residual)
-    code = jnp.where(failed, jnp.where(finite, STATUS.index("not_converged"), STATUS.index("non_finite")), 0)
-    found = {
-        name: value
-        for name, value in _name_quantities(plan, model, progress.state, tally).items()
-        if name in plan.quantities
+    why = jnp.where(jnp.isfinite(tally.residual), STATUS.index("not_converged"), STATUS.index("non_finite"))
+    code = jnp.where(failed, why, 0)
+    s = progress.state
+    seen = observe(model, s.r, s.v, s.t, s.parted)
+    known = {
+        "tension_max": tally.largest,
+        "tension_mean": tally.total / plan.scene.run.saves,
+        "tension_min": tally.smallest,
+        "angle_max": jnp.arccos(jnp.clip(tally.cosine, -1.0, 1.0)),
+        "excursion": tally.excursion,
+        "energy_final": seen.kinetic + seen.potential,
     }
+    found = {name: value for name, value in known.items() if name in plan.quantities}
     found |= {one.name: STATISTICS[one.statistic](x) for one, x in zip(plan.named_quantities, signals, strict=True)}
     if plan.traces:
         found |= {"positions": traces[0], "tension": traces[1]}
@@ -232,15 +235,3 @@ def _count(model: Model, start: State, s: State, tally: Tally, row: Trajectory) 
         jnp.maximum(tally.excursion, jnp.max(safe_norm(s.r - start.r))),
         jnp.maximum(tally.residual, row.residual[0]),
     )
-
-
-def _name_quantities(plan: Plan, model: Model, s: State, tally: Tally) -> dict[str, jax.Array]:
-    seen = observe(model, s.r, s.v, s.t, s.parted)
-    return {
-        "tension_max": tally.largest,
-        "tension_mean": tally.total / plan.scene.run.saves,
-        "tension_min": tally.smallest,
-        "angle_max": jnp.arccos(jnp.clip(tally.cosine, -1.0, 1.0)),
-        "excursion": tally.excursion,
-        "energy_final": seen.kinetic + seen.potential,
-    }

@@ -95,10 +95,9 @@ def sweep(
         SweepStopped: the disk cannot be written; the finished chunks are kept.
     """
     plan = make_plan(scene, vary, seeds, quantities, traces, chunk, listed, **settings)
-    say = progress or silent
     store = SweepStore(out, plan, versions(), mix_versions)
     try:
-        return _fill(store, scheduler, say)
+        return _fill(store, scheduler, progress or silent)
     finally:
         store.close()
 

@@ -104,8 +104,7 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         if other:
             earlier = group.attrs.get("versions_mixed", [])
             group.attrs["versions_mixed"] = [*(earlier if isinstance(earlier, list) else []), here]
-        inner = {name: about[0] for name, about in self._variables().items()} | {"failed_at": (), "status": ()}
-        shapes = {name: (self.plan.cases, *own) for name, own in inner.items()}
+        shapes = {name: (self.plan.cases, *inner) for name, (inner, *_) in self._variables().items()}
         try:
             whole = all(tuple(group[name].shape) == shape for name, shape in shapes.items())
         except Exception:  # any error of Zarr on damaged metadata
@@ -118,65 +117,46 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         cases = plan.inputs(np.arange(plan.cases))
         for name, column, axis in zip(input_names([a.path for a in plan.axes]), cases.T, plan.axes, strict=True):
             value = column.astype(axis.values.dtype)
-            whole = group.create_array(name, data=value, chunks=(plan.cases,), dimension_names=("case",))
-            whole.attrs.update({"units": axis.unit, "long_name": axis.path})
-        for name, (inner, dimensions, unit, meaning) in self._variables().items():
-            self._array(group, name, inner, dimensions, np.nan, plan.scene.run.dtype, unit, meaning)
-        self._array(group, "failed_at", (), (), np.nan, "float64", "s", "time of the first failed step")
-        # stored raw, one byte per case: a status file is either whole or not readable
-        status = self._array(group, "status", (), (), PENDING, "int8", "1", "how the case ended", compressors=None)
-        status.attrs.update(
+            array = group.create_array(name, data=value, chunks=(plan.cases,), dimension_names=("case",))
+            array.attrs.update({"units": axis.unit, "long_name": axis.path})
+        names = " ".join(input_names([axis.path for axis in plan.axes]))
+        for name, (inner, dimensions, unit, meaning, dtype, fill) in self._variables().items():
+            array = group.create_array(
+                name,
+                shape=(plan.cases, *inner),
+                chunks=(plan.chunk, *inner),
+                dtype=dtype,
+                fill_value=fill,
+                dimension_names=("case", *dimensions),
+                # stored raw, one byte per case: a status file is either whole or not readable
+                **({"compressors": None} if name == "status" else {}),
+            )
+            # xarray reads the inputs as coordinates
+            array.attrs.update({"units": unit, "long_name": meaning, "coordinates": names})
+        group["status"].attrs.update(
             {"flag_values": [PENDING, *range(len(STATUS))], "flag_meanings": " ".join(("pending", *STATUS))}
         )
-        names = " ".join(input_names([axis.path for axis in plan.axes]))
-        for name in (*self._variables(), "failed_at", "status"):
-            group[name].attrs["coordinates"] = names  # xarray reads them as coordinates
         group.attrs.update({IDENTITY: json.dumps(plan.identity()), "versions": versions, "Conventions": "CF-1.11"})
         with warnings.catch_warnings():  # Zarr 3 supports it, though its specification does not have it yet
             warnings.simplefilter("ignore")
             extra("zarr", "sweep").consolidate_metadata(group.store)
 
     def _variables(self) -> dict[str, tuple[Any, ...]]:
-        plan, model = self.plan, self.plan.base[0]
-        links, nodes = model.line.links, model.free_nodes
-        found = {}
-        for name in plan.quantities:
+        """Shape of a case, its dimensions, unit, meaning, type and value before it has run, by name; the mark last."""
+        model, run = self.plan.base[0], self.plan.scene.run
+        links = model.line.links
+        number = run.dtype, np.nan
+        found: dict[str, tuple[Any, ...]] = {}
+        for name in self.plan.quantities:
             inner = ((links,), ("link",)) if name == "angle_max" else ((), ())
-            found[name] = (*inner, *describe_quantity(plan, name))
-        if plan.traces:
-            found["positions"] = (
-                (plan.scene.run.saves, nodes, 3),
-                ("time", "node", "axis"),
-                "m",
-                "position of the free nodes",
-            )
-            found["tension"] = ((plan.scene.run.saves, links), ("time", "link"), "N", "tension of the links")
+            found[name] = (*inner, *describe_quantity(self.plan, name), *number)
+        if self.plan.traces:
+            of_nodes = (run.saves, model.free_nodes, 3), ("time", "node", "axis")
+            found["positions"] = (*of_nodes, "m", "position of the free nodes", *number)
+            found["tension"] = ((run.saves, links), ("time", "link"), "N", "tension of the links", *number)
+        found["failed_at"] = ((), (), "s", "time of the first failed step", "float64", np.nan)
+        found["status"] = ((), (), "1", "how the case ended", "int8", PENDING)
         return found
-
-    def _array(
-        self,
-        group: zarr.Group,
-        name: str,
-        inner: tuple[int, ...],
-        dimensions: tuple[str, ...],
-        fill: float,
-        dtype: str,
-        unit: str,
-        meaning: str,
-        **more: Any,
-    ) -> zarr.Array:
-        plan = self.plan
-        array = group.create_array(
-            name,
-            shape=(plan.cases, *inner),
-            chunks=(plan.chunk, *inner),
-            dtype=dtype,
-            fill_value=fill,
-            dimension_names=("case", *dimensions),
-            **more,
-        )
-        array.attrs.update({"units": unit, "long_name": meaning})
-        return array
 
     def has(self, key: int) -> bool:
         try:
@@ -185,11 +165,10 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             return False
 
     def read(self, key: int) -> dict[str, np.ndarray] | None:
-        names = (*self._variables(), "failed_at", "status")
-        return {name: self.group[name][self._cases(key)] for name in names} if self.has(key) else None
+        return {name: self.group[name][self._cases(key)] for name in self._variables()} if self.has(key) else None
 
     def write(self, key: int, found: dict[str, np.ndarray]) -> None:
-        for name in sorted(found, key=lambda name: name == "status"):
+        for name in self._variables():
             self.group[name][self._cases(key)] = found[name]
 
     def _cases(self, key: int) -> slice:
@@ -199,5 +178,4 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
     def counts(self) -> dict[str, int]:
         """Cases by status."""
         status = self.group["status"][:]
-        found = {"pending": int(np.sum(status == PENDING))}
-        return found | {name: int(np.sum(status == code)) for code, name in enumerate(STATUS)}
+        return {name: int(np.sum(status == code)) for code, name in enumerate(("pending", *STATUS), PENDING)}

@@ -16,8 +16,6 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from fitting.tracking.video import opencv, read_image
 
-NOT_CONVERGED = "calibration: did not converge. Use pictures at several slants and positions"
-
 
 @dataclass(frozen=True)
 class Lens:
@@ -95,8 +93,6 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     # largest reprojection error [pixel] of a calibration that may be used; the thesis reached 0.15
     largest_error = 1.0
     images = [(Path(path).name, read_image(path)) for path in pictures]
-    if not images:
-        raise SceneError(f"calibration: no picture given; allowed: at least {fewest_pictures}")
     sizes = {image.shape for _, image in images}
     if len(sizes) > 1:
         raise SceneError(f"calibration: pictures of different sizes, {sorted(sizes)}; allowed: one size, the video's")
@@ -109,7 +105,7 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     size = images[0][1].shape[::-1]
     lens = _lens(found, board, size)
     if lens is None:
-        raise SceneError(NOT_CONVERGED)
+        raise SceneError("calibration: did not converge. Use pictures at several slants and positions")
     if lens.error > largest_error:
         raise SceneError(
             f"calibration: reprojection error {lens.error:.3g} pixel; allowed: at most {largest_error:g} "
@@ -123,9 +119,9 @@ def _lens(found: list[np.ndarray], board: tuple[int, int], size: tuple[int, int]
     """The lens from boards with corners `found`, or None if the calibration diverges."""
     cv2 = opencv()
     points = [board_points(board, 1.0)] * len(found)
+    fixed = cv2.CALIB_FIX_K3  # a third radial term is not determined by ordinary lenses
     try:
-        flags = cv2.CALIB_FIX_K3  # a third radial term is not determined by ordinary lenses
-        error, matrix, bending, *_ = cv2.calibrateCamera(points, found, size, None, None, flags=flags)
+        error, matrix, bending, *_ = cv2.calibrateCamera(points, found, size, None, None, flags=fixed)
     except cv2.error:
         return None
     focus = matrix[[0, 1], [0, 1]]

@@ -8,6 +8,7 @@ are rejected, so that half a circle is enough. Motion blur lengthens a marker eq
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -123,8 +124,7 @@ def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, 
     answer = cv2.GaussianBlur(small, (0, 0), 0.6 * r) - cv2.GaussianBlur(small, (0, 0), 1.2 * r)
     answer = answer if bright else -answer
     reach = 2 * int(np.ceil(0.7 * r)) + 1
-    top = (answer == cv2.dilate(answer, np.ones((reach, reach), np.uint8))) & (answer > 0)
-    row, column = np.nonzero(top)
+    row, column = np.nonzero((answer == cv2.dilate(answer, np.ones((reach, reach), np.uint8))) & (answer > 0))
     strength = answer[row, column]
     order = np.argsort(-strength)[:200]
     factor = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
@@ -219,9 +219,8 @@ def _solve(
 
 def _distinct(circles: Circles, appearance: MarkerAppearance) -> Circles:
     """One circle of each group whose centres nearly coincide: that with the most rays, then the smallest error."""
-    order = np.lexsort([circles.error, -np.round(circles.rays, 1)])
     kept: list[int] = []
-    for i in order:
+    for i in np.lexsort([circles.error, -np.round(circles.rays, 1)]):
         apart = np.hypot(*(circles.centre[kept] - circles.centre[i]).T)
         if (apart > 0.5 * appearance.radius).all():
             kept.append(i)
@@ -282,9 +281,8 @@ def _learn_appearance(
     )
 
 
-def map_circles(circles: list[Circles], to: object) -> list[Circles]:
+def map_circles(circles: list[Circles], to: Callable[[np.ndarray], np.ndarray]) -> list[Circles]:
     """The circles with their centres mapped by `to`: points (m, 2) to points (m, 2)."""
-    size = np.cumsum([0, *(len(each) for each in circles)])
-    centre = to(np.concatenate([each.centre for each in circles])) if size[-1] else np.zeros((0, 2))
-    parts = zip(circles, size[:-1], size[1:], strict=True)
-    return [replace(each, centre=centre[a:b]) if len(each) else NONE for each, a, b in parts]
+    ends = np.cumsum([len(each) for each in circles])
+    centres = np.split(to(np.concatenate([each.centre for each in circles])), ends[:-1])
+    return [replace(each, centre=centre) for each, centre in zip(circles, centres, strict=True)]

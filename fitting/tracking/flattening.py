@@ -62,11 +62,10 @@ class Flat:
     def back(self, flat: np.ndarray) -> np.ndarray:
         """The inverse (Newton iteration with differences; the map is nearly the identity up to a shift)."""
         flat = np.asarray(flat, float)
-        step = 0.5 * np.eye(2)
         guess = np.broadcast_to(self.middle, flat.shape).copy()
         limit = 0.5 * np.array(self.size)
         for _ in range(12):
-            slopes = np.stack([self(guess + d) - self(guess - d) for d in step], axis=-1)
+            slopes = np.stack([self(guess + d) - self(guess - d) for d in 0.5 * np.eye(2)], axis=-1)
             move = np.linalg.solve(slopes, (flat - self(guess))[..., None])[..., 0]
             guess = np.clip(guess + np.clip(move, -limit, limit), -limit, 3 * limit)
         return guess
@@ -121,8 +120,9 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
         return flat
 
     def off(parameters: np.ndarray) -> np.ndarray:
-        length = link_lengths(replace(flat, parameters=parameters)(positions))
-        return np.where(both, _departures(np.log(np.maximum(length, 1e-9)), both), 0.0)
+        log = np.log(np.maximum(link_lengths(replace(flat, parameters=parameters)(positions)), 1e-9))
+        mean = np.sum(np.where(both, log, 0.0), axis=0) / np.maximum(both.sum(axis=0), 1)
+        return np.where(both, log - mean, 0.0)
 
     size = np.nanmedian(np.where(both, link_lengths(positions), np.nan), axis=0)
     found = np.zeros(len(spread)) if flat.parameters is None else flat.parameters
@@ -142,14 +142,20 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
     return replace(flat, parameters=found, covariance=_covariance(off, found, noise, spread, keep, fps))
 
 
-def _departures(log: np.ndarray, both: np.ndarray) -> np.ndarray:
-    count = np.maximum(both.sum(axis=0), 1)
-    return log - np.sum(np.where(both, log, 0.0), axis=0) / count
-
-
 def link_lengths(positions: np.ndarray) -> np.ndarray:
     """Lengths (k, n - 1) of positions (k, n, 2)."""
     return np.linalg.norm(np.diff(positions, axis=1), axis=-1)
+
+
+def robust_lengths(positions: np.ndarray, detected: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lengths (k, n - 1) of links, NaN unless both ends are detected, their medians and robust deviations (n - 1,).
+
+    Both are zero for a link that is never detected.
+    """
+    lengths = np.where(detected[:, 1:] & detected[:, :-1], link_lengths(positions), np.nan)
+    known = np.where(np.isfinite(lengths).any(axis=0), lengths, 0.0)
+    usual = np.nanmedian(known, axis=0)
+    return lengths, usual, 1.4826 * np.nanmedian(np.abs(known - usual), axis=0)
 
 
 def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, detected: np.ndarray) -> float:
@@ -211,8 +217,7 @@ def four_quadrant(positions: np.ndarray) -> np.ndarray:
 
 def angle_errors(positions: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Standard errors (k, n - 1) [rad] from those of the positions (k, n), in the same unit: across the link."""
-    length = np.linalg.norm(np.diff(positions, axis=1), axis=-1)
-    return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(length, 1e-12)
+    return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(link_lengths(positions), 1e-12)
 
 
 def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -230,7 +235,7 @@ def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, 
         positions: (k, n, 2), in one unit with `fit_error`; seen: (k, n).
         used: (k, n - 1) valid samples.
     """
-    link = np.linalg.norm(np.diff(positions, axis=1), axis=-1)
+    link = link_lengths(positions)
     both = detected[:, 1:] & detected[:, :-1]
     expected = angle_errors(positions, np.where(detected, fit_error, 0.0))
     found = np.full(link.shape, np.nan)
@@ -289,8 +294,7 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
             f"motion out of the plane: link {worst + 1} seems to change its length by {100 * away[worst]:.2g} %, which "
             "a fixed camera cannot show for a motion in the plane",
         )
-    length = np.where(used, link_lengths(flat), np.nan)
-    known = [column[np.isfinite(column)] for column in length.T]
+    known = [column[good] for column, good in zip(link_lengths(flat).T, used.T, strict=True)]
     change = np.array([np.std(column) / np.mean(column) if len(column) else 0.0 for column in known])
     worst = int(np.argmax(change))
     if change[worst] > 0.03:
@@ -316,8 +320,8 @@ def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
         position = middle[keep, j] - middle[keep, j].mean(axis=0)
         x, z = (position / max(np.abs(position).max(), 1e-300)).T
         c, s, one = np.cos(twice[keep, j]), np.sin(twice[keep, j]), np.ones_like(x)
-        terms = [one, x, z, x * x, x * z, z * z, *(f * g for f in (one, x, z) for g in (c, s))]
-        columns = np.stack(terms, axis=1)
+        products = [f * g for f in (one, x, z) for g in (c, s)]
+        columns = np.stack([one, x, z, x * x, x * z, z * z, *products], axis=1)
         log_length = np.log(length[keep, j])
         rest = np.full(len(keep), np.nan)
         rest[keep] = log_length - columns @ np.linalg.lstsq(columns, log_length, rcond=None)[0]

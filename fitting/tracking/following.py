@@ -11,18 +11,18 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.tracking.detection import Circles, map_circles
-from fitting.tracking.flattening import Flat, flatten, link_lengths
+from fitting.tracking.flattening import Flat, flatten, robust_lengths
 from fitting.tracking.hindsight import TrackedChain, fill_missed, reverse_chain
 from fitting.tracking.identity import Follower, length_errors
 from fitting.tracking.marks import find_marks
 from fitting.tracking.ordering import (
     AmbiguousOrderError,
     Chain,
-    all_paths,
     changes,
     clearest_chain,
     follow_unnamed,
     on_a_line,
+    paths,
     rates,
     resting,
     turn_round,
@@ -36,7 +36,7 @@ def follow(circles: list[Circles], chain: Chain) -> np.ndarray:
     """Number of each node's circle in each frame (k, n), -1 if not detected, followed from `chain.at` both ways."""
     found = np.full((len(circles), len(chain.positions)), -1)
     for way in (1, -1):
-        follower = Follower.along(chain, way)
+        follower = Follower(chain, way)
         for i in range(chain.at, len(circles) if way > 0 else -1, way):
             found[i] = follower.advance(circles[i])
     return found
@@ -50,7 +50,6 @@ def follow_film(
     flat: Flat,
     first: str = "auto",
     start: np.ndarray | None = None,
-    settle: bool = True,
 ) -> TrackedChain:
     """The nodes through the film.
 
@@ -63,47 +62,38 @@ def follow_film(
         SceneError: no chain, or no circles at `start`; AmbiguousOrderError: several orders fit.
     """
     mapped = map_circles(circles, flat)
-    chain = named_chain(mapped, circles, np.asarray(start, float), flat, radius, fps) if start is not None else None
-    if chain is None:
-        chain, _ = clearest_chain([each.centre for each in mapped], nodes, radius, fps)
-    straight = False
+    if start is None:
+        chain = clearest_chain([each.centre for each in mapped], nodes, radius, fps)
+    else:
+        chain = named_chain(mapped, circles, np.asarray(start, float), flat, radius, fps)
+    straight = chain is None
     if chain is None:
         chain = chain_in_line(mapped, nodes)
-        straight = chain is not None
-    if chain is None:
-        most = max(len(each) for each in circles)
-        raise SceneError(
-            f"track: no chain of {nodes} moving markers found among {most} circles; "
-            "use --start with the nodes' positions in the first frame"
-        )
     for _ in range(3):
         found = follow(mapped, chain)
-        pixels, detected = _positions(circles, found)
-        flat = flatten(pixels, detected, flat, fps)
+        flat = flatten(_of_nodes([each.centre for each in circles], found), found >= 0, flat, fps)
         mapped = map_circles(circles, flat)
-        positions, _ = _positions(mapped, found)
-        still = resting(np.where(detected[..., None], positions, np.nan), radius, nodes)
-        chain, changed = _learn(positions, detected, chain, still, start is None and not straight)
+        positions = _of_nodes([each.centre for each in mapped], found)
+        still = resting(positions, radius, nodes)
+        chain, changed = _learn(positions, chain, still, start is None and not straight)
         if not changed:
             break
     found = follow(mapped, chain)
-    pixels, detected = _positions(circles, found)
-    positions, _ = _positions(mapped, found)
-    positions = np.where(detected[..., None], positions, np.nan)
+    detected = found >= 0
+    pixels = np.nan_to_num(_of_nodes([each.centre for each in circles], found))
+    positions = _of_nodes([each.centre for each in mapped], found)
     still = resting(positions, radius, nodes)
     if start is None:
-        straight = _check_order(positions, pixels, detected, still, straight)
-    error = np.full(detected.shape, np.nan)
-    for i, each in enumerate(circles):
-        error[i, detected[i]] = each.error[found[i, detected[i]]]
-    marks = find_marks(np.where(detected[..., None], positions, 0.0), detected)
+        straight = _check_order(positions, pixels, still, straight)
+    error = _of_nodes([each.error for each in circles], found)
+    marks = find_marks(np.nan_to_num(positions), detected)
     # a single frame between gaps has no confirmation yet: with hindsight it is accepted again where it fits
     well = detected & ~marks.swapped & ~marks.jumped
     beside = np.pad(well, ((1, 1), (0, 0)))
     dropped = detected & ~(well & (beside[:-2] | beside[2:]))
-    found, detected, error = np.where(dropped, -1, found), detected & ~dropped, np.where(dropped, np.nan, error)
-    result = TrackedChain(positions, pixels, error, detected, chain, flat, still, straight)
-    fill_missed(result, mapped, circles, found)
+    error = np.where(dropped, np.nan, error)
+    result = TrackedChain(positions, pixels, error, detected & ~dropped, chain, flat, still, straight)
+    fill_missed(result, mapped, circles, np.where(dropped, -1, found))
     if start is None and turn_round(_ends(result), still, first):
         result = reverse_chain(result)
     return result
@@ -115,33 +105,33 @@ def _ends(found: TrackedChain) -> np.ndarray:
     return found.flat[when, np.arange(len(when))]
 
 
-def _positions(circles: list[Circles], found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (k, n, 2), zero if not detected, and which are detected (k, n)."""
-    detected = found >= 0
-    positions = np.zeros((*found.shape, 2))
-    for i, each in enumerate(circles):
-        positions[i, detected[i]] = each.centre[found[i, detected[i]]]
-    return positions, detected
+def _of_nodes(values: list[np.ndarray], found: np.ndarray) -> np.ndarray:
+    """Values (k, n, ...) of the nodes' circles in each frame, NaN if a node is not detected."""
+    result = np.full((*found.shape, *values[0].shape[1:]), np.nan)
+    for row, each, numbers in zip(result, values, found, strict=True):
+        row[numbers >= 0] = each[numbers[numbers >= 0]]
+    return result
 
 
-def _learn(
-    positions: np.ndarray, detected: np.ndarray, chain: Chain, still: np.ndarray, order: bool
-) -> tuple[Chain, bool]:
-    """The chain according to the whole film, and whether it changed so much that it must be followed again."""
+def _learn(tracks: np.ndarray, chain: Chain, still: np.ndarray, order: bool) -> tuple[Chain, bool]:
+    """The chain according to the whole film, and whether it changed so much that it must be followed again.
+
+    Args:
+        tracks: positions of the nodes (k, n, 2), NaN if not detected.
+    """
     path, changed = np.arange(len(still)), False
-    tracks = np.where(detected[..., None], positions, np.nan)
     if order and len(still) > 2:
-        ratio = _ratio(tracks)
-        found = all_paths(ratio, still, AS_GOOD)
+        found = _orders(tracks, still)
         line = on_a_line(tracks) if len(found) > 1 else None
         best = line if line is not None else found[0] if found else path
         if not np.array_equal(best, path) and not np.array_equal(best[::-1], path):
             path, changed = best, True
-    tracks, detected = tracks[:, path], detected[:, path]
-    both = detected[:, 1:] & detected[:, :-1]
-    length = np.where(both, link_lengths(tracks), np.nan)
-    new = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else old for c, old in _pairs(length, chain)])
-    spread = np.array([_deviation(c[np.isfinite(c)]) for c in length.T])
+    tracks = tracks[:, path]
+    detected = np.isfinite(tracks[..., 0])
+    length, new, spread = robust_lengths(tracks, detected)
+    known = np.isfinite(length).any(axis=0)
+    new = np.where(known, new, chain.length)
+    spread = np.where(known, spread, 3.0)
     # from the frame that shows all nodes with the best-fitting lengths
     off = np.where(np.isfinite(length), np.abs(length - new) / np.hypot(0.3, spread), np.inf).max(axis=1)
     at = int(np.argmin(off)) if np.isfinite(off.min()) else chain.at
@@ -154,37 +144,27 @@ def _learn(
     return Chain(tracks[at], new, 2 * spread, at, rates(tracks, at), held), changed
 
 
-def _pairs(length: np.ndarray, chain: Chain) -> list[tuple[np.ndarray, float]]:
-    return list(zip(length.T, chain.length, strict=True))
-
-
-def _deviation(values: np.ndarray) -> float:
-    return 1.4826 * float(np.median(np.abs(values - np.median(values)))) if len(values) else 3.0
-
-
-def _ratio(tracks: np.ndarray) -> np.ndarray:
-    """Changes (n, n) of the distances of all pairs over the film, in changes of the chain's own links [tolerances]."""
+def _orders(tracks: np.ndarray, still: np.ndarray) -> list[np.ndarray]:
+    """The best orders of all nodes in which links keep their lengths as well as those of the chain, at most 50."""
     change, mean = changes(tracks)
     own = float(np.median(np.diagonal(change, 1)))
     # tolerance [pixel, fraction, deviations of the chain's own links] once the plane is known
-    return change / np.maximum(2.0 * min(own, 1.0), np.hypot(0.05, 0.0005 * mean))
+    ratio = change / np.maximum(2.0 * min(own, 1.0), np.hypot(0.05, 0.0005 * mean))
+    return [path for _, path in paths(ratio, still, len(still), AS_GOOD, 50)]
 
 
-def _check_order(
-    tracks: np.ndarray, pixels: np.ndarray, detected: np.ndarray, still: np.ndarray, straight: bool
-) -> bool:
+def _check_order(tracks: np.ndarray, pixels: np.ndarray, still: np.ndarray, straight: bool) -> bool:
     """Reject an ambiguous order; returns whether the order is known only because the nodes lie on a line."""
     nodes = len(still)
     if nodes <= 2 or straight:
         return straight
-    found = all_paths(_ratio(tracks), still, AS_GOOD)
-    others = [path for path in found if not np.array_equal(path, np.arange(nodes))]
+    others = [path for path in _orders(tracks, still) if not np.array_equal(path, np.arange(nodes))]
     if not others:
         return False
     line = on_a_line(tracks)
-    if line is not None and (np.diff(line) == 1).all() | (np.diff(line) == -1).all():
+    if line is not None and (np.abs(np.diff(line)) == 1).all():
         return True
-    frame = int(np.argmax(detected.sum(axis=1)))
+    frame = int(np.argmax(np.isfinite(tracks[..., 0]).sum(axis=1)))
     orders = [pixels[frame, path] for path in [np.arange(nodes), *others]]
     count = f"{len(orders)} orders" if len(orders) < 50 else "many orders"
     raise AmbiguousOrderError(
@@ -195,21 +175,27 @@ def _check_order(
     )
 
 
-def chain_in_line(circles: list[Circles], nodes: int) -> Chain | None:
-    """The chain of markers in a row, if as many circles as nodes always lie on a line."""
-    counts = np.array([len(each) for each in circles])
-    if not (counts == nodes).any():
-        return None
-    at = int(np.argmax(counts == nodes))
-    tracks = follow_unnamed([each.centre for each in circles[at:]], 0)
-    line = on_a_line(tracks)
-    if line is None:
-        return None
-    change, mean = changes(tracks)
-    # change of a length [pixel] up to which a row of markers is one line of links
-    if (change[line[:-1], line[1:]] > 1.0).any():
-        return None
-    return Chain(tracks[0, line], mean[line[:-1], line[1:]], change[line[:-1], line[1:]], at)
+def chain_in_line(circles: list[Circles], nodes: int) -> Chain:
+    """The chain of markers in a row, if as many circles as nodes always lie on a line.
+
+    Raises:
+        SceneError: otherwise.
+    """
+    counts = [len(each) for each in circles]
+    if nodes in counts:
+        at = counts.index(nodes)
+        tracks = follow_unnamed([each.centre for each in circles[at:]], 0)
+        line = on_a_line(tracks)
+        if line is not None:
+            change, mean = changes(tracks)
+            pairs = line[:-1], line[1:]
+            # change of a length [pixel] up to which a row of markers is one line of links
+            if (change[pairs] <= 1.0).all():
+                return Chain(tracks[0, line], mean[pairs], change[pairs], at)
+    raise SceneError(
+        f"track: no chain of {nodes} moving markers found among {max(counts)} circles; "
+        "use --start with the nodes' positions in the first frame"
+    )
 
 
 def named_chain(

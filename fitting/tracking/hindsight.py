@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import distance_transform_edt
 
 from fitting.tracking.detection import Circles
 from fitting.tracking.flattening import Flat, link_lengths
@@ -43,49 +44,51 @@ class TrackedChain:
 
 def reverse_chain(found: TrackedChain) -> TrackedChain:
     """The same chain read from its other end."""
-    old = found.chain
-    rate = None if old.rate is None else old.rate[::-1]
-    held = None if old.held is None else old.held[::-1]
-    chain = Chain(old.positions[::-1], old.length[::-1], old.spread[::-1], old.at, rate, held)
-    arrays = (a[:, ::-1] for a in (found.flat, found.pixels, found.error, found.detected))
-    return TrackedChain(*arrays, chain, found.map, found.resting[::-1], found.straight, found.exposure)
+    parts = {name: getattr(found.chain, name) for name in ("positions", "length", "spread", "rate", "held")}
+    chain = replace(found.chain, **{name: part[::-1] for name, part in parts.items() if part is not None})
+    arrays = {name: getattr(found, name)[:, ::-1] for name in ("flat", "pixels", "error", "detected")}
+    return replace(found, **arrays, chain=chain, resting=found.resting[::-1])
 
 
 def fill_missed(found: TrackedChain, mapped: list[Circles], circles: list[Circles], which: np.ndarray) -> None:
     """Fill in existing circles that were not assigned, and bridge the rest, in place."""
+
+    def unused(i: int) -> tuple[np.ndarray, Circles]:
+        free = np.setdiff1d(np.arange(len(circles[i])), which[i])
+        return mapped[i].centre[free], circles[i].pick(free)
+
     bridge_gaps(found)
-    _take(found, lambda i: _unused_circles(mapped[i], circles[i], which[i]))
+    _take(found, unused)
     bridge_gaps(found)
 
 
 def detect_again(found: TrackedChain, looked: Callable[[int, np.ndarray], Circles]) -> None:
     """Search for undetected nodes at their expected positions; `looked` gives the circles there [pixel, video's]."""
 
-    def there(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def there(i: int) -> tuple[np.ndarray, Circles]:
         circles = looked(i, found.pixels[i, ~found.detected[i]])
-        flat = found.map(circles.centre) if len(circles) else np.zeros((0, 2))
-        free = np.ones(len(circles), bool)
-        for position in found.pixels[i, found.detected[i]]:
-            free &= np.linalg.norm(circles.centre - position, axis=1) > 3.0
-        return flat[free], circles.centre[free], circles.error[free]
+        apart = np.linalg.norm(circles.centre[:, None] - found.pixels[i, found.detected[i]], axis=-1)
+        circles = circles.pick((apart > 3.0).all(axis=1))
+        return found.map(circles.centre), circles
 
     _take(found, there)
     bridge_gaps(found)
 
 
-def _unused_circles(mapped: Circles, circles: Circles, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    free = np.setdiff1d(np.arange(len(mapped)), which)
-    return mapped.centre[free], circles.centre[free], circles.error[free]
+def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, Circles]]) -> None:
+    """Assign circles to undetected nodes if they fit the expected position and the lengths of the links.
 
-
-def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, np.ndarray, np.ndarray]]) -> None:
-    """Assign circles to undetected nodes if they fit the expected position and the lengths of the links."""
+    Args:
+        there: flat centres (m, 2) and circles of a frame that may be assigned.
+    """
     error = length_errors(found.chain)
-    expected, away = found.flat.copy(), _frames_away(found.detected)
+    expected = found.flat.copy()
+    # frames to the nearest one in which the node itself is detected
+    away = distance_transform_edt(~found.detected, sampling=(1.0, 1e6))
     steps = np.linalg.norm(np.diff(found.flat, axis=0), axis=-1)[found.detected[1:] & found.detected[:-1]]
     fast = 0.2 * float(np.percentile(steps, 98)) if len(steps) else 0.0
     for i in np.flatnonzero((~found.detected).any(axis=1)):
-        flat, pixels, scatter = there(i)
+        flat, circles = there(i)
         for k in np.flatnonzero(~found.detected[i]):
             if not len(flat):
                 break
@@ -99,20 +102,11 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, np.ndarr
             best = int(np.argmin(price))
             # standard deviations of position and length up to which a circle is the missed node
             if price[best] < 3.0:
-                found.flat[i, k], found.pixels[i, k] = flat[best], pixels[best]
-                found.error[i, k], found.detected[i, k] = scatter[best], True
-                flat, pixels, scatter = (np.delete(a, best, axis=0) for a in (flat, pixels, scatter))
-
-
-def _frames_away(detected: np.ndarray) -> np.ndarray:
-    """Frames (k, n) to the nearest one in which the node is detected."""
-    away = np.full(detected.shape, len(detected))
-    for way in (slice(None), slice(None, None, -1)):
-        run = np.full(detected.shape[1], len(detected))
-        for i, row in enumerate(detected[way]):
-            run = np.where(row, 0, run + 1)
-            away[way][i] = np.minimum(away[way][i], run)
-    return away
+                found.flat[i, k] = flat[best]
+                found.pixels[i, k] = circles.centre[best]
+                found.error[i, k] = circles.error[best]
+                found.detected[i, k] = True
+                flat[best] = np.inf  # each circle once
 
 
 def bridge_gaps(found: TrackedChain) -> None:
@@ -129,19 +123,17 @@ def bridge_gaps(found: TrackedChain) -> None:
         inside = np.clip(frames[~known], frames[known][0], frames[known][-1])
         found.flat[~known, k] = PchipInterpolator(frames[known], found.flat[known, k])(inside)
     error = length_errors(found.chain)
-    rows = np.flatnonzero((~found.detected).any(axis=1))
-    for i in rows:
-        found.flat[i] = bridge(found.flat[i], ~found.detected[i], found.chain.length, error)
-    if len(rows):
-        hidden = ~found.detected
-        found.pixels[hidden] = found.map.back(found.flat[hidden])
+    hidden = ~found.detected
+    for i in np.flatnonzero(hidden.any(axis=1)):
+        found.flat[i] = bridge(found.flat[i], hidden[i], found.chain.length, error)
+    found.pixels[hidden] = found.map.back(found.flat[hidden])
 
 
 def remove_blur(found: TrackedChain) -> TrackedChain:
     """The positions corrected for a long exposure."""
     share = exposure_share(found.flat, found.detected)
-    flat = found.flat - share * second_differences(found.flat, found.detected)
-    return replace(found, flat=flat, exposure=float(np.sqrt(24 * share)))
+    shift = share * second_differences(found.flat, found.detected)
+    return replace(found, flat=found.flat - shift, exposure=float(np.sqrt(24 * share)))
 
 
 def second_differences(positions: np.ndarray, detected: np.ndarray) -> np.ndarray:
@@ -158,17 +150,13 @@ def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
     link = np.diff(positions, axis=1)
     length = np.maximum(link_lengths(positions), 1e-9)
     slope = np.sum(np.diff(change, axis=1) * link, axis=-1) / length
-    moving = (np.abs(change).sum(axis=-1) > 0)[:, 1:] & (np.abs(change).sum(axis=-1) > 0)[:, :-1]
-    known = detected[:, 1:] & detected[:, :-1] & moving
-    x, y = [], []
-    for j in range(known.shape[1]):
-        here = known[:, j]
+    usable = detected & change.any(axis=-1)
+    known = usable[:, 1:] & usable[:, :-1]
+    parts = [np.zeros((2, 0))]
+    for here, *pair in zip(known.T, slope.T, length.T, strict=True):
         if here.sum() >= 10:
-            x.append(slope[here, j] - slope[here, j].mean())
-            y.append(length[here, j] - length[here, j].mean())
-    if not x:
-        return 0.0
-    x, y = np.concatenate(x), np.concatenate(y)
+            parts.append(np.stack([values[here] - values[here].mean() for values in pair]))
+    x, y = np.concatenate(parts, axis=1)
     if not np.sum(x**2) > 0:
         return 0.0
     weight, share = np.ones_like(x), 0.0

@@ -11,7 +11,6 @@ within its reach fits the lengths, because the expectation for a node that was h
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,34 +18,29 @@ from fitting.tracking.detection import Circles
 from fitting.tracking.ordering import Chain
 
 
-@dataclass
 class Follower:
-    """The state of the chain from frame to frame.
+    """The state of the chain from frame to frame, from its own frame forwards in time (direction 1) or backwards (-1).
 
     Attributes:
         chain: positions at the first frame, lengths.
         past: the last positions (n, 2), newest first, at most three.
+        held: nodes that rest (n,).
         lost: frames since the last detection of each node (n,).
         last_positions: of the last detection of each node (n, 2).
         fastest: recent fastest step of a node [pixel].
     """
 
-    chain: Chain
-    past: list[np.ndarray] = field(default_factory=list)
-    lost: np.ndarray | None = None
-
-    def __post_init__(self) -> None:
-        self.past = self.past or [self.chain.positions.copy()]
-        self.lost = np.zeros(len(self.chain.positions), int)
+    def __init__(self, chain: Chain, direction: int = 1) -> None:
+        self.chain = chain
+        self.past = [chain.positions]
+        if chain.rate is not None:
+            self.past.append(chain.positions - direction * chain.rate)
+        self.held = np.zeros(len(chain.positions), bool) if chain.held is None else chain.held
+        self.lost = np.zeros(len(chain.positions), int)
+        self.last_positions = chain.positions
         # before any step was observed: 0.3 mean links
-        self.last_positions, self.fastest = self.chain.positions.copy(), 0.3 * float(np.mean(self.chain.length))
-        self.length_error = length_errors(self.chain)
-
-    @classmethod
-    def along(cls, chain: Chain, direction: int) -> Follower:
-        """A follower that starts in the chain's frame and moves forwards in time (way 1) or backwards (-1)."""
-        positions = chain.positions.copy()
-        return cls(chain, [positions] if chain.rate is None else [positions, positions - direction * chain.rate])
+        self.fastest = 0.3 * float(np.mean(chain.length))
+        self.length_error = length_errors(chain)
 
     def expected_positions(self) -> np.ndarray:
         """Positions (n, 2) expected in the next frame: by a parabola through the last three, or a line through two."""
@@ -59,9 +53,7 @@ class Follower:
 
     def _at_rest(self, positions: np.ndarray) -> np.ndarray:
         """The positions (n, 2) with resting nodes at their own."""
-        if self.chain.held is None:
-            return positions
-        return np.where(self.chain.held[:, None], self.chain.positions, positions)
+        return np.where(self.held[:, None], self.chain.positions, positions)
 
     def _errors(self) -> np.ndarray:
         # minimum error of an expected position [pixel]
@@ -74,19 +66,17 @@ class Follower:
         if len(self.past) > 2:
             change = np.linalg.norm(self.past[0] - 2 * self.past[1] + self.past[2], axis=1)
         # fractions of the last step, and of its last change
-        found = (floor + 0.05 * step + 0.7 * change) * (1.0 + self.lost)
-        return found if self.chain.held is None else np.where(self.chain.held, floor, found)
+        return np.where(self.held, floor, (floor + 0.05 * step + 0.7 * change) * (1.0 + self.lost))
 
     def advance(self, circles: Circles) -> np.ndarray:
         """Process the next frame; returns for each node the number of its circle, or -1 if undetected (n,)."""
         guess = self.expected_positions()
         found = self._assign(circles.centre, guess, self._errors())
         detected = found >= 0
-        positions = np.where(detected[:, None], circles.centre[found] if len(circles) else guess, guess)
-        hidden = ~detected if self.chain.held is None else ~detected & ~self.chain.held
-        positions = self._bridge(np.where(detected[:, None], positions, self._at_rest(positions)), hidden)
-        step = np.linalg.norm(positions - self.past[0], axis=1)
-        steady = step[detected & (self.lost == 0)]
+        positions = self._at_rest(guess)
+        positions[detected] = circles.centre[found[detected]]
+        positions = self._bridge(positions, ~detected & ~self.held)
+        steady = np.linalg.norm(positions - self.past[0], axis=1)[detected & (self.lost == 0)]
         self.fastest = max(0.95 * self.fastest, float(steady.max(initial=0.0)))
         self.last_positions = np.where(detected[:, None], positions, self.last_positions)
         self.lost = np.where(detected, 0, self.lost + 1)
@@ -102,9 +92,7 @@ class Follower:
             return np.full(len(guess), -1)
         unary = np.sum((centre[None] - guess[:, None]) ** 2, axis=-1) / error[:, None] ** 2
         # a distance [pixel], and more for every frame that the node was lost [fastest step]
-        reach = 12.0 + 1.5 * self.lost * self.fastest
-        if self.chain.held is not None:
-            reach = np.where(self.chain.held, 0.0, reach)
+        reach = np.where(self.held, 0.0, 12.0 + 1.5 * self.lost * self.fastest)
         away = np.linalg.norm(centre[None] - self.last_positions[:, None], axis=-1) < reach[:, None]
         back = (self.lost > 0)[:, None] & away
         unary = np.where(back, np.minimum(unary, return_price), unary)

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 
-from fitting.tracking.detection import NONE, Circles
-from fitting.tracking.flattening import link_lengths
+from fitting.tracking.detection import Circles
+from fitting.tracking.flattening import robust_lengths
 from fitting.tracking.identity import Follower
 from fitting.tracking.ordering import Chain, rates
 
@@ -65,14 +65,9 @@ class Marks:
 
 def find_marks(positions: np.ndarray, detected: np.ndarray) -> Marks:
     """Marks of positions (k, n, 2) [pixel of the plane of motion], `detected` (k, n) of which are measured."""
-    both = detected[:, 1:] & detected[:, :-1]
-    lengths = np.where(both, link_lengths(positions), np.nan)
-    usual = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in lengths.T])
-    off = np.abs(lengths - usual)
-    deviation = np.array([1.4826 * np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in off.T])
-    # robust deviations, and at least this [pixel] and this fraction of it
-    limit = np.maximum(7.0 * deviation, np.hypot(0.8, 0.015 * usual))
-    length = np.where(np.isfinite(off), off, 0.0) > limit
+    lengths, usual, deviation = robust_lengths(positions, detected)
+    # robust deviations, and at least this [pixel] and this fraction of it; a missing length is not wrong
+    length = np.abs(lengths - usual) > np.maximum(7.0 * deviation, np.hypot(0.8, 0.015 * usual))
     swapped = _swapped_names(positions, detected, length, usual, deviation)
     # samples that are already marked must not make their neighbours in time look wrong
     wrong = swapped.copy()
@@ -96,10 +91,10 @@ def _swapped_names(
     asked, other = np.zeros(len(positions), int), np.zeros(detected.shape, int)
     for at, stop, way in runs[:2] if first == last else [runs[0], runs[3], runs[1], runs[2]]:
         rate = rates(np.where(detected[..., None], positions, np.nan), at)
-        follower = Follower.along(Chain(positions[at], usual, 2 * deviation, at, rate), way)
+        follower = Follower(Chain(positions[at], usual, 2 * deviation, at, rate), way)
         for i in range(at, stop, way):
             here = np.flatnonzero(detected[i])
-            found = follower.advance(_bare(positions[i, here]))
+            found = follower.advance(Circles(positions[i, here], *[np.zeros(len(here))] * 4))
             asked[i] += 1
             for k in np.flatnonzero(found >= 0):
                 if here[found[k]] != k:
@@ -108,11 +103,6 @@ def _swapped_names(
     near = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=-1) + 1e9 * np.eye(detected.shape[1])
     alone = near.min(axis=2) > 0.05 * np.median(usual)
     return (other > 0) & (other >= asked[:, None]) & detected & alone
-
-
-def _bare(centre: np.ndarray) -> Circles:
-    none = np.zeros(len(centre))
-    return Circles(centre, none, none, none, none) if len(centre) else NONE
 
 
 def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
@@ -153,8 +143,7 @@ def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) ->
         broken = np.flatnonzero(way > fastest * np.diff(frames) + 0.2 * length) + 1
         if not len(broken):
             continue
-        runs = np.split(frames, broken)
-        for run in runs:
+        for run in np.split(frames, broken):
             if len(run) <= 6 and len(run) < len(frames) / 2:
                 result[run, k] = True
     return result

@@ -13,8 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dropper_jax.base.errors import SceneError
-
 #: Maximum number of steps in the search for paths.
 MOST_PATH_STEPS = 40_000
 
@@ -84,37 +82,20 @@ def _alone(positions: np.ndarray) -> np.ndarray:
     return apart.min(axis=1)
 
 
-def order(tracks: np.ndarray, nodes: int, radius: float, first: str = "auto") -> Chain:
-    """The chain through the spots.
+def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tuple[Chain | None, float]:
+    """The chain with the smallest change of its lengths, and the margin to the next best chain.
 
     Args:
-        tracks: (k, m, 2) [pixel] from `follow_unnamed`, m >= nodes.
+        tracks: (k, m, 2) [pixel] from `follow_unnamed`.
         nodes: markers of the chain.
-        first: end with node 0: `left`, `right`, `top`, or `auto`: the only still end, otherwise the left one.
-
-    Raises:
-        SceneError: no path of that many spots.
     """
-    chain, still, _ = best_chain(tracks, nodes, radius)
-    if chain is None:
-        raise SceneError(
-            f"track: no chain of {nodes} moving markers found among {tracks.shape[1]} circles; "
-            "use --start with the nodes' positions in the first frame"
-        )
-    if turn_round(chain.positions, still, first):
-        chain = Chain(chain.positions[::-1], chain.length[::-1], chain.spread[::-1])
-    return chain
-
-
-def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tuple[Chain | None, np.ndarray, float]:
-    """The chain with the smallest change of its lengths, its resting nodes, and the margin to the next best chain."""
     share = np.isfinite(tracks[..., 0]).mean(axis=0)
     often = np.argsort(-share, kind="stable")[:13]
     # spots that are often missing are reflections; a marker seen now and then counts if there are too few others
     enough = (share[often] >= 0.5) | ((np.arange(len(often)) < nodes) & (share[often] >= 0.1))
     tracks = tracks[:, often[enough]]
     if tracks.shape[1] < nodes:
-        return None, np.zeros(0, bool), 0.0
+        return None, 0.0
     change, mean = changes(tracks)
     still = resting(tracks, radius, nodes)
     # [pixel, fraction]: a slanting camera changes a length by some per cent
@@ -123,14 +104,12 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tu
     for worst in (2.0, 4.0, 8.0):
         found = paths(ratio, still, nodes, worst)
         if found:
-            break
-    else:
-        return None, still, 0.0
-    margin = (found[1][0] if len(found) > 1 else worst**2) - found[0][0]
-    path = found[0][1]
-    pairs = path[:-1], path[1:]
-    rate = rates(tracks[:, path], at)
-    return Chain(tracks[at, path], mean[pairs], change[pairs], at, rate), still[path], float(margin)
+            path = found[0][1]
+            pairs = path[:-1], path[1:]
+            margin = min((spent for spent, _ in found[1:]), default=worst**2) - found[0][0]
+            chain = Chain(tracks[at, path], mean[pairs], change[pairs], at, rates(tracks[:, path], at))
+            return chain, float(margin)
+    return None, 0.0
 
 
 def rates(tracks: np.ndarray, at: int) -> np.ndarray | None:
@@ -141,15 +120,14 @@ def rates(tracks: np.ndarray, at: int) -> np.ndarray | None:
     return found if np.isfinite(found).all() else None
 
 
-def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: float) -> tuple[Chain | None, float]:
-    """The chain of the stretch of the film that determines it most clearly, with its frame in `at`, and the margin."""
+def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: float) -> Chain | None:
+    """The chain of the stretch of the film that determines it most clearly, with its frame in `at`."""
     best, clear = None, -np.inf
     counts = np.array([len(centres) for centres in frames])
     # durations of the stretches [s]
     for duration in (1.0, 2.0, 4.0):
         size = min(len(frames), max(20, round(duration * fps)))
-        starts = np.unique(np.linspace(0, len(frames) - size, 16).astype(int))
-        for start in starts:
+        for start in np.unique(np.linspace(0, len(frames) - size, 16).astype(int)):
             # a frame with at least as many circles as nodes, the one in which most others agree
             here = counts[start : start + size]
             if here.max(initial=0) < nodes:
@@ -159,20 +137,19 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
             part = frames[start : start + size]
             before = follow_unnamed(part[: middle + 1][::-1], 0)[::-1]
             tracks = np.concatenate([before, follow_unnamed(part, middle)[1:]])
-            chain, _, margin = best_chain(tracks, nodes, radius, middle)
+            chain, margin = best_chain(tracks, nodes, radius, middle)
             if chain is not None and margin > clear and np.isfinite(chain.positions).all():
                 best, clear = replace(chain, at=int(start) + middle), margin
         # sum of squared changes [tolerances] by which the second best path must be worse
         if clear >= 9.0 or size == len(frames):
             break
-    return best, clear
+    return best
 
 
 def changes(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Robust deviation and median (m, m) [pixel] of the distances of all pairs; 1e6 if rarely detected together."""
     apart = np.linalg.norm(tracks[:, :, None] - tracks[:, None], axis=-1)
-    together = np.isfinite(apart).sum(axis=0)
-    few = together < max(2, min(10, len(tracks) // 8))
+    few = np.isfinite(apart).sum(axis=0) < max(2, min(10, len(tracks) // 8))
     apart = np.where(few, 0.0, apart)
     low, middle, high = np.nanpercentile(apart, (5, 50, 95), axis=0)
     return np.where(few, 1e6, 0.5 * (high - low)), middle
@@ -190,56 +167,33 @@ def resting(tracks: np.ndarray, radius: float, nodes: int) -> np.ndarray:
     return still if (~still).sum() >= nodes - 2 else size < still_motion[1] * radius
 
 
-def paths(ratio: np.ndarray, still: np.ndarray, nodes: int, worst: float) -> list[tuple[float, np.ndarray]]:
-    """The two best paths of `nodes` spots, as sums of squares and spots, by branch and bound.
+def paths(
+    ratio: np.ndarray, still: np.ndarray, nodes: int, worst: float, most: int = 2
+) -> list[tuple[float, np.ndarray]]:
+    """The `most` best paths of `nodes` spots, as sums of squares and spots, by branch and bound.
 
     Args:
         ratio: (m, m) changes of the distances [tolerances]; steps above `worst` are not links.
         still: (m,) spots that rest: ends only, and never joined with each other.
     """
     near = [[int(j) for j in np.argsort(row) if row[j] <= worst and j != i] for i, row in enumerate(ratio)]
-    price = ratio**2
     found: list[tuple[float, tuple[int, ...]]] = []
-    steps = 0
-
-    def extend(path: tuple[int, ...], spent: float) -> None:
-        nonlocal steps, found
-        steps += 1
-        if steps > MOST_PATH_STEPS or (len(found) > 1 and spent >= found[1][0]):
-            return
-        if len(path) == nodes:
-            if path[0] < path[-1]:  # each path in one direction only
-                found = sorted([*found, (spent, path)])[:2]
-            return
-        tip = path[-1]
-        for j in near[tip]:
-            if j in path or (still[j] and (len(path) < nodes - 1 or still[tip])):
-                continue
-            extend((*path, j), spent + float(price[tip, j]))
-
-    for i in range(len(ratio)):
-        extend((i,), 0.0)
-    return [(spent, np.array(path)) for spent, path in found]
-
-
-def all_paths(ratio: np.ndarray, still: np.ndarray, worst: float, most: int = 50) -> list[np.ndarray]:
-    """Paths through all spots (m,) whose steps change at most `worst` tolerances, the best first, `most` at most."""
-    nodes = len(ratio)
-    near = [[int(j) for j in np.argsort(row) if row[j] <= worst and j != i] for i, row in enumerate(ratio)]
-    found: list[tuple[float, tuple[int, ...]]] = []
-    stack = [((i,), 0.0) for i in range(nodes)]
+    stack = [((i,), 0.0) for i in reversed(range(len(ratio)))]
     for _ in range(MOST_PATH_STEPS):
-        if not stack or len(found) >= most:
+        if not stack:
             break
         path, spent = stack.pop()
-        if len(path) == nodes:
-            if path[0] < path[-1]:
-                found.append((spent, path))
+        if len(found) == most and spent >= found[-1][0]:
             continue
-        for j in near[path[-1]]:
+        if len(path) == nodes:
+            if path[0] < path[-1]:  # each path in one direction only
+                found = sorted([*found, (spent, path)])[:most]
+            continue
+        # the nearest spot is tried first
+        for j in reversed(near[path[-1]]):
             if j not in path and not (still[j] and (len(path) < nodes - 1 or still[path[-1]])):
                 stack.append(((*path, j), spent + float(ratio[path[-1], j] ** 2)))
-    return [np.array(path) for _, path in sorted(found)]
+    return [(spent, np.array(path)) for spent, path in found]
 
 
 def on_a_line(tracks: np.ndarray) -> np.ndarray | None:

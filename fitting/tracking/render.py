@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 from dropper_jax.base.files import atomic_write
 from fitting.traces.synthetic import Motion
 from fitting.tracking.calibration import Lens
+from fitting.tracking.flattening import rotation
 from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.track import Tracked
 from fitting.tracking.video import Video, opencv, write_video
@@ -95,9 +96,7 @@ class View:
     @property
     def rotation(self) -> np.ndarray:
         """(3, 3) from right, down, away of the plane of motion to right, down, ahead of the camera."""
-        (cp, ct), (sp, st) = np.cos(self.slant), np.sin(self.slant)
-        pan = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
-        return np.array([[1.0, 0.0, 0.0], [0.0, ct, st], [0.0, -st, ct]]) @ pan
+        return rotation(*self.slant)
 
     def to_pixels(self, positions: np.ndarray) -> np.ndarray:
         """Pixels (k, 2) of points (k, 2) (x, z) [m] in the plane."""
@@ -241,7 +240,12 @@ def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path
     pictures = [picture[box[1] : box[3], box[0] : box[2]] for picture in _draw_frames(tracked, film, scale, chosen)]
     height = round((box[3] - box[1]) * scale)
     tiles = [opencv().resize(p, (picture_width, height), interpolation=opencv().INTER_CUBIC) for p in pictures]
-    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % per_row)
+    return _write_sheet(tiles, per_row, path)
+
+
+def _write_sheet(tiles: list[np.ndarray], per_row: int, path: Path) -> Path:
+    """Pictures of one size in rows, each with a white margin, as a `.png`."""
+    tiles = tiles + [np.full_like(tiles[0], 255)] * (-len(tiles) % per_row)
     framed = [np.pad(tile, ((4, 4), (4, 4), (0, 0)), constant_values=255) for tile in tiles]
     rows = [np.concatenate(framed[i : i + per_row], axis=1) for i in range(0, len(framed), per_row)]
     good, data = opencv().imencode(".png", np.concatenate(rows))
@@ -272,7 +276,7 @@ def _draw(image: np.ndarray, tracked: Tracked, i: int, thick: int, letters: floa
     cv2 = opencv()
     picture = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     radius = tracked.appearance.radius
-    positions = [(round(16 * x), round(16 * y)) for x, y in tracked.pixels[i].tolist()]
+    positions = _sixteenths(tracked.pixels[i])
     for a, b in zip(positions[:-1], positions[1:], strict=True):
         cv2.line(picture, a, b, LINK, thick, cv2.LINE_AA, 4)
     for k, (x, y) in enumerate(tracked.pixels[i].tolist()):
@@ -281,8 +285,8 @@ def _draw(image: np.ndarray, tracked: Tracked, i: int, thick: int, letters: floa
         if detected:
             cv2.circle(picture, positions[k], round(16 * 1.3 * radius), colour, thick, cv2.LINE_AA, 4)
         else:
-            here, size = (round(x), round(y)), round(3 * radius)
-            cv2.drawMarker(picture, here, colour, cv2.MARKER_TILTED_CROSS, size, thick + 1)
+            cross = cv2.MARKER_TILTED_CROSS
+            cv2.drawMarker(picture, (round(x), round(y)), colour, cross, round(3 * radius), thick + 1)
         write_text(picture, str(k), (round(x + 1.5 * radius), round(y - 1.2 * radius)), letters, colour)
     left, top, *_ = _box(tracked, image.shape[::-1])
     corner = (left + round(20 * letters), top + round(40 * letters))
@@ -311,16 +315,9 @@ SHOWN = 6
 
 def write_alternatives(error: AmbiguousOrderError, video: str | Path, path: str | Path) -> Path:
     """The frame once for each order, side by side in rows of three, as a `.png`."""
-    cv2 = opencv()
     image = next(Video(video).frames(error.frame, error.frame + 1))
     tiles = [_tile(image, positions, i) for i, positions in enumerate(error.orders[:SHOWN])]
-    columns = min(3, len(tiles))
-    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % columns)
-    rows = [np.concatenate(tiles[i : i + columns], axis=1) for i in range(0, len(tiles), columns)]
-    good, data = cv2.imencode(".png", np.concatenate(rows))
-    if not good:
-        raise OSError(f"{Path(path).name}: the picture cannot be encoded")
-    return atomic_write(Path(path), data.tobytes())
+    return _write_sheet(tiles, min(3, len(tiles)), Path(path))
 
 
 def _tile(image: np.ndarray, positions: np.ndarray, number: int) -> np.ndarray:
@@ -333,4 +330,4 @@ def _tile(image: np.ndarray, positions: np.ndarray, number: int) -> np.ndarray:
     labels = [(str(k), (x + 8, y - 8), 0.6, BRIDGED) for k, (x, y) in enumerate(points)]
     for text, position, size, colour in [*labels, (f"order {number + 1}", (12, 28), 0.8, TEXT)]:
         write_text(picture, text, position, size, colour)
-    return np.pad(picture, ((4, 4), (4, 4), (0, 0)), constant_values=255)
+    return picture

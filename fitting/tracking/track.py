@@ -14,7 +14,15 @@ from dropper_jax.base.renamed import old_attribute
 from fitting.traces.trace import FEWEST, Trace
 from fitting.tracking.calibration import Lens, calibrate, plane_from_board
 from fitting.tracking.detection import Circles, MarkerAppearance, detect_at, scan
-from fitting.tracking.flattening import Flat, changing_lengths, four_quadrant, level_error, scatter, to_trace
+from fitting.tracking.flattening import (
+    Flat,
+    changing_lengths,
+    four_quadrant,
+    level_error,
+    link_lengths,
+    scatter,
+    to_trace,
+)
 from fitting.tracking.following import follow_film
 from fitting.tracking.hindsight import TrackedChain, detect_again, remove_blur
 from fitting.tracking.marks import Marks, find_marks
@@ -65,15 +73,13 @@ class Tracked:
     @property
     def link_lengths(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n - 1,) of the links' measured lengths."""
-        length = np.linalg.norm(np.diff(self.metres, axis=1), axis=-1)
-        length = np.where(self.detected[:, 1:] & self.detected[:, :-1] & ~self.marks.links, length, np.nan)
-        known = [column[np.isfinite(column)] for column in length.T]
+        used = self.detected[:, 1:] & self.detected[:, :-1] & ~self.marks.links
+        known = [column[good] for column, good in zip(link_lengths(self.metres).T, used.T, strict=True)]
         return tuple(np.array([f(c) if len(c) else np.nan for c in known]) for f in (np.mean, np.std))
 
     def to_json(self) -> dict[str, Any]:
         """The result without its samples."""
         mean, deviation = self.link_lengths
-        gap = _longest_gaps(self.detected)
         found = {
             "schema": 1,
             "status": self.status,
@@ -82,7 +88,7 @@ class Tracked:
             "nodes": self.detected.shape[1],
             "links": self.detected.shape[1] - 1,
             "bridged": [int(x) for x in (~self.detected).sum(axis=0)],
-            "longest_gap_s": float(gap.max() / self.fps),
+            "longest_gap_s": float(_longest_gaps(self.detected).max() / self.fps),
             "angle_se_rad": float(np.nanmedian(self.trace.se)),
             "marker_radius_pixel": self.appearance.radius,
             "link_length_m": [float(x) for x in mean] if self.scaled else None,
@@ -216,8 +222,7 @@ def _detect_again(film: Video, span: tuple[int, int | None], appearance: MarkerA
     frames = enumerate(film.frames(*span))
 
     def detect_in_frame(i: int, guesses: np.ndarray) -> Circles:
-        image = next(image for number, image in frames if number == i)
-        return detect_at(image, appearance, guesses)
+        return detect_at(next(image for number, image in frames if number == i), appearance, guesses)
 
     detect_again(chain, detect_in_frame)
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from fitting.tracking.detection import Circles, MarkerAppearance, detect, learn_appearance
-from fitting.tracking.flattening import angle_errors, four_quadrant
+from fitting.tracking.flattening import Flat, angle_errors, four_quadrant
+from fitting.tracking.following import follow_film
 from fitting.tracking.identity import Follower
-from fitting.tracking.ordering import Chain, follow_unnamed, order
+from fitting.tracking.ordering import Chain
 from fitting.tracking.video import Video
 
 
@@ -109,13 +110,13 @@ def test_the_chain_is_found_from_which_distances_stay():
     frames = []
     for i, nodes in enumerate(chain):
         more = [[300.0, 20.0]] + ([[10.0 + i, 250.0]] if i % 3 == 0 else [])
-        frames.append(rng.permutation(np.concatenate([nodes, more])))
-    found = order(follow_unnamed(frames, 0), 5, radius=6.0)
-    np.testing.assert_allclose(found.positions, chain[0], atol=1e-9)
-    np.testing.assert_allclose(found.length, 50.0, atol=0.3)
+        frames.append(circles(rng.permutation(np.concatenate([nodes, more]))))
+    found = follow_film(frames, 5, 6.0, 30.0, Flat((400, 300)))
+    np.testing.assert_allclose(found.pixels[0], chain[0], atol=1e-9)
+    np.testing.assert_allclose(found.chain.length, 50.0, atol=0.3)
     # read from the right it is the same chain backwards
-    backwards = order(follow_unnamed(frames, 0), 5, radius=6.0, first="right")
-    np.testing.assert_allclose(backwards.positions, chain[0, ::-1], atol=1e-9)
+    backwards = follow_film(frames, 5, 6.0, 30.0, Flat((400, 300)), first="right")
+    np.testing.assert_allclose(backwards.pixels[0], chain[0, ::-1], atol=1e-9)
 
 
 def circles(centres):

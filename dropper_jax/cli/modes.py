@@ -57,8 +57,7 @@ def run(args: argparse.Namespace) -> int:
     model = build_model(scene)
     pose = equilibrium(model)
     if pose.status != "ok":
-        failure = pose.status, f"{pose.status}: {pose.message}"
-        return print_result(args.json, {"scene": scene.name}, failure=failure)
+        return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
     modes = natural_modes(model, pose.state, args.count)
     if plot:
         from dropper_jax.study.pictures import mode_shapes

@@ -51,8 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
     pose = equilibrium(scene)
     if pose.status != "ok":
-        failure = pose.status, f"{pose.status}: {pose.message}"
-        return print_result(args.json, {"scene": scene.name}, failure=failure)
+        return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
     model = build_model(scene)
     loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
     found = mooring_stiffness(model, pose.state, names, loads)

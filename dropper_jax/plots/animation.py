@@ -215,8 +215,7 @@ class _Stage:
         """One frame (height, width, 3) of bytes."""
         nodes = self.screen[frame]
         self.canvas.restore_region(self.background)
-        middle = self.screen[max(0, frame - self.trail * self.step) : frame + 1, self.traced]
-        self.trace.set_data(*middle.T)
+        self.trace.set_data(*self.screen[max(0, frame - self.trail * self.step) : frame + 1, self.traced].T)
         self.links.set_segments(self.run.segments(nodes))
         self.links.set_array(self.tension[frame])
         self.nodes.set_data(*nodes.T)
@@ -247,12 +246,10 @@ def _water(run: Run, positions: np.ndarray, frames: np.ndarray) -> tuple[Any, di
     if run.surface is None:
         return None, {}
     limits = view.box(positions)
-    middle = positions.reshape(-1, 3).mean(axis=0)
-    cuts = np.tile(middle, (2, surface_points, 1))
+    cuts = np.tile(positions.reshape(-1, 3).mean(axis=0), (2, surface_points, 1))
     for axis in (0, 1):
         cuts[axis, :, axis] = np.linspace(*limits[axis], surface_points)
-    heights = run.surface(cuts.reshape(-1, 3), run.t[frames])
-    return cuts, dict(zip(frames.tolist(), heights, strict=True))
+    return cuts, dict(zip(frames.tolist(), run.surface(cuts.reshape(-1, 3), run.t[frames]), strict=True))
 
 
 def _with_water(positions: np.ndarray, eta: dict[int, np.ndarray]) -> np.ndarray:

@@ -29,8 +29,7 @@ def motion_history(run: Run, path: str | Path) -> Path:
 
 def motion_panels(run: Run) -> list[Panel]:
     """The directions that move, and the surface."""
-    tracked = tracked_nodes(run)
-    paths = {name: run.positions[:, node] for name, node in tracked.items()}
+    paths = {name: run.positions[:, node] for name, node in tracked_nodes(run).items()}
     alone = len(paths) == 1
     least = TRAVEL * max(view.size(run.positions[:1]), 1e-300)
     panels = []

@@ -107,8 +107,7 @@ def draw_panel(
         axes.plot(t, values, color=colour, lw=1.0, ls=dashes, marker=style.marker(t), ms=4, label=name)
     if panel.zero:
         axes.axhline(0.0, color=style.FAINT, lw=0.7, zorder=0.5)
-    known = np.concatenate([_cut_curve(curve, part)[1] for curve in panel.curves])
-    style.widen(known, axes.set_ylim)
+    style.widen(np.concatenate([_cut_curve(curve, part)[1] for curve in panel.curves]), axes.set_ylim)
     axes.yaxis.set_major_locator(MaxNLocator(4))
     axes.margins(y=0.08)
 
@@ -163,8 +162,7 @@ def turns(values: np.ndarray) -> int:
     # relative change of a series below which it is rounding
     if known.size < 3 or np.ptp(known) <= 1e-6 * np.abs(known).max():
         return 0
-    steps = np.rint((known - known.min()) / (0.03 * np.ptp(known)))
-    way = np.diff(steps)
+    way = np.diff(np.rint((known - known.min()) / (0.03 * np.ptp(known))))
     way = np.sign(way[way != 0])
     return int(np.sum(way[1:] != way[:-1]))
 

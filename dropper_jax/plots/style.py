@@ -169,8 +169,7 @@ def bold(run: Run) -> float:
 def tension_map() -> Colormap:
     """Plasma without its pale end, which vanishes on white."""
     plasma = matplotlib.colormaps["plasma"]
-    colours = plasma(np.linspace(0.0, 0.87, 64))
-    return LinearSegmentedColormap.from_list("tension", colours, bad=FAINT)
+    return LinearSegmentedColormap.from_list("tension", plasma(np.linspace(0.0, 0.87, 64)), bad=FAINT)
 
 
 def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **where: Any) -> None:

@@ -113,10 +113,9 @@ def report_runs(solutions: dict[str, Solution], settings: Settings | None = None
     settings = settings or Settings()
     _same_lines(solutions)
     runs = {name: report_run(solution, settings) for name, solution in solutions.items()}
-    bad = next((run["status"] for run in runs.values() if run["status"] != "ok"), None)
     return {
         "schema": 1,
-        "status": bad or "ok",
+        "status": next((run["status"] for run in runs.values() if run["status"] != "ok"), None) or "ok",
         "settings": settings.table(),
         "runs": [{"file": Path(name).name, **run} for name, run in runs.items()],
         "spread": _spread(list(runs.values())),

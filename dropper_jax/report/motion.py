@@ -46,8 +46,7 @@ def accelerations(record: Record) -> list[dict[str, Any]]:
 
     Central differences of the saved velocities, which do not resolve periods below two saved intervals.
     """
-    change = np.gradient(record.velocities, record.t, axis=0)
-    size = np.linalg.norm(change, axis=-1)
+    size = np.linalg.norm(np.gradient(record.velocities, record.t, axis=0), axis=-1)
     found = []
     for where in record.written_lines:
         spec = where.spec

@@ -132,8 +132,7 @@ def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
             "drop_off": None,
         }
         if season is not None and season.attachment is not None and np.any(volume > 0.0):
-            density = float(np.sum(crop) / np.sum(volume))
-            limit = season.holding(density, scene.sea.density, scene.sea.gravity)
+            limit = season.holding(float(np.sum(crop) / np.sum(volume)), scene.sea.density, scene.sea.gravity)
             beyond = size[:, where.nodes] > limit
             hit = beyond.any(axis=0)
             row["drop_off"] = {

@@ -12,6 +12,8 @@ import numpy as np
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.base.toml_text import literal
 
+#: Cells of a row by the headings of their columns.
+Cells = dict[str, str]
 #: Maximum number of lines in one table, those with the largest values; report.json has all.
 SECTION_ROWS = 30
 #: Limit of rounding.
@@ -39,8 +41,19 @@ def largest(lines: list[dict[str, Any]], size: Callable[[dict[str, Any]], float]
     return [lines[i] for i in sorted(kept)]
 
 
-def with_rest(text: str, shown: int, total: int, which: str = "largest", what: str = "lines") -> str:
-    return text if shown == total else f"{text}\n\nThe {which} {shown} of {total} {what}; report.json has all."
+def largest_table(
+    lines: list[dict[str, Any]],
+    size: Callable[[dict[str, Any]], float],
+    row: Callable[[dict[str, Any]], Cells],
+    which: str = "largest",
+    what: str = "lines",
+) -> str:
+    """The table of the `SECTION_ROWS` largest, and a note if there are more; `row` gives the cells of one."""
+    shown = largest(lines, size)
+    text = table_of([row(line) for line in shown])
+    if len(shown) == len(lines):
+        return text
+    return f"{text}\n\nThe {which} {len(shown)} of {len(lines)} {what}; report.json has all."
 
 
 def _names(lines: list[dict[str, Any]]) -> str:
@@ -51,39 +64,38 @@ def _names(lines: list[dict[str, Any]]) -> str:
 
 
 def tension(lines: list[dict[str, Any]]) -> str:
-    rows, shown = [], largest(lines, lambda line: line["largest"]["n"])
-    for line in shown:
-        used = line["utilisation"]
-        rows.append(
-            [
-                line["line"],
-                newton(line["least"]["n"]),
-                newton(line["mean_first_link_n"]),
-                newton(line["mean_last_link_n"]),
-                f"{newton(line['mean_first_force_n'])} / {newton(line['max_first_force_n'])}",
-                f"{newton(line['mean_last_force_n'])} / {newton(line['max_last_force_n'])}",
-                *(f"{line[f'mean_{x}_angle_deg']:.1f} / {line[f'max_{x}_angle_deg']:.1f}" for x in ("first", "last")),
-                newton(max(line["percentiles_n"]["99"])),
-                f"{newton(line['largest']['n'])} at {line['largest']['at_m']:.1f} m, {line['largest']['t_s']:.2f} s",
-                "-" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
-                "-" if used is None else f"{100 * used['with_factor']:.1f} %",
-            ]
-        )
-    head = [
-        "line",
-        "least [N]",
-        "mean, first link [N]",
-        "mean, last link [N]",
-        "force on first point, mean / max [N]",
-        "force on last point, mean / max [N]",
-        "angle up at first point, mean / max [deg]",
-        "angle up at last point, mean / max [deg]",
-        "99 % [N]",
-        "largest [N]",
-        "utilisation",
-        "with the safety factor",
-    ]
-    return with_rest(table(head, rows), len(shown), len(lines)) + _without_load(lines, "utilisation")
+    return largest_table(lines, lambda line: line["largest"]["n"], _tension_row) + _without_load(lines, "utilisation")
+
+
+def _tension_row(line: dict[str, Any]) -> Cells:
+    used = line["utilisation"]
+    return {
+        "line": line["line"],
+        "least [N]": newton(line["least"]["n"]),
+        "mean, first link [N]": newton(line["mean_first_link_n"]),
+        "mean, last link [N]": newton(line["mean_last_link_n"]),
+        **{
+            f"force on {end} point, mean / max [N]": " / ".join(
+                newton(line[f"{what}_{end}_force_n"]) for what in ("mean", "max")
+            )
+            for end in ("first", "last")
+        },
+        **{
+            f"angle up at {end} point, mean / max [deg]": " / ".join(
+                f"{line[f'{what}_{end}_angle_deg']:.1f}" for what in ("mean", "max")
+            )
+            for end in ("first", "last")
+        },
+        "99 % [N]": newton(max(line["percentiles_n"]["99"])),
+        "largest [N]": _at(line["largest"], newton(line["largest"]["n"])),
+        "utilisation": "-" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
+        "with the safety factor": "-" if used is None else f"{100 * used['with_factor']:.1f} %",
+    }
+
+
+def _at(found: dict[str, Any], value: str, when: str = "t_s") -> str:
+    """A value with its arc length and time."""
+    return f"{value} at {found['at_m']:.1f} m, {found[when]:.2f} s"
 
 
 def _without_load(lines: list[dict[str, Any]], key: str) -> str:
@@ -107,205 +119,192 @@ def _without_damage(lines: list[dict[str, Any]]) -> str:
 
 
 def anchors(anchors: list[dict[str, Any]]) -> str:
-    rows, shown = [], largest(anchors, lambda a: a["total_n"]["max"])
-    for a in shown:
-        angle = a["uplift_rad"]
-        rows.append(
-            [
-                a["point"],
-                f"{newton(a['horizontal_n']['mean'])} / {newton(a['horizontal_n']['max'])}",
-                " / ".join(newton(a["vertical_n"][key]) for key in ("min", "mean", "max")),
-                f"{newton(a['total_n']['mean'])} / {newton(a['total_n']['max'])}",
-                "no load" if angle is None else f"{DEGREE * angle['mean']:.2f} / {DEGREE * angle['max']:.2f}",
-                "no load" if angle is None else f"{DEGREE * a['uplift_at_largest_load_rad']:.2f}",
-            ]
-        )
-    head = [
-        "point",
-        "horizontal, mean / max [N]",
-        "vertical, min / mean / max [N]",
-        "total, mean / max [N]",
-        "uplift angle, mean / max [deg]",
-        "at the maximum load [deg]",
-    ]
-    return with_rest(table(head, rows), len(shown), len(anchors), what="points") + _holding(shown)
+    text = largest_table(anchors, _load_of_anchor, _anchor_row, what="points")
+    rows = [_holding_row(a) for a in largest(anchors, _load_of_anchor) if a.get("holding") is not None]
+    return f"{text}\n\n{table_of(rows)}" if rows else text
 
 
-def _holding(anchors: list[dict[str, Any]]) -> str:
-    """Utilisation of the anchors of the scene; empty without any."""
-    rows = []
-    for a in anchors:
-        found = a.get("holding")
-        if found is not None:
-            used, factor = found["utilisation"], found["factor"]
-            rows.append(
-                [
-                    a["point"],
-                    found["kind"].replace("_", " "),
-                    f"{100 * used['mean']:.1f} / {100 * used['max']:.1f}",
-                    "no load" if factor is None else f"{factor:.2f}",
-                    f"{found['required_factor']:g}: {'yes' if found['holds'] else 'NO'}",
-                ]
-            )
-    head = ["anchor", "kind", "utilisation, mean / max [%]", "factor at the maximum load", "required factor met"]
-    return "\n\n" + table(head, rows) if rows else ""
+def _load_of_anchor(anchor: dict[str, Any]) -> float:
+    return anchor["total_n"]["max"]
+
+
+def _anchor_row(anchor: dict[str, Any]) -> Cells:
+    angle, most = anchor["uplift_rad"], anchor["uplift_at_largest_load_rad"]
+    return {
+        "point": anchor["point"],
+        "horizontal, mean / max [N]": _range(anchor["horizontal_n"], newton, ("mean", "max")),
+        "vertical, min / mean / max [N]": _range(anchor["vertical_n"], newton),
+        "total, mean / max [N]": _range(anchor["total_n"], newton, ("mean", "max")),
+        "uplift angle, mean / max [deg]": "no load" if angle is None else _range(angle, _degrees, ("mean", "max")),
+        "at the maximum load [deg]": "no load" if angle is None else _degrees(most),
+    }
+
+
+def _range(values: dict[str, float], text: Callable[[float], str], keys: Sequence[str] = ("min", "mean", "max")) -> str:
+    """Some of the minimum, mean and maximum."""
+    return " / ".join(text(values[key]) for key in keys)
+
+
+def _degrees(angle: float) -> str:
+    return f"{DEGREE * angle:.2f}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}"
+
+
+def _holding_row(anchor: dict[str, Any]) -> Cells:
+    """Utilisation of an anchor of the scene."""
+    found = anchor["holding"]
+    return {
+        "anchor": anchor["point"],
+        "kind": found["kind"].replace("_", " "),
+        "utilisation, mean / max [%]": _range(found["utilisation"], _percent, ("mean", "max")),
+        "factor at the maximum load": "no load" if found["factor"] is None else f"{found['factor']:.2f}",
+        "required factor met": f"{found['required_factor']:g}: {'yes' if found['holds'] else 'NO'}",
+    }
 
 
 def snaps(lines: list[dict[str, Any]]) -> str:
-    rows, some = [], [line for line in lines if line["largest_share_slack"] > 0]
-    shown = largest(some, lambda line: line["shown"][0]["peak_n"] if line["shown"] else 0.0)
-    for line in shown:
-        first = line["shown"][0] if line["shown"] else None
-        text = (
-            "none" if first is None else f"{newton(first['peak_n'])} at {first['at_m']:.1f} m, {first['peak_s']:.2f} s"
-        )
-        rows.append([line["line"], str(line["most_events"]), f"{100 * line['largest_share_slack']:.1f}", text])
-    head = ["line", "events in the worst link", "slack, worst link [% of time]", "largest peak [N]"]
-    return _split_table("Never slack", head, rows, shown, some, lines)
+    return _table_and_others("Never slack", lines, "largest_share_slack", 0.0, _largest_snap, _snap_row)
 
 
-def _split_table(
+def _largest_snap(line: dict[str, Any]) -> float:
+    return line["shown"][0]["peak_n"] if line["shown"] else 0.0
+
+
+def _snap_row(line: dict[str, Any]) -> Cells:
+    return {
+        "line": line["line"],
+        "events in the worst link": str(line["most_events"]),
+        "slack, worst link [% of time]": _percent(line["largest_share_slack"]),
+        "largest peak [N]": _at(line["shown"][0], newton(_largest_snap(line)), "peak_s") if line["shown"] else "none",
+    }
+
+
+def _table_and_others(
     word: str,
-    head: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    shown: list[dict[str, Any]],
-    some: list[dict[str, Any]],
     lines: list[dict[str, Any]],
+    key: str,
+    least: float,
+    size: Callable[[dict[str, Any]], float],
+    row: Callable[[dict[str, Any]], Cells],
 ) -> str:
-    """The table of some lines, and the names of the others after a heading."""
+    """The table of the lines with a value above the least, and the names of the others after a heading."""
+    some = [line for line in lines if line[key] > least]
     others = [line for line in lines if line not in some]
-    text = with_rest(table(head, rows), len(shown), len(some)) if rows else ""
+    text = largest_table(some, size, row) if some else ""
     which = _names(others) if some else "all lines"
     return "\n\n".join(part for part in (text, f"{word}: {which}." if others else "") if part)
 
 
 def fatigue(lines: list[dict[str, Any]]) -> str:
-    rows, shown = [], largest(lines, lambda line: max(line["equivalent_range_n"]))
-    for line in shown:
-        worst = int(np.argmax(line["equivalent_range_n"]))
-        with_load = line["damage"] is not None
-        rows.append(
-            [
-                line["line"],
-                f"{line['cycles'][worst]:g}",
-                newton(line["equivalent_range_n"][worst]),
-                newton(max(line["largest_range_n"])),
-                f"{line['damage_per_year']:.3g}" if with_load else "-",
-                "-" if not with_load else "no damage" if line["life_years"] is None else f"{line['life_years']:.3g}",
-            ]
-        )
-    head = ["line", "cycles", "equivalent range [N]", "largest range [N]", "damage per year", "life [years]"]
-    return with_rest(table(head, rows), len(shown), len(lines)) + _without_damage(lines)
+    return largest_table(lines, lambda line: max(line["equivalent_range_n"]), _fatigue_row) + _without_damage(lines)
+
+
+def _fatigue_row(line: dict[str, Any]) -> Cells:
+    worst = int(np.argmax(line["equivalent_range_n"]))
+    with_load = line["damage"] is not None
+    return {
+        "line": line["line"],
+        "cycles": f"{line['cycles'][worst]:g}",
+        "equivalent range [N]": newton(line["equivalent_range_n"][worst]),
+        "largest range [N]": newton(max(line["largest_range_n"])),
+        "damage per year": f"{line['damage_per_year']:.3g}" if with_load else "-",
+        "life [years]": "-"
+        if not with_load
+        else "no damage"
+        if line["life_years"] is None
+        else f"{line['life_years']:.3g}",
+    }
 
 
 def watch(points: list[dict[str, Any]]) -> str:
-    shown = largest(points, lambda p: p["radius_max_m"])
-    rows = [
-        [
-            p["point"] + (f" ({p['buoy']})" if p["buoy"] else ""),
-            f"{p['radius_max_m']:.3f} / {p['radius_95_m']:.3f}",
-            "no static start" if p["radius_from_static_max_m"] is None else f"{p['radius_from_static_max_m']:.3f}",
-            " / ".join(f"{x:.3f}" for x in p["range_m"]),
-        ]
-        for p in shown
-    ]
-    head = ["point", "radius, max / 95 % [m]", "from the static position [m]", "range of x / y / z [m]"]
-    return with_rest(table(head, rows), len(shown), len(points), what="points")
+    return largest_table(points, lambda point: point["radius_max_m"], _watch_row, what="points")
+
+
+def _watch_row(point: dict[str, Any]) -> Cells:
+    static = point["radius_from_static_max_m"]
+    return {
+        "point": point["point"] + (f" ({point['buoy']})" if point["buoy"] else ""),
+        "radius, max / 95 % [m]": f"{point['radius_max_m']:.3f} / {point['radius_95_m']:.3f}",
+        "from the static position [m]": "no static start" if static is None else f"{static:.3f}",
+        "range of x / y / z [m]": " / ".join(f"{x:.3f}" for x in point["range_m"]),
+    }
 
 
 def water(section: dict[str, Any]) -> str:
     if "skipped" in section:
         return f"Left out: {section['skipped']}."
-    shown = largest(section["lines"], lambda line: -min(line["least_depth_m"]))
-    rows = [
-        [
-            line["line"],
-            f"{100 * min(line['share_under_water']):.1f}",
-            f"{min(line['least_depth_m']):.2f}",
-            f"{max(line['largest_depth_m']):.2f}",
-        ]
-        for line in shown
-    ]
-    head = ["line", "under water, minimum over nodes [% of time]", "least depth [m]", "largest depth [m]"]
-    text = with_rest(table(head, rows), len(shown), len(section["lines"]), "highest")
-    if not section["buoys"]:
-        return text
-    rows = [
-        [
-            b["buoy"],
-            " / ".join(f"{b['draught_m'][k]:.2f}" for k in ("min", "mean", "max")),
-            f"{b['height_m']:.2f}",
-            f"{100 * b['share_under_water']:.1f}",
-            f"{100 * b['share_out_of_water']:.1f}",
-            f"{b['longest_under_water_s']:.2f}",
-        ]
-        for b in section["buoys"]
-    ]
-    head = [
-        "buoy",
-        "draught, min / mean / max [m]",
-        "height [m]",
-        "under water [% of time]",
-        "out of water [% of time]",
-        "longest submergence [s]",
-    ]
-    return f"{text}\n\n{table(head, rows)}"
+    text = largest_table(section["lines"], lambda line: -min(line["least_depth_m"]), _depth_row, "highest")
+    buoys = [_draught_row(buoy) for buoy in section["buoys"]]
+    return f"{text}\n\n{table_of(buoys)}" if buoys else text
+
+
+def _depth_row(line: dict[str, Any]) -> Cells:
+    return {
+        "line": line["line"],
+        "under water, minimum over nodes [% of time]": _percent(min(line["share_under_water"])),
+        "least depth [m]": f"{min(line['least_depth_m']):.2f}",
+        "largest depth [m]": f"{max(line['largest_depth_m']):.2f}",
+    }
+
+
+def _draught_row(buoy: dict[str, Any]) -> Cells:
+    return {
+        "buoy": buoy["buoy"],
+        "draught, min / mean / max [m]": _range(buoy["draught_m"], "{:.2f}".format),
+        "height [m]": f"{buoy['height_m']:.2f}",
+        "under water [% of time]": _percent(buoy["share_under_water"]),
+        "out of water [% of time]": _percent(buoy["share_out_of_water"]),
+        "longest submergence [s]": f"{buoy['longest_under_water_s']:.2f}",
+    }
 
 
 def acceleration(lines: list[dict[str, Any]]) -> str:
-    some = [line for line in lines if line["largest_m_per_s2"] >= SHOWN_ROUNDING]
-    shown = largest(some, lambda line: line["largest_m_per_s2"])
-    rows = [
-        [
-            line["line"],
-            f"{max(line['rms_m_per_s2']):.3g}",
-            f"{max(line['p99_m_per_s2']):.3g}",
-            f"{line['largest_m_per_s2']:.3g} at {line['at_m']:.1f} m, {line['t_s']:.2f} s",
-        ]
-        for line in shown
-    ]
-    head = ["line", "rms, worst node [m/s^2]", "99 %, worst node [m/s^2]", "largest [m/s^2]"]
-    return _split_table("At rest", head, rows, shown, some, lines)
+    key = "largest_m_per_s2"
+    return _table_and_others("At rest", lines, key, SHOWN_ROUNDING, lambda line: line[key], _acceleration_row)
+
+
+def _acceleration_row(line: dict[str, Any]) -> Cells:
+    return {
+        "line": line["line"],
+        "rms, worst node [m/s^2]": f"{max(line['rms_m_per_s2']):.3g}",
+        "99 %, worst node [m/s^2]": f"{max(line['p99_m_per_s2']):.3g}",
+        "largest [m/s^2]": _at(line, f"{line['largest_m_per_s2']:.3g}"),
+    }
 
 
 def distance(lines: list[dict[str, Any]]) -> str:
-    rows, shown = [], largest(lines, lambda line: -(line["least_distance_m"] or math.inf))
-    for line in shown:
-        if line["nearest"] is None:
-            rows.append([line["line"], "none", "no links without a common point", "-"])
-            continue
-        touch = line["diameters_m"]
-        rows.append(
-            [
-                line["line"],
-                line["nearest"],
-                _distance_text(line),
-                "no diameter" if touch is None else "yes" if line["least_distance_m"] <= touch else "no",
-            ]
-        )
-    text = table(["line", "nearest line", "minimum distance of the axes [m]", "touch"], rows)
-    return with_rest(text, len(shown), len(lines), "nearest")
+    return largest_table(lines, lambda line: -(line["least_distance_m"] or math.inf), _distance_row, "nearest")
 
 
-def _distance_text(line: dict[str, Any]) -> str:
-    where = f"at {line['at_m']:.1f} m and {line['nearest_at_m']:.1f} m, {line['t_s']:.2f} s"
-    return f"{line['least_distance_m']:.3f} {where}"
+def _distance_row(line: dict[str, Any]) -> Cells:
+    near, touch = line["least_distance_m"], line["diameters_m"] if line["nearest"] else None
+    text, touches = "no links without a common point", "-"
+    if line["nearest"] is not None:
+        text = f"{near:.3f} at {line['at_m']:.1f} m and {line['nearest_at_m']:.1f} m, {line['t_s']:.2f} s"
+        touches = "no diameter" if touch is None else "yes" if near <= touch else "no"
+    return {
+        "line": line["line"],
+        "nearest line": line["nearest"] or "none",
+        "minimum distance of the axes [m]": text,
+        "touch": touches,
+    }
 
 
 def seabed(lines: list[dict[str, Any]]) -> str:
-    some = [line for line in lines if line["share_with_contact"] > 0]
-    shown = largest(some, lambda line: line["length_m"]["mean"])
-    rows = [
-        [
-            line["line"],
-            " / ".join(f"{line['length_m'][k]:.2f}" for k in ("min", "mean", "max")),
-            f"{100 * line['share_of_line']:.1f}",
-            f"{100 * line['share_with_contact']:.1f}",
-        ]
-        for line in shown
-    ]
-    head = ["line", "length on the seabed, min / mean / max [m]", "mean [% of the line]", "any contact [% of time]"]
-    return _split_table("No link on the seabed", head, rows, shown, some, lines)
+    key = "share_with_contact"
+    return _table_and_others("No link on the seabed", lines, key, 0.0, lambda line: line["length_m"]["mean"], _bed_row)
+
+
+def _bed_row(line: dict[str, Any]) -> Cells:
+    return {
+        "line": line["line"],
+        "length on the seabed, min / mean / max [m]": _range(line["length_m"], "{:.2f}".format),
+        "mean [% of the line]": _percent(line["share_of_line"]),
+        "any contact [% of time]": _percent(line["share_with_contact"]),
+    }
 
 
 def newton(value: float) -> str:
@@ -313,6 +312,11 @@ def newton(value: float) -> str:
     if abs(value) < SHOWN_ROUNDING:
         return "0"
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+
+
+def table_of(rows: Sequence[Cells]) -> str:
+    """Rows by column as a Markdown table."""
+    return table(list(rows[0]), [list(row.values()) for row in rows])
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -44,12 +44,11 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any
     tension, s = record.tension[:, where.links], arc(spec.length)
     least, largest, square = (a[:, where.links] for a in (record.least, record.largest, record.square))
     high, low = (np.unravel_index(i, tension.shape) for i in (np.argmax(largest), np.argmin(least)))
-    mean = tension.mean(axis=0)
     found: dict[str, Any] = {
         "line": where.name,
         "arc_length_m": s,
         "min_n": least.min(axis=0),
-        "mean_n": mean,
+        "mean_n": tension.mean(axis=0),
         "std_n": np.sqrt(tension.var(axis=0) + np.mean(square - tension**2, axis=0)),
         "max_n": largest.max(axis=0),
         "percentiles_n": dict(zip(map(str, percentiles), np.percentile(tension, percentiles, axis=0), strict=True)),
@@ -99,14 +98,13 @@ def anchors(record: Record) -> list[dict[str, Any]]:
     for name, load in pulls.items():
         (across, up), size = across_up[name], np.linalg.norm(load, axis=1)
         loaded = size >= max(0.01 * size.mean(), 1e-12)
-        angle = np.arctan2(up[loaded], across[loaded])
         found.append(
             {
                 "point": name,
                 "horizontal_n": _spread(across),
                 "vertical_n": _spread(up),
                 "total_n": _spread(size),
-                "uplift_rad": _spread(angle) if loaded.any() else None,
+                "uplift_rad": _spread(np.arctan2(up[loaded], across[loaded])) if loaded.any() else None,
                 "share_without_angle": float(1.0 - loaded.mean()),
                 "uplift_at_largest_load_rad": float(np.arctan2(up, across)[np.argmax(size)]) if loaded.any() else None,
                 "holding": None if name not in held else _holding(held[name], record.scene.anchors, across_up),
@@ -202,14 +200,12 @@ def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
         picked = range(spec.links) if every else sorted({0, int(np.argmax(deviation)), spec.links - 1})
         counted = [cycles(record.tension[:, where.links.start + j]) for j in picked]
         counted = [c[c[:, 0] > least] for c in counted]
-        number = [float(c[:, 2].sum()) for c in counted]
-        equal = [_equivalent(c, settings.curve_m) for c in counted]
         found.append(
             {
                 "line": where.name,
                 "arc_length_m": s[list(picked)],
-                "cycles": number,
-                "equivalent_range_n": equal,
+                "cycles": [float(c[:, 2].sum()) for c in counted],
+                "equivalent_range_n": [_equivalent(c, settings.curve_m) for c in counted],
                 "largest_range_n": [float(c[:, 0].max(initial=0.0)) for c in counted],
                 **_damages(
                     record,

@@ -95,7 +95,6 @@ def polydata(
     points: np.ndarray, ends: np.ndarray, at_points: dict[str, np.ndarray], at_cells: dict[str, np.ndarray]
 ) -> str:
     """An XML PolyData file of straight cells: points (p, 3), ends (c, 2) as indices of points, data by name."""
-    offsets = 2 * (1 + np.arange(len(ends)))
     return "\n".join(
         [
             '<?xml version="1.0"?>',
@@ -110,7 +109,7 @@ def polydata(
             _array("Points", points),
             "</Points>\n<Lines>",
             _array("connectivity", ends.ravel()),
-            _array("offsets", offsets),
+            _array("offsets", 2 * (1 + np.arange(len(ends)))),
             "</Lines>\n</Piece>\n</PolyData>\n</VTKFile>\n",
         ]
     )

@@ -125,9 +125,8 @@ def _pieces(
             along = np.linspace(c.start, c.end, count + 1)
             found += [(i, along[j], along[j + 1], 0.5 * c.diameter, c.length / count) for j in range(count)]
     spheres = [(i, sphere) for i, body in chosen for sphere in body.spheres]
-    ends = [_shares(rigid, [(row[0], row[side]) for row in found]) for side in (1, 2)]
     return Pieces(
-        ends=np.stack(ends, axis=1),
+        ends=np.stack([_shares(rigid, [(row[0], row[side]) for row in found]) for side in (1, 2)], axis=1),
         spheres=_shares(rigid, [(i, sphere.centre) for i, sphere in spheres]),
         radius=np.array([row[3] for row in found]),
         length=np.array([row[4] for row in found]),
@@ -299,8 +298,7 @@ def _law(line: LineSpec) -> AxialLaw:
 
 def static_pose(scene: SceneData, model: Model) -> Equilibrium:
     """The equilibrium of a scene's model, under its release force if it has one."""
-    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
-    return equilibrium(model, loads)
+    return equilibrium(model, nodal_loads(model, scene.start.release_nodes, scene.start.release_force))
 
 
 def make_failures(scene: SceneData) -> Failures | None:

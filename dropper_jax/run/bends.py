@@ -89,8 +89,7 @@ def curvature(scene: Scene, positions: np.ndarray) -> np.ndarray:
     found = np.zeros(positions.shape[:2])
     clamps = _clamps(scene)
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
-        nodes = positions[:, where.nodes]
-        links = np.diff(nodes, axis=1)
+        links = np.diff(positions[:, where.nodes], axis=1)
         size = np.linalg.norm(links, axis=-1, keepdims=True)
         q, length = links / np.where(size > 0.0, size, 1.0), np.asarray(line.length, float)
         own = found[:, where.nodes]

@@ -120,8 +120,7 @@ def _state_of_spec(model: Model, start: StartSpec, near: State | None) -> State:
     if start.kind == "angles":
         return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
     free = slice(1, 1 + model.free_nodes)
-    velocities = None if start.velocities is None else start.velocities[free]
-    return state(model, start.positions[free], velocities)
+    return state(model, start.positions[free], None if start.velocities is None else start.velocities[free])
 
 
 @cached_jit(brief=True)

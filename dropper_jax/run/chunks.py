@@ -114,8 +114,7 @@ class RunOutcome(NamedTuple):
 def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Carry:
     """The carry of a run that starts at `start`."""
     if stepper.integrator.controls_error:
-        allowed = jnp.asarray(allowed_error(stepper, model, run), model.dtype)
-        return _start_controlled(stepper, model, start, allowed)
+        return _start_controlled(stepper, model, start, jnp.asarray(allowed_error(stepper, model, run), model.dtype))
     progress = begin(stepper, model, start)
     if run.step_tolerance is None:
         return progress
@@ -181,8 +180,7 @@ class _EqualSteps:
             started = time.perf_counter()
             self.late_s += started - now
             after, rows = self._take(carry, count)
-        share = SECONDS / max(time.perf_counter() - started, 1e-9)
-        self.count = max(1, int(count * min(share, LONGER)))
+        self.count = max(1, int(count * min(SECONDS / max(time.perf_counter() - started, 1e-9), LONGER)))
         return after, (rows, None)
 
     def _take(self, carry: Progress, count: int, parts: int = 1) -> tuple[Progress, Trajectory]:

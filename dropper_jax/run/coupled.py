@@ -154,8 +154,7 @@ class Coupled:
         """
         if self._saved is None:
             self.init()
-        arrays = saved if isinstance(saved, dict) else self._read_file(Path(saved))
-        self._saved = restore_carry(self._state(), arrays)
+        self._saved = restore_carry(self._state(), saved if isinstance(saved, dict) else self._read_file(Path(saved)))
         self.status, self.failure = "ok", ""
         return self.forces
 

@@ -72,8 +72,7 @@ def link_flow(scene: Scene) -> Flow:
     diameter = drag_diameter(scene.line, scene) * np.ones(len(tangent))
     sigma, current = _across(model.sea, 0.5 * (starts + ends), tangent)
     speed = np.sqrt(2.0) * sigma
-    waves = model.sea.waves
-    kc = np.full(len(sigma), np.inf) if waves is None else speed * _period(model.sea) / diameter
+    kc = np.full(len(sigma), np.inf) if model.sea.waves is None else speed * _period(model.sea) / diameter
     re = np.sqrt(current**2 + sigma**2) * diameter / VISCOSITY
     share = current / np.maximum(current + speed, 1e-12)
     rough = relative_roughness(scene)

@@ -61,8 +61,7 @@ def write_fmu(
     with tempfile.TemporaryDirectory() as folder:
         script = Path(folder) / "mooring.py"
         script.write_text(SCRIPT.format(name=loaded.name, given=given), encoding="utf-8")
-        made = package.FmuBuilder.build_FMU(script, dest=folder)
-        return atomic_write(path, Path(made).read_bytes())
+        return atomic_write(path, Path(package.FmuBuilder.build_FMU(script, dest=folder)).read_bytes())
 
 
 def plain_names(points: Sequence[str]) -> list[str]:

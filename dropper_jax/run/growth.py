@@ -53,8 +53,7 @@ def _layer(scene: Scene, line: LineSpec, z: np.ndarray) -> tuple[np.ndarray, np.
     season = scene.season
     if season is None or not season.on(line.name, line.piece_of):
         return None
-    arc = np.cumsum(line.length) - 0.5 * line.length
-    return season.layer(line.name, line.piece_of, depth, arc, line.diameter)
+    return season.layer(line.name, line.piece_of, depth, np.cumsum(line.length) - 0.5 * line.length, line.diameter)
 
 
 def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[dict[str, Any]]:
@@ -83,8 +82,7 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[di
     ropes: dict[tuple[float, float], list[str]] = {}
     for line in scene.lines:
         if season.on(line.name, line.piece_of):
-            kind = (float(line.mass[0] / line.length[0]), float(line.diameter[0]))
-            ropes.setdefault(kind, []).append(line.name)
+            ropes.setdefault((float(line.mass[0] / line.length[0]), float(line.diameter[0])), []).append(line.name)
     metre = np.ones(len(season.depth))
     rows = []
     for (mass, diameter), names in ropes.items():

@@ -125,8 +125,7 @@ def add_attributes(dataset: xarray.Dataset) -> xarray.Dataset:
         if name in dataset.variables:
             dataset[name].attrs["standard_name"] = standard
     for name, (values, meanings) in FLAGS.items():
-        dtype = dataset[name].dtype
-        dataset[name].attrs.update(flag_values=np.array(values, dtype), flag_meanings=meanings)
+        dataset[name].attrs.update(flag_values=np.array(values, dataset[name].dtype), flag_meanings=meanings)
     return dataset
 
 

@@ -32,8 +32,7 @@ def recover(path: Path) -> list[str]:
         try:
             solution = killed_run(folder)
             lost = f"the part after t = {solution.t[-1]:.6g} s is lost"
-            reported = replace(solution, warnings=(*solution.warnings, f"killed: {lost}"))
-            kept = reported.save(_free_name(path))
+            kept = replace(solution, warnings=(*solution.warnings, f"killed: {lost}")).save(_free_name(path))
         except (SceneError, OSError, ValueError, KeyError, TypeError) as error:
             lines.append(f"{folder}: the files of a killed run cannot be used: {' '.join(str(error).split())}")
             continue

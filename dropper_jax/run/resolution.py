@@ -287,8 +287,7 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
         rest = float(np.max(solution.tension[0, where.links]))
         # ratio to the static tension below which a link is slack
         slack = np.any(least[1:, where.links] < 1e-3 * rest, axis=0)
-        top = np.max(largest[1:, where.links], axis=0, initial=0.0)
-        worst = float(np.max(np.where(slack, top, 0.0)))
+        worst = float(np.max(np.where(slack, np.max(largest[1:, where.links], axis=0, initial=0.0), 0.0)))
         # ratio to the static tension above which a previously slack line has a snatch load
         if rest > 0.0 and worst > 10.0 * rest:
             text = (

@@ -130,8 +130,7 @@ class OnDisk(InMemory):
 
     def read(self, key: int) -> Any:
         count = min(self.count, key)
-        found = [self._row(i, count, *kind) for i, kind in enumerate(self._kinds)]
-        return jax.tree.unflatten(self._tree, found)
+        return jax.tree.unflatten(self._tree, [self._row(i, count, *kind) for i, kind in enumerate(self._kinds)])
 
     def _row(self, number: int, count: int, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
         if 0 in shape:

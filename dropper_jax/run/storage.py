@@ -190,10 +190,9 @@ def to_xarray(solution: Samples) -> xarray.Dataset:
     for name, values in solution.last.items():
         inner = [f"{name}_axis{i}" for i in range(values.ndim)]
         found[name] = (inner, values, {"units": units(name), "long_name": "part of the final state"})
-    links = solution.tension.shape[1]
     coordinates = {
         "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
-        **_node_coordinates(solution, links),
+        **_node_coordinates(solution, solution.tension.shape[1]),
         **labelled.coordinates(solution),
         "axis": ("axis", ["x", "y", "z"], {"long_name": "z is positive upwards"}),
         **_bodies(solution),

@@ -99,8 +99,7 @@ def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", 
         rates: whether to write the columns omega.
     """
     lines = [line.nodes for line in solution.lines]
-    theta = [link_angles(solution.positions[:, nodes], zero)[0] for nodes in lines]
-    columns = {"theta": np.concatenate(theta, axis=1)}
+    columns = {"theta": np.concatenate([link_angles(solution.positions[:, nodes], zero)[0] for nodes in lines], axis=1)}
     if rates:
         moving = [(solution.positions[:, nodes], solution.velocities[:, nodes]) for nodes in lines]
         columns["omega"] = np.concatenate([angle_rates(*both, zero)[0] for both in moving], axis=1)

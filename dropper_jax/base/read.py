@@ -9,7 +9,8 @@ import dataclasses
 import math
 import numbers
 from collections.abc import Container, Iterable, Mapping, Sequence
-from typing import Any, ClassVar, Protocol
+from functools import partial
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
@@ -250,9 +251,8 @@ def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -
     values = {}
     for key, field in declared.items():
         if key in table:
-            read = read_parameter if field.metadata["kind"] == "parameter" else read_option
-            more = (counts,) if field.metadata["kind"] == "parameter" else ()
-            values[field.name] = read(table[key], join(path, key), field.metadata, *more)
+            read = partial(read_parameter, counts=counts) if field.metadata["kind"] == "parameter" else read_option
+            values[field.name] = read(table[key], join(path, key), field.metadata)
         elif field.default is dataclasses.MISSING:
             raise SceneError(f"{join(path, key)}: missing; needed: {_describe_missing(field)}")
         else:
@@ -281,3 +281,21 @@ def as_table(spec: Declared) -> dict[str, Any]:
     """The given values of a section as plain values; None values are omitted."""
     found = {key: plain(getattr(spec, field.name)) for key, field in declared_fields(type(spec)).items()}
     return {key: value for key, value in found.items() if value is not None}
+
+
+class DeclaredSection:
+    """Base of a section of a scene: a dataclass with declared fields, which are all that it reads and writes."""
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> Self:
+        """The section from its table, checked."""
+        section = cls(**read_fields(cls, table, path, {}))
+        section.check(path)
+        return section
+
+    def check(self, path: str) -> None:
+        """Raise `SceneError` for combinations of values that ranges of single fields cannot express."""
+
+    def table(self) -> dict[str, Any]:
+        """Plain values from which `read` recreates the section."""
+        return as_table(self)

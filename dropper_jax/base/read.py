@@ -8,13 +8,13 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 
 
 class Pairs:
@@ -69,6 +69,16 @@ def check_keys(table: Mapping[str, Any], allowed: Iterable[str], path: str) -> N
         if key not in allowed:
             name = " ".join(str(key).split())
             raise SceneError(f"{join(path, name)}: unknown key; {nearest(name, allowed)}")
+
+
+@raises_first
+def check_kind_keys(
+    table: Mapping[str, Any], kind: str, keys: Mapping[str, Sequence[str]], path: str
+) -> Iterator[Check]:
+    """Reject keys of a table that its `kind` does not take."""
+    for key in table:
+        takes = f"not used by kind {kind!r}, which takes {', '.join(keys[kind])}"
+        yield key not in ("kind", *keys[kind]), f"{path}.{key}: {takes}"
 
 
 def join(path: str, key: str) -> str:

@@ -16,6 +16,7 @@ from dropper_jax.base.read import (
     Plain,
     as_table,
     check_keys,
+    check_kind_keys,
     count,
     declared_fields,
     plain,
@@ -146,15 +147,16 @@ class StartSpec:
             _check_release(values["release_nodes"], values["release_force"], path, line.links - held)
         elif kind == "angles":
             values["zero"] = values["zero"] or "horizontal"
-            _check_rows(values["polar"], f"{path}.polar", line.links, "angles [rad]", "one per link")
-            for key in ("azimuth", "polar_rate", "azimuth_rate"):
-                values[key] = np.zeros(line.links) if values[key] is None else values[key]
-                _check_rows(values[key], f"{path}.{key}", line.links, "angles [rad]", "one per link")
+            for key in ("polar", "azimuth", "polar_rate", "azimuth_rate"):
+                if values[key] is None and key != "polar":
+                    values[key] = np.zeros(line.links)
+                _check_rows(values[key], f"{path}.{key}", line.links, "entries", "one per link")
         elif kind == "positions":
-            rows = line.links + 1
-            _check_rows(values["positions"], f"{path}.positions", rows, "positions [m]", "both ends included")
-            values["velocities"] = np.zeros((rows, 3)) if values["velocities"] is None else values["velocities"]
-            _check_rows(values["velocities"], f"{path}.velocities", rows, "velocities [m/s]", "both ends included")
+            nodes = line.links + 1
+            for key in ("positions", "velocities"):
+                if values[key] is None and key != "positions":
+                    values[key] = np.zeros((nodes, 3))
+                _check_rows(values[key], f"{path}.{key}", nodes, "rows", "both ends included")
         return cls(**values)
 
 
@@ -166,12 +168,7 @@ def _check_kind(kind: str, given: Mapping[str, Any], path: str, branched: bool) 
         branched and given.get("release_nodes") is not None,
         f"{path}.release_nodes: refers to the nodes of a single line; allowed: none in a system of lines",
     )
-    takes = StartSpec.FIELDS[kind]
-    for key in given:
-        yield (
-            key not in ("kind", *takes),
-            f"{path}.{key}: not used by kind {kind!r}, which takes {', '.join(takes)}",
-        )
+    check_kind_keys(given, kind, StartSpec.FIELDS, path)
 
 
 @raises_first
@@ -192,8 +189,8 @@ def _check_release(nodes: tuple[int, ...] | None, force: np.ndarray | None, path
 
 @raises_first
 def _check_rows(rows: np.ndarray | None, path: str, count: int, what: str, which: str) -> Iterator[Check]:
-    yield rows is None, f"{path}: missing; needed: a list of {count} {what}, {which}"
-    yield len(rows) != count, f"{path}: {short_text(plain(rows))} has {len(rows)} entries; allowed: {count}, {which}"
+    yield rows is None, f"{path}: missing; needed: {count} {what}, {which}"
+    yield len(rows) != count, f"{path}: {short_text(plain(rows))} has {len(rows)} {what}; allowed: {count}, {which}"
 
 
 def directions(polar: np.ndarray, azimuth: np.ndarray, zero: str) -> np.ndarray:

@@ -59,8 +59,14 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
         _refuse_blocked(waves)
         if spec.interpolation == "grid":
             waves = _interpolate_waves(spec, waves, *reach)
-    level = None if spec.level is None else make_level(spec.level)
-    return Sea(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=waves, current=current, level=level)
+    return Sea(
+        depth=spec.depth,
+        density=spec.density,
+        gravity=spec.gravity,
+        waves=waves,
+        current=current,
+        level=None if spec.level is None else make_level(spec.level),
+    )
 
 
 def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | None:
@@ -154,8 +160,20 @@ def _solve_wave(
 
 def make_level(spec: LevelSpec) -> Level:
     """The level of `[sea.level]`."""
+    return Level(**_arrays(spec))
+
+
+def make_current(spec: CurrentSpec) -> Current:
+    """The current of `[sea.current]`."""
+    return Current(**_arrays(spec))
+
+
+def _arrays(spec: LevelSpec | CurrentSpec) -> dict[str, Any]:
     values = {field.name: getattr(spec, field.name) for field in dataclasses.fields(spec)}
-    return Level(**{key: None if value is None else jnp.asarray(value, float) for key, value in values.items()})
+    return {
+        key: value if value is None or isinstance(value, str) else jnp.asarray(value, float)
+        for key, value in values.items()
+    }
 
 
 def _beyond(height: float, limit: float, rest: str = "") -> SceneError:
@@ -248,18 +266,6 @@ def waves_on(
         ramp=ramp,
         stretching=stretching,
     )
-
-
-def make_current(spec: CurrentSpec) -> Current:
-    """The current of `[sea.current]`."""
-    arrays: dict[str, Any] = {
-        name: None if getattr(spec, name) is None else jnp.asarray(getattr(spec, name), float)
-        for name in (
-            *("speed", "direction", "exponent", "reference", "heights", "velocities", "time", "factor"),
-            *("amplitude", "period", "phase", "veer"),
-        )
-    }
-    return Current(kind=spec.kind, **arrays)
 
 
 def _refuse_blocked(waves: Waves) -> None:

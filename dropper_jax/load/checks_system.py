@@ -87,7 +87,7 @@ def check_system(
     _check_connected(points, lines)
     kinds = {point.name: point.kind for point in points}
     for i, buoy in enumerate(buoys):
-        at, added = short_text(buoy.point), buoys[0].end_added_mass
+        added = buoys[0].end_added_mass
         yield (
             buoy.end_added_mass != added,
             f"buoy.{i}.end_added_mass: {buoy.end_added_mass!r} differs from that of the first buoy; allowed: {added}",
@@ -96,7 +96,7 @@ def check_system(
             raise SceneError(f"buoy.{i}.point: {buoy.point!r} is not a point; {nearest(buoy.point, kinds)}")
         yield (
             kinds[buoy.point] != "free",
-            f"buoy.{i}.point: {at} is a fixed point; allowed: a point of kind 'free'",
+            f"buoy.{i}.point: {short_text(buoy.point)} is a fixed point; allowed: a point of kind 'free'",
         )
 
 

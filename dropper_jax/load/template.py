@@ -132,7 +132,8 @@ class Names(ChainMap[str, Any]):
         self._open: list[str] = []
 
     def __getitem__(self, name: str) -> Number:
-        value, path = super().__getitem__(name), f"parameters.{name}"
+        value = super().__getitem__(name)
+        path = f"parameters.{name}"
         if not isinstance(value, str):
             read_number(value, path, {})
             return value

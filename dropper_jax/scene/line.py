@@ -80,14 +80,18 @@ class GrowthSpec(DeclaredSection):
 
     @raises_first
     def check(self, path: str) -> Iterator[Check]:
-        depth, thickness, density = (short_text(plain(x)) for x in (self.depth, self.thickness, self.density))
-        count, rows, many = len(self.depth), len(self.thickness), np.size(self.density)
+        depths = len(self.depth)
         yield (
-            count == 0 or bool(np.any(np.diff(self.depth) <= 0)),
-            f"{path}.depth: {depth} does not rise; allowed: one or more rising depths [m]",
+            depths == 0 or bool(np.any(np.diff(self.depth) <= 0)),
+            f"{path}.depth: {short_text(plain(self.depth))} does not rise; allowed: one or more rising depths [m]",
         )
-        yield rows != count, f"{path}.thickness: {thickness} has {rows} entries; allowed: {count}"
-        yield many not in (1, count), f"{path}.density: {density} has {many} entries; allowed: 1 or {count}"
+        for key, counts in (("thickness", (depths,)), ("density", (1, depths))):
+            value = getattr(self, key)
+            yield (
+                np.size(value) not in counts,
+                f"{path}.{key}: {short_text(plain(value))} has {np.size(value)} entries; allowed: "
+                f"{' or '.join(map(str, counts))}",
+            )
 
     def over(self, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and density [kg/m^3] at depths [m]."""
@@ -196,18 +200,17 @@ class LineSpec:
 
 @raises_first
 def _check_diameters_and_masses(values: Mapping[str, Any], path: str) -> Iterator[Check]:
-    centre, inertia = values["centre_of_mass"] is not None, values["inertia"] is not None
+    missing = [key for key in ("centre_of_mass", "inertia") if values[key] is None]
     yield (
         values["outer_diameter"] is not None and values["diameter"] is None,
         f"{path}.outer_diameter: needs `diameter`, that of the displaced volume",
     )
     yield (
-        centre != inertia,
-        f"{path}.{'inertia' if centre else 'centre_of_mass'}: missing; a compound link needs both `centre_of_mass` "
-        "and `inertia`",
+        len(missing) == 1,
+        f"{path}.{' '.join(missing)}: missing; a compound link needs both `centre_of_mass` and `inertia`",
     )
     yield (
-        values["nodes"] is not None and inertia,
+        values["nodes"] is not None and not missing,
         f"{path}.nodes: {values['nodes']!r} does not apply to a compound link, which is divided between its nodes by "
         "its centre of mass; allowed: leave it out",
     )

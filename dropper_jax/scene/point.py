@@ -17,14 +17,14 @@ gamma' z in clay, are neglected, which is conservative. Other anchors (drag anch
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import DeclaredSection, Plain
+from dropper_jax.base.read import DeclaredSection
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -144,11 +144,11 @@ class AnchorSpec(DeclaredSection):
 
     @raises_first
     def check(self, path: str) -> Iterator[Check]:
-        needed, optional = KINDS[self.kind], OPTIONAL.get(self.kind, ())
+        needed = KINDS[self.kind]
         takes = f"kind {self.kind!r} takes {' and '.join(needed)}"
         for key in dict.fromkeys(key for keys in (*KINDS.values(), *OPTIONAL.values()) for key in keys):
             given = getattr(self, key) is not None
-            yield given and key not in (*needed, *optional), f"{path}.{key}: is not used; {takes}"
+            yield given and key not in (*needed, *OPTIONAL.get(self.kind, ())), f"{path}.{key}: is not used; {takes}"
             yield not given and key in needed, f"{path}.{key}: missing; {takes}"
         if self.kind == "screw":
             self._check_screw(path)
@@ -189,10 +189,12 @@ class AnchorSpec(DeclaredSection):
     @property
     def screw_capacity(self) -> float:
         """Load [N] along its axis at which a screw anchor pulls out."""
-        area, factor, phi = 0.25 * np.pi * self.plates**2, self.bearing_factor, self.friction_angle
+        area = 0.25 * np.pi * self.plates**2
         if self.strength is not None:
             return float(np.sum(area) * CLAY * self.strength)
+        factor = self.bearing_factor
         if factor is None:
+            phi = self.friction_angle
             factor = np.exp(np.pi * np.tan(phi)) * np.tan(0.25 * np.pi + 0.5 * phi) ** 2
         return float(np.sum(area * self.soil_weight * self.depths) * factor)
 
@@ -232,16 +234,9 @@ def utilisations(
     return own
 
 
-def read_anchors(tables: Sequence[Plain], held: list[str]) -> tuple[AnchorSpec, ...]:
-    """All `[[anchor]]` entries of a scene with these fixed points. An anchor `behind` another has none behind
-    itself."""
-    anchors = tuple(AnchorSpec.read(table, f"anchor.{i}") for i, table in enumerate(tables))
-    _check_points(anchors, held)
-    return anchors
-
-
 @raises_first
-def _check_points(anchors: tuple[AnchorSpec, ...], held: list[str]) -> Iterator[Check]:
+def check_anchors(anchors: tuple[AnchorSpec, ...], held: list[str]) -> Iterator[Check]:
+    """Check that anchors are those of fixed points, and that an anchor `behind` another has none behind itself."""
     last = [anchor.point for anchor in anchors if anchor.behind is None]
     for i, anchor in enumerate(anchors):
         yield (

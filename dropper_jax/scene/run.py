@@ -27,8 +27,8 @@ from dropper_jax.base.read import (
 )
 from dropper_jax.scene.line import LineSpec
 
-#: How the start of a single line may be given.
-_OF_ONE_LINE = ("static", "angles", "positions")
+#: How the start may be given.
+_KINDS = {"one line": ("static", "angles", "positions"), "a system of lines": ("static", "points")}
 #: Linear solvers by name, as `dropper_jax.solvers` offers them; importing that would load scipy for every scene reader.
 SOLVERS = ("auto", "dense", "banded", "condensed", "network")
 
@@ -70,7 +70,8 @@ class RunSpec:
     @classmethod
     def read(cls, table: Plain, path: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> RunSpec:
         """A checked `[run]`; `options` are the additional keys of schemes, name and range."""
-        given, options = read_table(table, path), options or {}
+        given = read_table(table, path)
+        options = options or {}
         check_keys(given, [*declared_fields(cls), *options], path)
         values = read_fields(cls, {key: value for key, value in given.items() if key not in options}, path, {})
         values["options"] = {
@@ -82,14 +83,14 @@ class RunSpec:
 
     @raises_first
     def _check(self, path: str) -> Iterator[Check]:
-        dt, duration = self.dt, self.duration
         yield (
-            duration < dt,
-            f"{path}.duration: {duration} is shorter than the step; allowed: at least one step, {dt:g} s",
+            self.duration < self.dt,
+            f"{path}.duration: {self.duration} is shorter than the step; allowed: at least one step, {self.dt:g} s",
         )
         yield (
-            duration > MOST * dt,
-            f"{path}.duration: {duration} takes {duration / dt:.3g} steps of {dt:g} s; allowed: at most {MOST} steps",
+            self.duration > MOST * self.dt,
+            f"{path}.duration: {self.duration} takes {self.duration / self.dt:.3g} steps of {self.dt:g} s; allowed: "
+            f"at most {MOST} steps",
         )
         yield (
             self.step_tolerance is not None and self.save_every != 1,
@@ -162,8 +163,8 @@ class StartSpec:
 
 @raises_first
 def _check_kind(kind: str, given: Mapping[str, Any], path: str, branched: bool) -> Iterator[Check]:
-    what, kinds = ("a system of lines", ("static", "points")) if branched else ("one line", _OF_ONE_LINE)
-    yield kind not in kinds, f"{path}.kind: {kind!r} does not fit {what}; allowed: {', '.join(kinds)}"
+    what = "a system of lines" if branched else "one line"
+    yield kind not in _KINDS[what], f"{path}.kind: {kind!r} does not fit {what}; allowed: {', '.join(_KINDS[what])}"
     yield (
         branched and given.get("release_nodes") is not None,
         f"{path}.release_nodes: refers to the nodes of a single line; allowed: none in a system of lines",
@@ -179,12 +180,12 @@ def _check_release(nodes: tuple[int, ...] | None, force: np.ndarray | None, path
     )
     for i, node in enumerate(nodes or ()):
         yield node > free, f"{path}.release_nodes.{i}: {node} is not a free node; allowed: 1 to {free}"
-    given, wanted = np.shape(force)[:1], np.shape(nodes)[:1]
-    yield (
-        given != wanted,
-        f"{path}.release_force: {short_text(plain(force))} has {sum(given)} vectors; allowed: {sum(wanted)}, one per "
-        "node",
-    )
+    if nodes is not None:
+        yield (
+            len(force) != len(nodes),
+            f"{path}.release_force: {short_text(plain(force))} has {len(force)} vectors; allowed: {len(nodes)}, one "
+            "per node",
+        )
 
 
 @raises_first

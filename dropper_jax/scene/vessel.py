@@ -175,13 +175,13 @@ class VesselSpec:
 
     @raises_first
     def _check(self, path: str) -> Iterator[Check]:
-        table, time = self.motion is not None, self.time
+        time = self.time
         yield (
-            table == (self.rao is not None) or table != (time is not None),
+            (self.motion is None) == (self.rao is None) or (self.motion is None) != (time is None),
             f"{path}: give either `rao`, or `time` and `motion`",
         )
         yield (
-            table and (len(time) != len(self.motion) or len(time) < 2 or bool(np.any(np.diff(time) <= 0))),
+            time is not None and (len(time) != len(self.motion) or len(time) < 2 or bool(np.any(np.diff(time) <= 0))),
             f"{path}.time: needs at least 2 increasing times, one for each row of `motion`",
         )
 

@@ -82,9 +82,7 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
     if given.kind != "regular" or given.theory == "linear":
         return None
     current = make_current(spec.current) if current is None and spec.current is not None else current
-    doppler = current is not None and spec.wave_current == "doppler"
-    k = _linear_number(spec, given)
-    mean = _along(spec, current, k) if doppler else 0.0
+    mean = _along(spec, current, _linear_number(spec, given)) if spec.wave_current == "doppler" else 0.0
     return _solve_wave(
         given.theory,
         float(2.0 * np.max(given.size)),
@@ -100,9 +98,8 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
 def main_period(spec: SeaSpec) -> float:
     """Period [s] of the regular waves of a sea, for every form of input."""
     wave = finite_wave(spec)
-    if wave is not None:
-        return wave.period
-    return float(2.0 * np.pi / wave_components(spec.waves, spec.depth, spec.gravity).omega[0])
+    omega = wave_components(spec.waves, spec.depth, spec.gravity).omega
+    return float(2.0 * np.pi / omega[0]) if wave is None else wave.period
 
 
 def _linear_number(spec: SeaSpec, given: WaveSpec) -> float:
@@ -148,10 +145,8 @@ def _solve_wave(
         raise _beyond(height, limit)
     if theory == "auto":
         theory = fitting_theory(height, wave.length, depth)
-    if theory == "stream":
-        return wave
-    if theory == "linear":
-        return None
+    if theory in ("stream", "linear"):
+        return wave if theory == "stream" else None
     try:
         return stokes5(height, depth, gravity, **size)
     except ValueError as error:
@@ -187,11 +182,10 @@ def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: 
     if waves.direction.ndim or spec.stretching == "none":
         what = "one direction" if waves.direction.ndim else "sea.stretching constant or wheeler"
         raise SceneError(f"sea.interpolation: 'grid' does not support this sea; allowed: none, or a sea with {what}")
-    course = np.array([np.cos(spec.waves.direction), np.sin(spec.waves.direction)])
-    # reach of an interpolated sea over that of the line: margin for stretch and moving ends
-    along, radius = float(middle[:2] @ course), 1.2 * radius
-    low, high = np.array([along - radius, middle[2] - radius]), np.array([along + radius, 0.0])
-    return on_grid(waves, spec.depth, low, high)
+    along = float(middle[:2] @ [np.cos(spec.waves.direction), np.sin(spec.waves.direction)])
+    radius = 1.2 * radius  # reach of an interpolated sea over that of the line: margin for stretch and moving ends
+    low = np.array([along - radius, middle[2] - radius])
+    return on_grid(waves, spec.depth, low, np.array([along + radius, 0.0]))
 
 
 def wave_components(spec: WaveSpec, depth: jax.Array | float, gravity: jax.Array | float) -> Components:
@@ -212,10 +206,9 @@ def wave_components(spec: WaveSpec, depth: jax.Array | float, gravity: jax.Array
             seed=spec.seed,
         )
         return drawn if spec.spreading is not None else drawn._replace(direction=jnp.asarray(spec.direction))
+    period = np.atleast_1d(spec.period).astype(float)
     if spec.period is None:
         period = np.array([2 * np.pi / float(frequency(jnp.asarray(2 * np.pi / spec.length), depth, gravity))])
-    else:
-        period = np.atleast_1d(spec.period).astype(float)
     every = np.ones(period.size)
     return Components(
         jnp.asarray(np.atleast_1d(spec.size) * every),

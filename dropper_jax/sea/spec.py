@@ -199,11 +199,12 @@ def _check_constituents(values: dict[str, Any], path: str) -> Iterator[Check]:
         return
     for key in ("amplitude", "period"):
         yield key not in sizes, f"{path}.{key}: missing; constituents need `amplitude` and `period`"
-    count, shortest = sizes["amplitude"], float(np.min(values["period"], initial=np.inf))
+    count = sizes["amplitude"]
     if values["phase"] is None:
         values["phase"] = np.zeros(count)
     for key, size in sizes.items():
         yield size != count, f"{path}.{key}: has {size} entries; allowed: {count}, one per constituent"
+    shortest = float(np.min(values["period"], initial=np.inf))
     yield shortest <= 0.0, f"{path}.period: {shortest:g} is out of range; allowed: > 0 s"
 
 

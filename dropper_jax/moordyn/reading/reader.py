@@ -231,11 +231,11 @@ def _effects(options: Options, folder: Path, bending: dict[str, Any] | None) -> 
     if values["rho"]:
         found |= {"buoyancy": {}, "morison_drag": {}, "morison_inertia": {}}
     if values["wtrdpth"] or "bed_x" in bed:
-        kinetic, scale = values["frictioncoefficient"], values["statdynfricscale"]
+        kinetic = values["frictioncoefficient"]
         friction = {"law": "moordyn", "kinetic": kinetic, "damping": values["fricdamp"]}
         found |= {"seabed": bed} | ({"seabed_friction": friction} if kinetic else {})
-        if scale > 1.0:
-            friction["static"] = kinetic * scale
+        if values["statdynfricscale"] > 1.0:
+            friction["static"] = kinetic * values["statdynfricscale"]
     return found if bending is None else {**found, "bending": bending}
 
 

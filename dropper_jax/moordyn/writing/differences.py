@@ -142,11 +142,14 @@ def _things(scene: Scene) -> Iterator[Difference]:
         )
     nodes = scene.link_mass_nodes
     for line in scene.lines:
-        of, law = f"line {line.name!r}", line.axial_law
-        yield law == "tabulated", f"{of}: MoorDyn joins the rows of a table by straight lines and ends at the last one"
+        of = f"line {line.name!r}"
         yield (
-            law not in ("rope", "damped_rope", "tabulated"),
-            f"{of}: axial law {law!r} is not represented; MoorDyn's lines cannot push",
+            line.axial_law == "tabulated",
+            f"{of}: MoorDyn joins the rows of a table by straight lines and ends at the last one",
+        )
+        yield (
+            line.axial_law not in ("rope", "damped_rope", "tabulated"),
+            f"{of}: axial law {line.axial_law!r} is not represented; MoorDyn's lines cannot push",
         )
         yield (
             nodes[line.name] == "far",
@@ -189,10 +192,10 @@ def _things(scene: Scene) -> Iterator[Difference]:
 
 
 def _body(body: BodySpec, bed: bool) -> Iterator[Difference]:
-    of, sphere = f"body {body.name!r}", bool(body.spheres)
+    of = f"body {body.name!r}"
     for i, cylinder in enumerate(body.cylinders):
         yield cylinder.ends != "both", f"{of}: cylinder {i} has exposed ends {cylinder.ends!r}; MoorDyn exposes both"
-    yield sphere, f"{of}: its sphere can leave the water; in MoorDyn the volume of a body stays submerged"
+    yield bool(body.spheres), f"{of}: its sphere can leave the water; in MoorDyn the volume of a body stays submerged"
     yield (
         bool(np.any(body.velocity) or np.any(body.angular_velocity)),
         f"{of}: velocities at the start are not represented",
@@ -203,6 +206,6 @@ def _body(body: BodySpec, bed: bool) -> Iterator[Difference]:
         f"{of}: touches_bed = false is not represented; MoorDyn's rods touch the seabed",
     )
     yield (
-        bed and sphere and body.touches_bed,
+        bed and bool(body.spheres) and body.touches_bed,
         f"{of}: in MoorDyn the volume of a body does not touch the seabed",
     )

@@ -8,13 +8,15 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
+
+Item = TypeVar("Item")
 
 
 class Pairs:
@@ -274,6 +276,16 @@ def _describe_missing(field: dataclasses.Field) -> str:
     """Meaning, unit and range of a missing field."""
     words = limits(field.metadata) or _in_unit(field.metadata)
     return field.metadata["meaning"] + (f", {words}" if words else "")
+
+
+def read_items(
+    read: Callable[..., Item], value: Plain, path: str, *more: object, needed: bool = False
+) -> tuple[Item, ...]:
+    """The entries of a list of tables, each read with its path and `more`."""
+    items = read_list(value, path, None, f"one or more [[{path}]] tables")
+    if needed and not items:
+        raise SceneError(f"{path}: missing; needed: one or more [[{path}]] tables")
+    return tuple(read(item, f"{path}.{i}", *more) for i, item in enumerate(items))
 
 
 def count(meaning: str, low: int = 1, high: int = MOST, **kwargs: Any) -> Any:

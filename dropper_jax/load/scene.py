@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from dropper_jax.base.read import (
     check_keys,
     plain,
     read_fields,
+    read_items,
     read_list,
     read_table,
     read_text,
@@ -58,7 +59,6 @@ from dropper_jax.scene import (
 )
 from dropper_jax.sea.spec import SeaSpec
 
-Item = TypeVar("Item")
 #: Relative mismatch of a given configuration with lengths and fixed ends that is still attributed to rounding.
 POSE_TOLERANCE = 1e-6
 #: The same for angles that are closed on loading: files contain angles with four or five decimals.
@@ -175,12 +175,12 @@ class Scene(SceneData):
             raise SceneError("scene: this is a site, not a scene. Use it with cases, season or optimise")
         table, written, template = resolve(table)
         check_keys(table, SECTIONS, "")
-        bodies = _read_items(BodySpec.read, table, "body")
-        vessels = _read_items(VesselSpec.read, table, "vessel")
-        points = _read_items(PointSpec.read, table, "point", needed=not (bodies or vessels))
+        bodies = read_items(BodySpec.read, table.get("body", []), "body")
+        vessels = read_items(VesselSpec.read, table.get("vessel", []), "vessel")
+        points = read_items(PointSpec.read, table.get("point", []), "point", needed=not (bodies or vessels))
         points += attached_points(bodies, vessels, points)
-        lines = _read_items(LineSpec.read, table, "line", needed=True)
-        buoys = _read_items(BuoySpec.read, table, "buoy")
+        lines = read_items(LineSpec.read, table.get("line", []), "line", needed=True)
+        buoys = read_items(BuoySpec.read, table.get("buoy", []), "buoy")
         check_names("point", points)
         branched = bool(bodies) or is_branched(points, lines, buoys)
         if branched:
@@ -188,7 +188,7 @@ class Scene(SceneData):
         else:
             check_line(lines[0], points)
         held = branched or not point_named(points, lines[0].end).is_free
-        anchors = _read_items(AnchorSpec.read, table, "anchor")
+        anchors = read_items(AnchorSpec.read, table.get("anchor", []), "anchor")
         check_anchors(anchors, [point.name for point in points if not point.is_free])
         if "run" not in table:
             raise SceneError("run: missing; needed: a table with `dt` and `duration`")
@@ -204,7 +204,7 @@ class Scene(SceneData):
             start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched),
             run=RunSpec.read(table["run"], "run", OPTIONS),
             sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
-            failures=_read_items(FailureSpec.read, table, "failure", lines),
+            failures=read_items(FailureSpec.read, table.get("failure", []), "failure", lines),
             notes=tuple(
                 read_text(note, f"notes.{i}")
                 for i, note in enumerate(read_list(table.get("notes", []), "notes", None, "a list of texts"))
@@ -293,16 +293,6 @@ class Scene(SceneData):
         table = self.as_written()
         written = locate_written(table)
         return get(table, path, written) if is_written(table, path, written) else get(self.to_dict(), path)
-
-
-def _read_items(
-    read: Callable[..., Item], table: Mapping[str, Any], section: str, *more: object, needed: bool = False
-) -> tuple[Item, ...]:
-    """The entries of a section that is a list of tables."""
-    items = read_list(table.get(section, []), section, None, f"one or more [[{section}]] tables")
-    if needed and not items:
-        raise SceneError(f"{section}: missing; needed: one or more [[{section}]] tables")
-    return tuple(read(item, f"{section}.{i}", *more) for i, item in enumerate(items))
 
 
 def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:

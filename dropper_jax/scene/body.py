@@ -18,7 +18,7 @@ from dropper_jax.base.read import (
     count,
     declared_fields,
     read_fields,
-    read_list,
+    read_items,
     read_parameter,
     read_table,
     read_text,
@@ -119,13 +119,7 @@ class BodySpec(DeclaredSection):
     def read(cls, table: Plain, path: str) -> BodySpec:
         own = dict(read_table(table, path))
         check_keys(own, cls.keys(), path)
-        shapes = {
-            key: tuple(
-                kind.read(item, f"{path}.{key}.{i}")
-                for i, item in enumerate(read_list(own.pop(key, []), f"{path}.{key}", None, "a list of tables"))
-            )
-            for key, kind in cls.SHAPES
-        }
+        shapes = {key: read_items(kind.read, own.pop(key, []), f"{path}.{key}") for key, kind in cls.SHAPES}
         given = read_table(own.pop("attachments", {}), f"{path}.attachments")
         attachments = {
             read_text(name, f"{path}.attachments"): read_parameter(value, f"{path}.attachments.{name}", POSITION, {})

@@ -36,6 +36,7 @@ from dropper_jax.base.read import (
     Plain,
     check_keys,
     join,
+    read_items,
     read_list,
     read_number,
     read_table,
@@ -149,15 +150,8 @@ class FitSpec:
                 raise refuse(f"{path}.free.{i}", name, "is not a text", "a path of a parameter, such as b_l")
             if name in free[:i]:
                 raise SceneError(f"{path}.free.{i}: {name!r} is given twice; allowed: each parameter once")
-        sensors, priors = (
-            tuple(
-                kind.read(item, f"{path}.{key}.{i}")
-                for i, item in enumerate(
-                    read_list(table.get(key, []), join(path, key), None, f"one or more [[{path}.{key}]] tables")
-                )
-            )
-            for key, kind in (("sensor", SensorSpec), ("prior", PriorSpec))
-        )
+        sensors = read_items(SensorSpec.read, table.get("sensor", []), f"{path}.sensor")
+        priors = read_items(PriorSpec.read, table.get("prior", []), f"{path}.prior")
         for i, prior in enumerate(priors):
             if (prior.of, prior.common) in [(p.of, p.common) for p in priors[:i]]:
                 raise SceneError(f"{path}.prior.{i}.of: {prior.of!r} is given twice; allowed: each prior once")

@@ -191,7 +191,8 @@ def _check_release(nodes: tuple[int, ...] | None, force: np.ndarray | None, path
 @raises_first
 def _check_rows(rows: np.ndarray | None, path: str, count: int, what: str, which: str) -> Iterator[Check]:
     yield rows is None, f"{path}: missing; needed: {count} {what}, {which}"
-    yield len(rows) != count, f"{path}: {short_text(plain(rows))} has {len(rows)} {what}; allowed: {count}, {which}"
+    given = np.shape(rows)[0]
+    yield given != count, f"{path}: {short_text(plain(rows))} has {given} {what}; allowed: {count}, {which}"
 
 
 def directions(polar: np.ndarray, azimuth: np.ndarray, zero: str) -> np.ndarray:

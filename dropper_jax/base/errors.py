@@ -23,10 +23,10 @@ class LocatedValues(dict[str, Any]):
 
     def with_line(self, error: SceneError) -> SceneError:
         """The error with the file name and the line number of the longest path that its message starts with."""
-        words = str(error).partition(":")[0].split(".")
-        ends = range(len(words), 0, -1)
-        line = next((self.lines[path] for end in ends if (path := ".".join(words[:end])) in self.lines), None)
-        return SceneError(f"{self.file}{f':{line}' if line else ''}: {error}")
+        path = str(error).partition(":")[0]
+        while path and path not in self.lines:
+            path = path.rpartition(".")[0]
+        return SceneError(f"{self.file}{f':{self.lines[path]}' if path else ''}: {error}")
 
 
 class SimulationError(RuntimeError):

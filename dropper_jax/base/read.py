@@ -9,6 +9,7 @@ import dataclasses
 import math
 import numbers
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any, ClassVar, Protocol, Self, TypeVar
 
@@ -23,6 +24,12 @@ class Pairs:
     """The type of an option that is a list of pairs of names."""
 
 
+#: What an option that is a list takes.
+LISTS = {
+    Pairs: 'a list of pairs of names, such as [["dropper-1", "dropper-2"]]',
+    tuple: "a list of whole numbers",
+    list: "a list of texts",
+}
 #: What a TOML file, a JSON text or a Python caller may give as a value.
 Plain = str | bool | float | Sequence | Mapping | np.ndarray | None
 
@@ -138,10 +145,9 @@ def read_number(value: Plain, path: str, declared: Mapping[str, Any], allowed: s
     allowed = allowed or f"a number {limits(declared) or _in_unit(declared)}".rstrip()
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
         raise refuse(path, value, "is not a number", allowed)
-    try:
+    number = math.inf
+    with suppress(OverflowError):
         number = float(value)
-    except OverflowError:
-        number = math.inf
     if not math.isfinite(number):
         raise refuse(path, value, "is not finite", allowed)
     low, high = declared.get("low"), declared.get("high")
@@ -226,17 +232,14 @@ def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | i
     """A text, whole number, truth value, or tuple of whole numbers, of texts (declared as `list`), or of pairs of
     texts."""
     kind, choices = declared.get("type"), declared.get("choices")
-    if kind is Pairs:
-        allowed = 'a list of pairs of names, such as [["dropper-1", "dropper-2"]]'
-        items = enumerate(read_list(value, path, None, allowed))
+    if kind in (Pairs, tuple, list):
+        items = enumerate(read_list(value, path, None, LISTS[kind]))
+        if kind is tuple:
+            return tuple(read_integer(item, f"{path}.{i}", declared.get("low")) for i, item in items)
+        if kind is list:
+            return tuple(read_text(item, f"{path}.{i}") for i, item in items)
         pairs = [(i, read_list(item, f"{path}.{i}", 2, "two names")) for i, item in items]
         return tuple(tuple(read_text(name, f"{path}.{i}.{j}") for j, name in enumerate(two)) for i, two in pairs)
-    if kind is tuple:
-        items = read_list(value, path, None, "a list of whole numbers")
-        return tuple(read_integer(item, f"{path}.{i}", declared.get("low")) for i, item in enumerate(items))
-    if kind is list:
-        items = read_list(value, path, None, "a list of texts")
-        return tuple(read_text(item, f"{path}.{i}") for i, item in enumerate(items))
     if kind is int:
         return read_integer(value, path, declared.get("low"), declared.get("high"))
     if kind is bool:
@@ -290,8 +293,9 @@ def read_items(
 
 def count(meaning: str, low: int = 1, high: int = MOST, **kwargs: Any) -> Any:
     """Declare a whole number from `low` to `high`."""
-    declared = {"kind": "option", "meaning": meaning, "type": int, "low": low, "high": high}
-    return dataclasses.field(metadata=declared, **kwargs)
+    return dataclasses.field(
+        metadata={"kind": "option", "meaning": meaning, "type": int, "low": low, "high": high}, **kwargs
+    )
 
 
 def declared_fields(cls: type) -> dict[str, dataclasses.Field]:

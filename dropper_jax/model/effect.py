@@ -33,6 +33,12 @@ class Effect:
     needs_sea: ClassVar[bool] = False
     #: Whether it reads `k.water`; the scene must then have a sea, whose kinematics are computed once per step.
     needs_water: ClassVar[bool] = False
+    #: Whether it reads `k.water.material`, the material acceleration of the water.
+    needs_material: bool = False
+    #: Whether it reads `k.water.current`, the current alone.
+    needs_current: bool = False
+    #: Whether its added mass turns with its link.
+    turns: bool = False
     #: Whether it counts nodes, links or joints of one line, and so supports scenes of one line only.
     single_line: ClassVar[bool] = False
     #: Names of effects that it requires.
@@ -51,21 +57,6 @@ class Effect:
     def corners(self) -> jax.Array | None:
         """Times (k,) [s] at which the effect is not smooth in time, for schemes that end steps there; None: never."""
         return self.kinks
-
-    @property
-    def turns(self) -> bool:
-        """Whether its added mass turns with its link."""
-        return False
-
-    @property
-    def needs_material(self) -> bool:
-        """Whether it reads `k.water.material`, the material acceleration of the water."""
-        return False
-
-    @property
-    def needs_current(self) -> bool:
-        """Whether it reads `k.water.current`, the current alone."""
-        return False
 
     def __init_subclass__(cls) -> None:
         for given, needed in PAIRS:
@@ -105,8 +96,7 @@ class HeldMotion(Effect):
     def check_points(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         """Reject points that are not fixed."""
         held = [p.name for p in scene.points if not p.is_free]
-        named = {"point": values["point"], **{f"also.{i}": name for i, name in enumerate(values["also"])}}
-        for key, name in named.items():
+        for key, name in (("point", values["point"]), *((f"also.{i}", name) for i, name in enumerate(values["also"]))):
             if name not in held:
                 raise SceneError(f"effects.{cls.name}.{key}: {name!r} is not a fixed point; {nearest(name, held)}")
 
@@ -120,6 +110,8 @@ class Law(Effect, ABC):
 
     #: Whether each row of z acts on one free node and depends on that node only; rows are then the free nodes.
     node_local: ClassVar[bool] = False
+    #: Whether z follows from positions and velocities alone, by `at`; explicit schemes support such laws.
+    of_state: bool = False
 
     @property
     @abstractmethod
@@ -140,11 +132,6 @@ class Law(Effect, ABC):
 
         With `easing` (scalar, 1 to 0) those of a smoothed law, which equals the law itself at 0.
         """
-
-    @property
-    def of_state(self) -> bool:
-        """Whether z follows from positions and velocities alone, by `at`; explicit schemes support such laws."""
-        return False
 
     def at(self, k: Kinematics) -> jax.Array:
         """For a law of the state: z at one instant."""

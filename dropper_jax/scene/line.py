@@ -259,9 +259,9 @@ def _read_axial(table: Plain, path: str, links: int) -> dict[str, Any]:
         raise refuse(f"{path}.law", law, "is unknown", ", ".join(LAWS))
     if law == "tabulated":
         tables = read_tables(table, path, links)
-        rest = {key: value for key, value in table.items() if key not in ("strain", "tension", "EA")}
         if "EA" in table:
             raise SceneError(f"{path}.EA: cannot be combined with a table; allowed: `strain` and `tension`")
+        rest = {key: value for key, value in table.items() if key not in ("strain", "tension")}
         damping = read_fields(LAWS[law], {**rest, "EA": 1.0}, path, {"link": links})["damping"]
         stiffness = np.array([t.stiffness for t in tables])
         return {"axial_law": law, "EA": stiffness, "axial_damping": damping, "tables": tables}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import jax
@@ -242,10 +242,7 @@ def waves_on(
         k = (fenton if approximate else wave_number)(drawn.omega, depth, gravity)
     else:
         course = jnp.broadcast_to(drawn.direction, drawn.omega.shape)
-
-        def profile(z: jax.Array) -> jax.Array:
-            return current.along(z, course, depth)
-
+        profile = partial(current.along, direction=course, depth=depth)
         k, intrinsic, effective = on_current(drawn.omega, depth, gravity, profile)
         if conserve_action:
             amplitude = amplitude * action_factor(drawn.omega, k, effective, depth, gravity)

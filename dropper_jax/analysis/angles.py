@@ -54,7 +54,7 @@ def link_angles(positions: np.ndarray, zero: str = "horizontal") -> tuple[np.nda
     Raises:
         ValueError: unknown `zero`, or positions of another shape.
     """
-    _check_zero(zero)
+    check_choice("zero", zero, ZEROS)
     links = _links(positions, "positions")
     branch = _follow(links.reshape(-1, *links.shape[-2:]))
     shape = links.shape[:-1]
@@ -80,7 +80,7 @@ def angle_rates(
     Raises:
         ValueError: unknown `zero`, or shapes that do not match.
     """
-    _check_zero(zero)
+    check_choice("zero", zero, ZEROS)
     links, rates = _links(positions, "positions"), _links(velocities, "velocities")
     if links.shape != rates.shape:
         raise ValueError(f"velocities: shape {np.shape(velocities)}, must be that of positions, {np.shape(positions)}")
@@ -110,7 +110,7 @@ def angles_to_links(
 
     The inverse of `link_angles`; `np.cumsum` of the result along the links gives the nodes relative to the first one.
     """
-    _check_zero(zero)
+    check_choice("zero", zero, ZEROS)
     down = np.asarray(polar, float) if zero == "down" else np.pi / 2 - np.asarray(polar, float)
     azimuth = np.asarray(azimuth, float)
     flat, up = np.sin(down), -np.cos(down)
@@ -183,9 +183,10 @@ def _links(nodes: np.ndarray, name: str) -> np.ndarray:
         return np.diff(nodes, axis=-2)
 
 
-def _check_zero(zero: str) -> None:
-    if zero not in ZEROS:
-        raise ValueError(f"zero = {zero!r}: must be one of {', '.join(ZEROS)}")
+def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    """Reject a value that is not one of the choices."""
+    if value not in choices:
+        raise ValueError(f"{name} = {value!r}: must be one of {', '.join(choices)}")
 
 
 def writhe(nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dropper_jax.analysis.angles import angle_rates, link_angles
+from dropper_jax.analysis.angles import angle_rates, check_choice, link_angles
 
 WINDOWS = ("hann", "none")
 
@@ -29,8 +29,7 @@ def amplitude_spectrum(t: np.ndarray, x: np.ndarray, window: str = "hann") -> tu
         ValueError: sampling that is not uniform, values that are not finite, shapes that do not match, another window.
     """
     t, x = np.asarray(t), np.asarray(x)
-    if window not in WINDOWS:
-        raise ValueError(f"window = {window!r}: must be one of {', '.join(WINDOWS)}")
+    check_choice("window", window, WINDOWS)
     step = _uniform_step(t)
     if x.ndim not in (1, 2) or len(x) != len(t):
         raise ValueError(f"x: shape {x.shape}, must be ({len(t)},) or ({len(t)}, n) like t")
@@ -81,8 +80,7 @@ def phase_curve(
     Raises:
         ValueError: no such link, another `zero` or `angle`.
     """
-    if angle not in ANGLES:
-        raise ValueError(f"angle = {angle!r}: must be one of {', '.join(ANGLES)}")
+    check_choice("angle", angle, ANGLES)
     positions, velocities = np.asarray(positions), np.asarray(velocities)
     links = positions.shape[1] - 1
     if not -links <= link < links:

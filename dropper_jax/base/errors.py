@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+import functools
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, ParamSpec
+
+Arguments = ParamSpec("Arguments")
 
 
 class SceneError(ValueError):
@@ -20,10 +23,10 @@ class LocatedValues(dict[str, Any]):
 
     def with_line(self, error: SceneError) -> SceneError:
         """The error with the file name and the line number of the longest path that its message starts with."""
-        words = str(error).partition(":")[0].split(".")
-        ends = range(len(words), 0, -1)
-        line = next((self.lines[path] for end in ends if (path := ".".join(words[:end])) in self.lines), None)
-        return SceneError(f"{self.file}{f':{line}' if line else ''}: {error}")
+        path = str(error).partition(":")[0]
+        while path and path not in self.lines:
+            path = path.rpartition(".")[0]
+        return SceneError(f"{self.file}{f':{self.lines[path]}' if path else ''}: {error}")
 
 
 class SimulationError(RuntimeError):
@@ -32,6 +35,22 @@ class SimulationError(RuntimeError):
     def __init__(self, message: str, solution: object = None) -> None:
         super().__init__(message)
         self.solution = solution
+
+
+#: Whether something is wrong, and the message of its error.
+Check = tuple[bool, str]
+
+
+def raises_first(checks: Callable[Arguments, Iterator[Check]]) -> Callable[Arguments, None]:
+    """Make a function of its checks, which raises the error of the first one that fails and evaluates no later one."""
+
+    @functools.wraps(checks)
+    def check(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
+        for wrong, message in checks(*args, **kwargs):
+            if wrong:
+                raise SceneError(message)
+
+    return check
 
 
 def nearest(word: str, candidates: Iterable[str]) -> str:

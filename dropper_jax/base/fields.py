@@ -45,18 +45,20 @@ def parameter(
         raise ValueError(f"shape {shape!r} is not one of {SHAPES}")
     if optional:
         kwargs.setdefault("default", None)
-    metadata = {
-        "kind": "parameter",
-        "meaning": meaning,
-        "unit": unit,
-        "shape": shape,
-        "low": low,
-        "high": high,
-        "open_low": open_low,
-        "optional": optional,
-        "key": key,
-    }
-    return dataclasses.field(metadata=metadata, **kwargs)
+    return dataclasses.field(
+        metadata={
+            "kind": "parameter",
+            "meaning": meaning,
+            "unit": unit,
+            "shape": shape,
+            "low": low,
+            "high": high,
+            "open_low": open_low,
+            "optional": optional,
+            "key": key,
+        },
+        **kwargs,
+    )
 
 
 def option(
@@ -68,8 +70,9 @@ def option(
     **kwargs: Any,
 ) -> Any:
     """Declare a static field of a component: a choice or a plain value that determines the compiled program."""
-    metadata = {"kind": "option", "meaning": meaning, "choices": choices, "type": type, "key": key}
-    return dataclasses.field(metadata=metadata, **kwargs)
+    return dataclasses.field(
+        metadata={"kind": "option", "meaning": meaning, "choices": choices, "type": type, "key": key}, **kwargs
+    )
 
 
 @dataclass_transform(field_specifiers=(parameter, option, dataclasses.field), frozen_default=True)

@@ -8,6 +8,7 @@ results. Values given by the caller (Python, `--set`) may refer to any file.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -200,16 +201,13 @@ def find_referenced(text: str | Path, path: str, base: Path | None = None) -> Pa
     folder = _FOLDER.get()
     if "\0" in str(text):
         raise SceneError(f"{path}: {str(text)[:60]!r} is not a valid file name (contains NUL)")
-    if base is not None:
-        found = base / text
-    else:
-        own = None if folder is None else folder / text
-        found = own if own is not None and own.exists() else Path(text)
+    if base is None:
+        base = folder if folder is not None and (folder / text).exists() else Path()
+    found = base / text
     if folder is None:
         return found
     try:
-        there = found.resolve()
-        inside = any(there.is_relative_to(root.resolve()) for root in (folder, Path()))
+        inside = any(found.resolve().is_relative_to(root.resolve()) for root in (folder, Path()))
     except (OSError, RuntimeError):  # circular links
         inside = False
     if not inside:
@@ -260,7 +258,7 @@ def _owner(path: Path) -> str:
 RELEASE_BYTES = 16_000_000
 
 
-class DeferredErrorFile:
+class DeferredErrorFile(io.RawIOBase):
     """An open file that accepts all writes; after a disk error small writes are stored in memory.
 
     Args:
@@ -298,28 +296,19 @@ class DeferredErrorFile:
             self._since = 0
         return size
 
-    def read(self, size: int = -1) -> bytes:
-        size = max(self._size - self._at, 0) if size < 0 else size
-        found = bytearray(max(min(size, self._size - self._at), 0))
-        there = os.pread(self._file, len(found), self._at)
-        found[: len(there)] = there
-        for at, data in self._pending:
-            first, last = max(at, self._at), min(at + len(data), self._at + len(found))
-            if first < last:
-                found[first - self._at : last - self._at] = data[first - at : last - at]
-        self._at += len(found)
-        return bytes(found)
-
     def readinto(self, buffer: bytearray) -> int:
-        found = self.read(len(memoryview(buffer).cast("B")))
-        memoryview(buffer).cast("B")[: len(found)] = found
-        return len(found)
+        view = memoryview(buffer).cast("B")
+        count = max(min(len(view), self._size - self._at), 0)
+        view[:count] = os.pread(self._file, count, self._at).ljust(count, b"\0")
+        for at, data in self._pending:
+            first, last = max(at, self._at), min(at + len(data), self._at + count)
+            if first < last:
+                view[first - self._at : last - self._at] = data[first - at : last - at]
+        self._at += count
+        return count
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
-        return self._at
-
-    def tell(self) -> int:
         return self._at
 
     def truncate(self, size: int | None = None) -> int:
@@ -330,9 +319,6 @@ class DeferredErrorFile:
             except OSError as error:
                 self.refused = error
         return self._size
-
-    def flush(self) -> None:
-        """Nothing is buffered here."""
 
     def seekable(self) -> bool:
         return True

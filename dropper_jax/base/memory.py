@@ -38,19 +38,16 @@ def available_cores() -> int:
 
 def in_words(size: float) -> str:
     """A readable number of bytes, such as `3.4 GB`."""
-    for unit, power in (("kB", 1e3), ("MB", 1e6), ("GB", 1e9), ("TB", 1e12)):
-        if size < 999.5 * power:
-            return f"{size / power:.3g} {unit}"
-    return f"{size / 1e12:.3g} TB"
+    units = {"kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
+    unit = next((unit for unit, power in units.items() if size < 999.5 * power), "TB")
+    return f"{size / units[unit]:.3g} {unit}"
 
 
 def versions() -> dict[str, str]:
     """Versions of JAX, NumPy, Python and this package, and the device of JAX."""
     import jax  # noqa: PLC0415 - 0.5 s that starting does not need
 
-    found = {name: metadata.version(name) for name in ("jax", "jaxlib", "numpy")}
-    try:
+    found = {name: metadata.version(name) for name in ("jax", "jaxlib", "numpy")} | {"dropper-jax": "not installed"}
+    with suppress(metadata.PackageNotFoundError):
         found["dropper-jax"] = metadata.version("dropper-jax")
-    except metadata.PackageNotFoundError:
-        found["dropper-jax"] = "not installed"
     return {**found, "python": platform.python_version(), "backend": jax.default_backend()}

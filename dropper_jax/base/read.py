@@ -8,18 +8,28 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
-from collections.abc import Container, Iterable, Mapping, Sequence
-from typing import Any, ClassVar, Protocol
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from typing import Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
+
+Item = TypeVar("Item")
 
 
 class Pairs:
     """The type of an option that is a list of pairs of names."""
 
 
+#: What an option that is a list takes.
+LISTS = {
+    Pairs: 'a list of pairs of names, such as [["dropper-1", "dropper-2"]]',
+    tuple: "a list of whole numbers",
+    list: "a list of texts",
+}
 #: What a TOML file, a JSON text or a Python caller may give as a value.
 Plain = str | bool | float | Sequence | Mapping | np.ndarray | None
 
@@ -68,6 +78,16 @@ def check_keys(table: Mapping[str, Any], allowed: Iterable[str], path: str) -> N
         if key not in allowed:
             name = " ".join(str(key).split())
             raise SceneError(f"{join(path, name)}: unknown key; {nearest(name, allowed)}")
+
+
+@raises_first
+def check_kind_keys(
+    table: Mapping[str, Any], kind: str, keys: Mapping[str, Sequence[str]], path: str
+) -> Iterator[Check]:
+    """Reject keys of a table that its `kind` does not take."""
+    for key in table:
+        takes = f"not used by kind {kind!r}, which takes {', '.join(keys[kind])}"
+        yield key not in ("kind", *keys[kind]), f"{path}.{key}: {takes}"
 
 
 def join(path: str, key: str) -> str:
@@ -125,10 +145,9 @@ def read_number(value: Plain, path: str, declared: Mapping[str, Any], allowed: s
     allowed = allowed or f"a number {limits(declared) or _in_unit(declared)}".rstrip()
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
         raise refuse(path, value, "is not a number", allowed)
-    try:
+    number = math.inf
+    with suppress(OverflowError):
         number = float(value)
-    except OverflowError:
-        number = math.inf
     if not math.isfinite(number):
         raise refuse(path, value, "is not finite", allowed)
     low, high = declared.get("low"), declared.get("high")
@@ -213,17 +232,14 @@ def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | i
     """A text, whole number, truth value, or tuple of whole numbers, of texts (declared as `list`), or of pairs of
     texts."""
     kind, choices = declared.get("type"), declared.get("choices")
-    if kind is Pairs:
-        allowed = 'a list of pairs of names, such as [["dropper-1", "dropper-2"]]'
-        items = enumerate(read_list(value, path, None, allowed))
+    if kind in (Pairs, tuple, list):
+        items = enumerate(read_list(value, path, None, LISTS[kind]))
+        if kind is tuple:
+            return tuple(read_integer(item, f"{path}.{i}", declared.get("low")) for i, item in items)
+        if kind is list:
+            return tuple(read_text(item, f"{path}.{i}") for i, item in items)
         pairs = [(i, read_list(item, f"{path}.{i}", 2, "two names")) for i, item in items]
         return tuple(tuple(read_text(name, f"{path}.{i}.{j}") for j, name in enumerate(two)) for i, two in pairs)
-    if kind is tuple:
-        items = read_list(value, path, None, "a list of whole numbers")
-        return tuple(read_integer(item, f"{path}.{i}", declared.get("low")) for i, item in enumerate(items))
-    if kind is list:
-        items = read_list(value, path, None, "a list of texts")
-        return tuple(read_text(item, f"{path}.{i}") for i, item in enumerate(items))
     if kind is int:
         return read_integer(value, path, declared.get("low"), declared.get("high"))
     if kind is bool:
@@ -250,9 +266,8 @@ def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -
     values = {}
     for key, field in declared.items():
         if key in table:
-            read = read_parameter if field.metadata["kind"] == "parameter" else read_option
-            more = (counts,) if field.metadata["kind"] == "parameter" else ()
-            values[field.name] = read(table[key], join(path, key), field.metadata, *more)
+            read = partial(read_parameter, counts=counts) if field.metadata["kind"] == "parameter" else read_option
+            values[field.name] = read(table[key], join(path, key), field.metadata)
         elif field.default is dataclasses.MISSING:
             raise SceneError(f"{join(path, key)}: missing; needed: {_describe_missing(field)}")
         else:
@@ -266,10 +281,21 @@ def _describe_missing(field: dataclasses.Field) -> str:
     return field.metadata["meaning"] + (f", {words}" if words else "")
 
 
+def read_items(
+    read: Callable[..., Item], value: Plain, path: str, *more: object, needed: bool = False
+) -> tuple[Item, ...]:
+    """The entries of a list of tables, each read with its path and `more`."""
+    items = read_list(value, path, None, f"one or more [[{path}]] tables")
+    if needed and not items:
+        raise SceneError(f"{path}: missing; needed: one or more [[{path}]] tables")
+    return tuple(read(item, f"{path}.{i}", *more) for i, item in enumerate(items))
+
+
 def count(meaning: str, low: int = 1, high: int = MOST, **kwargs: Any) -> Any:
     """Declare a whole number from `low` to `high`."""
-    declared = {"kind": "option", "meaning": meaning, "type": int, "low": low, "high": high}
-    return dataclasses.field(metadata=declared, **kwargs)
+    return dataclasses.field(
+        metadata={"kind": "option", "meaning": meaning, "type": int, "low": low, "high": high}, **kwargs
+    )
 
 
 def declared_fields(cls: type) -> dict[str, dataclasses.Field]:
@@ -281,3 +307,21 @@ def as_table(spec: Declared) -> dict[str, Any]:
     """The given values of a section as plain values; None values are omitted."""
     found = {key: plain(getattr(spec, field.name)) for key, field in declared_fields(type(spec)).items()}
     return {key: value for key, value in found.items() if value is not None}
+
+
+class DeclaredSection:
+    """Base of a section of a scene: a dataclass with declared fields, which are all that it reads and writes."""
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> Self:
+        """The section from its table, checked."""
+        section = cls(**read_fields(cls, table, path, {}))
+        section.check(path)
+        return section
+
+    def check(self, path: str) -> None:
+        """Raise `SceneError` for combinations of values that ranges of single fields cannot express."""
+
+    def table(self) -> dict[str, Any]:
+        """Plain values from which `read` recreates the section."""
+        return as_table(self)

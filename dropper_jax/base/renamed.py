@@ -186,5 +186,4 @@ def _warn(row: Row, level: int = 3) -> None:
         old, new = f"{row.where}.{row.old}", row.path
         if row.kind == "option":
             old, new = f"dropper {row.where} {row.old}", row.new
-        text = f"{old} is {new} {SINCE} {row.since}"
-        warnings.warn(text, DeprecationWarning, stacklevel=level)
+        warnings.warn(f"{old} is {new} {SINCE} {row.since}", DeprecationWarning, stacklevel=level)

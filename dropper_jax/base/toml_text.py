@@ -70,23 +70,19 @@ def parsed_toml(text: str) -> dict[str, Any]:
         raise
     except ValueError as error:  # a number with more digits than Python reads
         raise tomllib.TOMLDecodeError(str(error).split(";")[0]) from None
-    _check_depth(found)
+    _check_depth(found, 1)
     return found
 
 
-def _check_depth(table: dict[str, Any]) -> None:
+def _check_depth(value: Plain, depth: int) -> None:
     """Reject values that are nested too deeply, and whole numbers of more than 64 bits."""
-    largest = 2**63  # whole numbers have 64 bits in TOML
-    open_, depth = [table], 0
-    while open_:
-        depth += 1
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise tomllib.TOMLDecodeError("a whole number of more than 64 bits")
+    if isinstance(value, dict | list):
         if depth > DEEPEST:
             raise tomllib.TOMLDecodeError(f"nested more than {DEEPEST} deep")
-        inner = [v for item in open_ for v in (item.values() if isinstance(item, dict) else item)]
-        for value in inner:
-            if isinstance(value, int) and not -largest <= value < largest:
-                raise tomllib.TOMLDecodeError("a whole number of more than 64 bits")
-        open_ = [v for v in inner if isinstance(v, dict | list)]
+        for item in value.values() if isinstance(value, dict) else value:
+            _check_depth(item, depth + 1)
 
 
 #: Characters that Markdown or HTML would interpret as markup inside a line; `_` and `-` inside words are not markup.

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.read import refuse, short_text
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.checks_water import bed_height, check_growth, check_water
 from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, point_named
 
+AT_LEAST_2 = "allowed: a whole number >= 2"
 
-def check_names(section: str, items: Sequence[PointSpec | LineSpec | BuoySpec]) -> None:
+
+@raises_first
+def check_names(section: str, items: Sequence[PointSpec | LineSpec | BuoySpec]) -> Iterator[Check]:
     """Check that every item of a section has a unique name."""
     names = [item.name for item in items]
     for i, name in enumerate(names):
-        if name in names[:i]:
-            raise refuse(f"{section}.{i}.name", name, "is used twice", "a unique name")
+        yield name in names[:i], f"{section}.{i}.name: {short_text(name)} is used twice; allowed: a unique name"
 
 
 def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> None:
@@ -35,64 +37,67 @@ def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> No
             raise refuse(f"point.{i}.name", name, "is not an end of any line", ", ".join(sorted(used)))
 
 
-def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> None:
+@raises_first
+def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> Iterator[Check]:
+    """Check that a line starts at a fixed point, and that links between two fixed ends can close: no side of the
+    polygon exceeds the sum of the others."""
     check_ends((line,), points)
     start, end = point_named(points, line.start), point_named(points, line.end)
-    if start.is_free:
-        names = [point.name for point in points]
-        raise refuse(
-            f"point.{names.index(start.name)}.kind", start.kind, "cannot be the start of a rigid line", "fixed"
-        )
-    if not end.is_free:
-        _check_reach(line, "line.0", start, end)
-
-
-def _check_reach(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> None:
-    """Check that links between two fixed ends can close: no side of the polygon exceeds the sum of the others."""
-    if line.links < 2:
-        raise refuse(f"{path}.links", line.links, "leaves no free node between two fixed ends", "a whole number >= 2")
-    if not line.rigid:
+    path = f"point.{points.index(start)}.kind"
+    yield start.is_free, f"{path}: {start.kind!r} cannot be the start of a rigid line; allowed: fixed"
+    if end.is_free:
         return
-    distance = check_span(line, path, start, end)
-    longest = float(np.max(line.length))
-    others = line.total - longest + distance
-    if longest >= others:
-        raise SceneError(
-            f"{path}.length: a link of {longest:g} m cannot be closed by the others and the {distance:g} m between "
-            f"the ends; allowed: less than {others:g} m"
+    yield line.links < 2, f"line.0.links: {line.links} leaves no free node between two fixed ends; {AT_LEAST_2}"
+    if line.rigid:
+        distance = check_span(line, "line.0", start, end)
+        longest = float(np.max(line.length))
+        others = line.total - longest + distance
+        yield (
+            longest >= others,
+            f"line.0.length: a link of {longest:g} m cannot be closed by the others and the {distance:g} m between "
+            f"the ends; allowed: less than {others:g} m",
         )
 
 
-def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]) -> None:
+@raises_first
+def check_system(
+    points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]
+) -> Iterator[Check]:
     """Check for unique names, elastic lines of one law, every point connected to a fixed one, buoys on free points."""
     check_ends(lines, points)
     check_names("line", lines)
     check_names("buoy", buoys)
     for i, line in enumerate(lines):
-        path = f"line.{i}"
         if line.rigid:
             start, end = point_named(points, line.start), point_named(points, line.end)
             if not (start.is_free or end.is_free):
-                check_span(line, path, start, end)
-        if line.centre_of_mass is not None:
-            raise SceneError(
-                f"{path}.centre_of_mass: compound links are for single lines only. Remove `centre_of_mass`"
-            )
-        if line.start == line.end and line.links < 2:
-            raise refuse(f"{path}.links", line.links, "leaves no free node in a loop", "a whole number >= 2")
-    if not any(point.is_free for point in points) and all(line.links == 1 for line in lines):
-        raise refuse("line.0.links", lines[0].links, "leaves no free node between fixed points", "a whole number >= 2")
+                check_span(line, f"line.{i}", start, end)
+        yield (
+            line.centre_of_mass is not None,
+            f"line.{i}.centre_of_mass: compound links are for single lines only. Remove `centre_of_mass`",
+        )
+        yield (
+            line.start == line.end and line.links < 2,
+            f"line.{i}.links: {line.links} leaves no free node in a loop; {AT_LEAST_2}",
+        )
+    yield (
+        not any(point.is_free for point in points) and all(line.links == 1 for line in lines),
+        f"line.0.links: {lines[0].links} leaves no free node between fixed points; {AT_LEAST_2}",
+    )
     _check_connected(points, lines)
     kinds = {point.name: point.kind for point in points}
     for i, buoy in enumerate(buoys):
-        if buoy.end_added_mass != buoys[0].end_added_mass:
-            path = f"buoy.{i}.end_added_mass"
-            raise refuse(path, buoy.end_added_mass, "differs from that of the first buoy", buoys[0].end_added_mass)
-    for i, buoy in enumerate(buoys):
+        added = buoys[0].end_added_mass
+        yield (
+            buoy.end_added_mass != added,
+            f"buoy.{i}.end_added_mass: {buoy.end_added_mass!r} differs from that of the first buoy; allowed: {added}",
+        )
         if buoy.point not in kinds:
             raise SceneError(f"buoy.{i}.point: {buoy.point!r} is not a point; {nearest(buoy.point, kinds)}")
-        if kinds[buoy.point] != "free":
-            raise refuse(f"buoy.{i}.point", buoy.point, "is a fixed point", "a point of kind 'free'")
+        yield (
+            kinds[buoy.point] != "free",
+            f"buoy.{i}.point: {short_text(buoy.point)} is a fixed point; allowed: a point of kind 'free'",
+        )
 
 
 def check_span(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> float:
@@ -106,51 +111,48 @@ def check_span(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> f
     return distance
 
 
-def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...]) -> None:
+@raises_first
+def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...]) -> Iterator[Check]:
     reached = {point.name for point in points if not point.is_free or point.on}
-    grown = True
-    while grown:
-        grown = False
+    before = 0
+    while len(reached) > before:
+        before = len(reached)
         for line in lines:
-            if (line.start in reached) != (line.end in reached):
+            if {line.start, line.end} & reached:
                 reached |= {line.start, line.end}
-                grown = True
     for i, point in enumerate(points):
-        if point.name not in reached:
-            raise refuse(
-                f"point.{i}.name",
-                point.name,
-                "is not connected to any fixed point",
-                "lines from a point of kind 'fixed'",
-            )
+        yield (
+            point.name not in reached,
+            f"point.{i}.name: {short_text(point.name)} is not connected to any fixed point; allowed: lines from a "
+            "point of kind 'fixed'",
+        )
 
 
-def _check_masses(scene: SceneData) -> None:
-    """Check that every free point has mass: that of a link, a body or a buoy."""
+@raises_first
+def _check_system_effects(scene: SceneData) -> Iterator[Check]:
+    """Check that every free point has mass (that of a link, a body or a buoy), effects that need one line, and bodies
+    that need water."""
     nodes = scene.link_mass_nodes
     heavy = {line.end for line in scene.lines} | {line.start for line in scene.lines if nodes[line.name] != "far"}
-    heavy |= {buoy.point for buoy in scene.buoys} | {p.name for p in scene.points if p.mass or p.on}
+    heavy |= {buoy.point for buoy in scene.buoys} | {p.name for p in scene.points if p.mass or p.on or not p.is_free}
     for i, line in enumerate(scene.lines):
-        point = scene.point(line.start)
-        if point.is_free and point.name not in heavy:
-            why = f"leaves the free point {point.name!r} without mass"
-            raise refuse(f"line.{i}.nodes", line.nodes, why, "shared, or the line written from its other end")
-
-
-def check_system_effects(scene: SceneData) -> None:
-    """Check effects that need one line, bodies that need water, and free points that need mass."""
-    _check_masses(scene)
+        yield (
+            line.start not in heavy,
+            f"line.{i}.nodes: {line.nodes!r} leaves the free point {line.start!r} without mass; allowed: shared, or "
+            "the line written from its other end",
+        )
     for name in scene.effects:
-        if EFFECTS[name].single_line:
-            raise SceneError(f"effects.{name}: acts on the nodes of one line; allowed: scenes with one line")
+        one = EFFECTS[name].single_line
+        yield one, f"effects.{name}: acts on the nodes of one line; allowed: scenes with one line"
     for i, buoy in enumerate(scene.buoys):
-        if scene.sea is None:
-            raise SceneError(
-                f"buoy.{i}: {buoy.name!r} needs water, but the scene has no [sea]; needed: [sea] with `depth`"
-            )
+        yield (
+            scene.sea is None,
+            f"buoy.{i}: {buoy.name!r} needs water, but the scene has no [sea]; needed: [sea] with `depth`",
+        )
 
 
-def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> None:
+@raises_first
+def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> Iterator[Check]:
     """Check that no point, and no node of a given configuration (its path, and positions (n, 3) [m]), starts below the
     seabed.
 
@@ -162,18 +164,17 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> None:
         return
     # depth below the seabed at which a point may be due to rounding [m]
     for i in np.flatnonzero(positions[:, 2] < bed - 1e-9):
-        raise SceneError(
-            f"point.{i}.position: z = {positions[i, 2]:g} m is below the seabed; "
-            f"allowed: >= {bed[i]:g} m at its x and y"
+        z = positions[i, 2]
+        yield (
+            True,
+            f"point.{i}.position: z = {z:g} m is below the seabed; allowed: >= {bed[i]:g} m at its x and y",
         )
-    if pose is None:
-        return
-    path, nodes = pose
-    bed = bed_height(scene, nodes)
-    for i in np.flatnonzero(nodes[:, 2] < bed - np.max(scene.lines[0].diameter)):
-        raise SceneError(
-            f"{path}: node {i} is at z = {nodes[i, 2]:g} m, below the seabed; allowed: >= {bed[i]:g} m at its x and y"
-        )
+    if pose is not None:
+        path, nodes = pose
+        bed = bed_height(scene, nodes)
+        for i in np.flatnonzero(nodes[:, 2] < bed - np.max(scene.lines[0].diameter)):
+            at = f"{bed[i]:g} m at its x and y"
+            yield True, f"{path}: node {i} is at z = {nodes[i, 2]:g} m, below the seabed; allowed: >= {at}"
 
 
 def motion_warnings(scene: SceneData) -> tuple[str, ...]:
@@ -205,18 +206,15 @@ def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
     friction = scene.effects["seabed_friction"]
     mu = friction["kinetic"] if friction["static"] is None else friction["static"]
     gravity = scene.effects.get("weight", {}).get("gravity", GRAVITY)
-    for line in scene.lines:
-        if line.start not in moved and line.end not in moved:
-            continue
-        if line.EA is None:
-            return True  # rigid: the shock is unbounded
-        weight = float(np.sum(line.mass)) * gravity
-        shock = speed * float(np.max(np.sqrt(line.EA * line.mass / line.length)))
-        # tension of a shock relative to the friction of the full line below which the tension retained by friction is
-        # negligible
-        if shock > 0.01 * float(np.max(mu)) * weight:
-            return True
-    return False
+    moving = [line for line in scene.lines if {line.start, line.end} & moved]
+    # tension of a shock relative to the friction of the full line below which the tension retained by friction is
+    # negligible; that of a rigid line is unbounded
+    negligible = 0.01 * float(np.max(mu)) * gravity
+    return any(
+        line.EA is None
+        or speed * float(np.max(np.sqrt(line.EA * line.mass / line.length))) > negligible * float(np.sum(line.mass))
+        for line in moving
+    )
 
 
 def attached_points(
@@ -229,69 +227,59 @@ def attached_points(
     """
     check_names("body", bodies)
     check_names("vessel", vessels)
-    taken, found = {point.name for point in points}, []
+    found = list(points)
     carriers = [(f"body.{i}", "free", body) for i, body in enumerate(bodies)]
     carriers += [(f"vessel.{i}", "fixed", vessel) for i, vessel in enumerate(vessels)]
     for path, kind, body in carriers:
         for name, position in body.attachments.items():
-            if name in taken:
+            if name in {point.name for point in found}:
                 raise refuse(f"{path}.attachments", name, "is used twice", "unique names among points")
-            taken.add(name)
             found.append(PointSpec(name=name, position=body.world(position), kind=kind, on=body.name))
-    return tuple(found)
+    return tuple(found[len(points) :])
 
 
-def check_bodies(scene: SceneData) -> None:
+@raises_first
+def _check_bodies(scene: SceneData) -> Iterator[Check]:
     """Check that bodies hang on lines that stretch, and that bodies with shapes are in water."""
-    if not scene.bodies:
-        return
-    for i, line in enumerate(scene.lines):
-        if line.rigid:
-            raise SceneError(
-                f"line.{i}.axial.law: 'rigid' in a scene with bodies. Use lines that stretch, such as 'rope'"
-            )
+    for i, line in enumerate(scene.lines if scene.bodies else ()):
+        yield (
+            line.rigid,
+            f"line.{i}.axial.law: 'rigid' in a scene with bodies. Use lines that stretch, such as 'rope'",
+        )
     for i, body in enumerate(scene.bodies):
-        if body.shapes and scene.sea is None:
-            raise SceneError(
-                f"body.{i}: {body.name!r} has cylinders or spheres, but the scene has no [sea]; needed: [sea] with "
-                "`depth`, or no shapes"
-            )
-        if body.touches_bed and ("seabed" not in scene.effects or not body.shapes):
-            what = "[effects.seabed]" if body.shapes else "cylinders or spheres"
-            raise SceneError(
-                f"body.{i}.touches_bed: {body.name!r} lacks {what}; allowed: false, or a body and scene with both"
-            )
+        yield (
+            bool(body.shapes) and scene.sea is None,
+            f"body.{i}: {body.name!r} has cylinders or spheres, but the scene has no [sea]; needed: [sea] with "
+            "`depth`, or no shapes",
+        )
+        what = "[effects.seabed]" if body.shapes else "cylinders or spheres"
+        yield (
+            body.touches_bed and ("seabed" not in scene.effects or not body.shapes),
+            f"body.{i}.touches_bed: {body.name!r} lacks {what}; allowed: false, or a body and scene with both",
+        )
 
 
 def body_warnings(scene: SceneData) -> tuple[str, ...]:
     """A warning for each body with attachments away from its shapes: they may be arms of a platform, or a mistake."""
-    found = []
-    for body in scene.bodies:
-        away = body.outside()
-        if away:
-            name = max(away, key=away.get)
-            found.append(
-                f"body {body.name!r}: {len(away)} attachments are outside its cylinders and spheres, {name!r} by "
-                f"{away[name]:.3g} m; they move with it as if on massless arms"
-            )
-    return tuple(found)
+    outside = [(body, away) for body in scene.bodies if (away := body.outside())]
+    return tuple(
+        f"body {body.name!r}: {len(away)} attachments are outside its cylinders and spheres, "
+        f"{max(away, key=away.get)!r} by {max(away.values()):.3g} m; they move with it as if on massless arms"
+        for body, away in outside
+    )
 
 
-def check_vessels(scene: SceneData) -> None:
-    """Check that a vessel with RAOs has waves that rise from rest, within its table."""
-    for i, vessel in enumerate(scene.vessels):
-        if vessel.rao is not None and (scene.sea is None or scene.sea.waves is None or scene.sea.ramp is None):
-            raise SceneError(
-                f"vessel.{i}.rao: needs waves that rise from rest; needed: [sea.waves] and `sea.ramp`, or `motion`"
-            )
-
-
-def check_scene(scene: SceneData) -> None:
+@raises_first
+def check_scene(scene: SceneData) -> Iterator[Check]:
     """Check the parts of a scene against each other: effects with bodies, vessels, water and growth."""
     if scene.branched:
-        check_system_effects(scene)
-        check_bodies(scene)
-    check_vessels(scene)
+        _check_system_effects(scene)
+        _check_bodies(scene)
+    for i, vessel in enumerate(scene.vessels):
+        yield (
+            vessel.rao is not None and (scene.sea is None or scene.sea.waves is None or scene.sea.ramp is None),
+            f"vessel.{i}.rao: needs waves that rise from rest; needed: [sea.waves] and `sea.ramp`, or `motion`",
+        )
     for effect, values in scene.effects.items():
         if EFFECTS[effect].needs_water or EFFECTS[effect].needs_sea:
             check_water(effect, scene)

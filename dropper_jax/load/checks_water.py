@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.buoyancy import displaced_diameter, drag_diameter
 from dropper_jax.scene import SceneData
@@ -15,6 +17,7 @@ from dropper_jax.sea.interpolated import BoundWaves
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.steady import STOKES_HEIGHT, STOKES_LENGTH, highest
 
+NEEDS_WATER = "needs water, but the scene has no [sea]; needed: [sea] with `depth`"
 #: Fraction of the wave energy used to determine a wavelength; the rest is the tail of a spectrum.
 ENERGY_SHARE = 0.95
 #: Maximum ratio of significant height to depth of irregular waves, as observed on flat seabeds (about 0.6 of single
@@ -22,64 +25,72 @@ ENERGY_SHARE = 0.95
 SHALLOW_HEIGHT = 0.6
 
 
-def check_water(effect: str, scene: SceneData) -> None:
+@raises_first
+def check_water(effect: str, scene: SceneData) -> Iterator[Check]:
     """Check that an effect of the water has a sea, a diameter, and fixed points above the seabed."""
-    if scene.sea is None:
-        raise SceneError(f"effects.{effect}: needs water, but the scene has no [sea]; needed: [sea] with `depth`")
-    line = scene.line
-    if effect in ("morison_drag", "morison_inertia", "thesis_wave_force") and displaced_diameter(line, scene) is None:
-        raise SceneError(f"line.0.diameter: missing; effects.{effect} needs it, > 0 m")
+    yield scene.sea is None, f"effects.{effect}: {NEEDS_WATER}"
+    morison = effect in ("morison_drag", "morison_inertia", "thesis_wave_force")
+    yield (
+        morison and displaced_diameter(scene.line, scene) is None,
+        f"line.0.diameter: missing; effects.{effect} needs it, > 0 m",
+    )
     if scene.effects.get("seabed", {}).get("bed_x") is not None:
         return  # a sloping seabed has a different depth everywhere, see `check_bed`
+    lowest = -scene.sea.depth
     for i, point in enumerate(scene.points):
-        if not point.is_free and point.position[2] < -scene.sea.depth:
-            raise SceneError(
-                f"point.{i}.position: z = {point.position[2]:g} m is below the seabed; "
-                f"allowed: >= {-scene.sea.depth:g} m"
-            )
+        z = point.position[2]
+        yield (
+            not point.is_free and z < lowest,
+            f"point.{i}.position: z = {z:g} m is below the seabed; allowed: >= {lowest:g} m",
+        )
 
 
-def check_growth(scene: SceneData) -> None:
+@raises_first
+def check_growth(scene: SceneData) -> Iterator[Check]:
     """Check that growth has water and the diameter of the bare rope, and that the volume follows from the diameter."""
     for i, line in enumerate(scene.lines):
         season = scene.season is not None and scene.season.on(line.name, line.piece_of)
         if line.growth is None and not season:
             continue
         path = f"line.{i}"
-        if line.growth is not None and season:
-            raise SceneError(f"{path}.growth: given, but [growth] lists {line.name!r} too; allowed: one of them")
         said = "growth" if season else f"{path}.growth"
-        if scene.sea is None:
-            raise SceneError(f"{said}: needs water, but the scene has no [sea]; needed: [sea] with `depth`")
-        if line.diameter is None:
-            raise SceneError(f"{path}.diameter: missing; {said} needs the diameter of the bare rope, > 0 m")
-        if line.outer_diameter is not None:
-            raise SceneError(f"{path}.outer_diameter: {said} changes the diameter; allowed: one of them")
-        if line.centre_of_mass is not None:
-            raise SceneError(f"{said}: needs point masses at the nodes, but the line has compound links. Remove it")
-        if scene.effects.get("buoyancy", {}).get("wet_weight") is not None:
-            raise SceneError(f"effects.buoyancy.wet_weight: is that of the bare line, but {said} changes it. Remove it")
+        yield (
+            line.growth is not None and season,
+            f"{path}.growth: given, but [growth] lists {line.name!r} too; allowed: one of them",
+        )
+        yield scene.sea is None, f"{said}: {NEEDS_WATER}"
+        yield line.diameter is None, f"{path}.diameter: missing; {said} needs the diameter of the bare rope, > 0 m"
+        yield (
+            line.outer_diameter is not None,
+            f"{path}.outer_diameter: {said} changes the diameter; allowed: one of them",
+        )
+        yield (
+            line.centre_of_mass is not None,
+            f"{said}: needs point masses at the nodes, but the line has compound links. Remove it",
+        )
+        yield (
+            scene.effects.get("buoyancy", {}).get("wet_weight") is not None,
+            f"effects.buoyancy.wet_weight: is that of the bare line, but {said} changes it. Remove it",
+        )
 
 
 def sea_warnings(scene: SceneData, sea: Sea) -> tuple[str, ...]:
     """Warnings about the sea, one line each; `sea` is the result of `make_sea`."""
     if scene.sea is None:
         return ()
-    found = _reach(scene) + _check_shelter(scene)
+    found = [*_reach(scene), *_check_shelter(scene)]
     if sea.waves is not None:
-        found += _breaking(scene, sea) + _repetition(scene, sea) + _slenderness(scene, sea) + _interpolation(sea)
+        found += [*_breaking(scene, sea), *_repetition(scene, sea), *_slenderness(scene, sea), *_interpolation(sea)]
     return tuple(found)
 
 
 def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
     """A ball that the line cannot leave while its points are fixed: its centre (3,) [m] and radius [m]."""
     if scene.branched:
-        carriers = (*scene.bodies, *scene.vessels)
-        positions = np.array([item.position for item in (*scene.points, *carriers)])
+        positions = np.array([item.position for item in (*scene.points, *scene.bodies, *scene.vessels)])
         middle = np.mean(positions, axis=0)
-        return middle, float(
-            np.max(np.linalg.norm(positions - middle, axis=1)) + max(line.total for line in scene.lines)
-        )
+        longest = max(line.total for line in scene.lines)
+        return middle, float(np.max(np.linalg.norm(positions - middle, axis=1)) + longest)
     line = scene.lines[0]
     first, last = scene.point(line.start), scene.point(line.end)
     if not last.is_free:
@@ -87,69 +98,69 @@ def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
     return first.position, line.total
 
 
-def _reach(scene: SceneData) -> list[str]:
+def _reach(scene: SceneData) -> Iterator[str]:
     """A warning if a line can hang below the seabed because the scene has no seabed effect."""
-    if "seabed" in scene.effects:
-        return []
     depth = scene.sea.depth
     middle, radius = line_reach(scene)
     low = middle[2] - radius
-    if low >= -depth:
-        return []
-    return [
-        f"sea.depth: the line can reach down to z = {low:.4g} m, but the seabed at {-depth:.4g} m has no contact force"
-    ]
+    if "seabed" not in scene.effects and low < -depth:
+        yield (
+            f"sea.depth: the line can reach down to z = {low:.4g} m, but the seabed at {-depth:.4g} m has no contact "
+            "force"
+        )
 
 
-def _check_shelter(scene: SceneData) -> list[str]:
+def _check_shelter(scene: SceneData) -> Iterator[str]:
     """A warning for shelter factors if the current comes from another direction, because they do not turn with it."""
     factor = scene.effects.get("morison_drag", {}).get("shelter")
     current = scene.sea.current
     if factor is None or current is None or not np.ndim(factor):
-        return []
+        return
     starts = np.cumsum([0, *(line.links for line in scene.lines)])[:-1]
     each = np.asarray(factor, float)[starts]
     weakest = int(np.argmin(each))
-    kind = scene.lines[weakest].links, scene.lines[weakest].total
-    alike = [i for i, line in enumerate(scene.lines) if (line.links, line.total) == kind and each[i] > each[weakest]]
-    if not alike:
-        return []
+    kinds = [(line.links, line.total) for line in scene.lines]
+    alike = [i for i, kind in enumerate(kinds) if kind == kinds[weakest]]
+    strongest = max(alike, key=lambda i: each[i])
     first, last = (
         np.mean([scene.point(p).position for p in (scene.lines[i].start, scene.lines[i].end)], axis=0)
-        for i in (max(alike, key=lambda i: each[i]), weakest)
+        for i in (strongest, weakest)
     )
     way = last[:2] - first[:2]
     size = float(np.hypot(*way))
     along = float(way @ [np.cos(current.direction), np.sin(current.direction)])
     # minimum cosine between a current and the direction in which lines shelter each other, about 60 degrees
-    if size == 0.0 or along > 0.5 * size:
-        return []
-    return [
-        f"line.shelter: the factors decrease towards {scene.lines[weakest].name!r}, but the current flows at "
-        f"{np.degrees(current.direction):.4g} degrees from x; they do not turn with it"
-    ]
+    if each[strongest] > each[weakest] and size > 0.0 and along <= 0.5 * size:
+        yield (
+            f"line.shelter: the factors decrease towards {scene.lines[weakest].name!r}, but the current flows at "
+            f"{np.degrees(current.direction):.4g} degrees from x; they do not turn with it"
+        )
 
 
-def _breaking(scene: SceneData, sea: Sea) -> list[str]:
+def _breaking(scene: SceneData, sea: Sea) -> Iterator[str]:
     """A warning for waves that are too steep: single ones, or the significant height at the mean energy frequency."""
     if sea.waves.bound:
-        return _finite(scene, sea.waves)
+        yield from _finite(scene, sea.waves)
+        return
     amplitude, k = np.asarray(sea.waves.amplitude, float), np.asarray(sea.waves.wave_number, float)
-    if amplitude.size == 1:
-        height, number, what = 2.0 * amplitude[0], k[0], "wave height"
-    else:
+    height, number, what = 2.0 * amplitude[0], k[0], "wave height"
+    if amplitude.size > 1:
         height, what = 4.0 * np.sqrt(0.5 * np.sum(amplitude**2)), "significant wave height"
         number = k[int(np.argmin(np.abs(np.asarray(sea.waves.omega) - _mean_frequency(sea))))]
-        if height > SHALLOW_HEIGHT * scene.sea.depth:
-            share = height / scene.sea.depth
-            return [
-                f"sea.waves: {what} {height:.4g} m is {share:.2g} of the depth; waves break beyond {SHALLOW_HEIGHT:g}"
-            ]
+    share = height / scene.sea.depth
     # steepest waves before breaking: `H = 0.142 L tanh(kd)` (Miche 1944), 0.89 of the depth in shallow water
     limit = 0.142 * 2 * np.pi / number * np.tanh(number * scene.sea.depth)
-    if height <= limit:
-        return [] if amplitude.size == 1 else _too_steep(scene, sea, height)
-    return [f"sea.waves: {what} {height:.4g} m is beyond breaking, 0.142 L tanh(kd) = {limit:.4g} m"]
+    tz = mean_period(sea)
+    steepest = steepest_sea(tz, scene.sea.gravity)
+    if amplitude.size > 1 and share > SHALLOW_HEIGHT:
+        yield f"sea.waves: {what} {height:.4g} m is {share:.2g} of the depth; waves break beyond {SHALLOW_HEIGHT:g}"
+    elif height > limit:
+        yield f"sea.waves: {what} {height:.4g} m is beyond breaking, 0.142 L tanh(kd) = {limit:.4g} m"
+    elif amplitude.size > 1 and height > steepest:
+        yield (
+            f"sea.waves: {what} {height:.4g} m is above {steepest:.4g} m, the steepest seas of mean period "
+            f"{tz:.3g} s (DNV-RP-C205)"
+        )
 
 
 def mean_period(sea: Sea) -> float:
@@ -167,37 +178,21 @@ def steepest_sea(tz: float, gravity: float) -> float:
     return steepness * gravity * tz**2 / (2 * np.pi)
 
 
-def _too_steep(scene: SceneData, sea: Sea, height: float) -> list[str]:
-    tz = mean_period(sea)
-    limit = steepest_sea(tz, scene.sea.gravity)
-    if height <= limit:
-        return []
-    return [
-        f"sea.waves: significant wave height {height:.4g} m is above {limit:.4g} m, the steepest seas of mean period "
-        f"{tz:.3g} s (DNV-RP-C205)"
-    ]
-
-
-def _finite(scene: SceneData, waves: BoundWaves) -> list[str]:
+def _finite(scene: SceneData, waves: BoundWaves) -> Iterator[str]:
     """A warning for a wave of finite height close to breaking (higher ones are rejected), or outside its theory."""
     height, length, depth = float(waves.height), float(waves.shortest), scene.sea.depth
     limit = highest(length, depth)
-    found = []
     # fraction of the maximum wave height above which a wave of finite height is reported as close to breaking
     if height > 0.9 * limit:
-        found.append(f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the maximum, {limit:.4g} m")
+        yield f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the maximum, {limit:.4g} m"
     long = length >= STOKES_LENGTH * depth
     if waves.theory == "stokes5" and (long or height > STOKES_HEIGHT * limit):
-        why = (
-            f"its length is {length / depth:.3g} depths"
-            if long
-            else f"it is {height / limit:.2g} of the maximum height"
-        )
-        found.append(
-            f"sea.waves.theory: 'stokes5' is inaccurate for this wave, {why} (at most {STOKES_LENGTH:g} depths and "
+        high = f"it is {height / limit:.2g} of the maximum height"
+        yield (
+            "sea.waves.theory: 'stokes5' is inaccurate for this wave, "
+            f"{f'its length is {length / depth:.3g} depths' if long else high} (at most {STOKES_LENGTH:g} depths and "
             f"{STOKES_HEIGHT:g} of the maximum height). Use 'stream'"
         )
-    return found
 
 
 def _mean_frequency(sea: Sea) -> float:
@@ -216,24 +211,20 @@ def repeat_time(omega: np.ndarray) -> float:
     return float(2 * np.pi / steps.min()) if even else float("inf")
 
 
-def _interpolation(sea: Sea) -> list[str]:
+def _interpolation(sea: Sea) -> Iterator[str]:
     error = getattr(sea.waves, "error", None)
-    if error is None:
-        return []
-    velocity, acceleration = (float(x) for x in error)
-    return [
-        f"sea.interpolation: the error of the grid is at most {velocity:.1g} of the rms velocity and "
-        f"{acceleration:.1g} of the rms acceleration (measured at 400 positions and times)"
-    ]
+    if error is not None:
+        velocity, acceleration = (float(x) for x in error)
+        yield (
+            f"sea.interpolation: the error of the grid is at most {velocity:.1g} of the rms velocity and "
+            f"{acceleration:.1g} of the rms acceleration (measured at 400 positions and times)"
+        )
 
 
-def _repetition(scene: SceneData, sea: Sea) -> list[str]:
-    if sea.waves.bound:
-        return []
+def _repetition(scene: SceneData, sea: Sea) -> Iterator[str]:
     after = repeat_time(np.asarray(sea.waves.omega, float))
-    if after >= scene.run.duration:
-        return []
-    return [f"sea.waves: the sea repeats after {after:.4g} s, within the run of {scene.run.duration:g} s"]
+    if not sea.waves.bound and after < scene.run.duration:
+        yield f"sea.waves: the sea repeats after {after:.4g} s, within the run of {scene.run.duration:g} s"
 
 
 def _shortest(sea: Sea) -> float:

@@ -97,44 +97,34 @@ def _chain(
 def _rope(
     mass: float, density: float, strength: tuple[float, float], stiffness: float
 ) -> Callable[[float], dict[str, Any]]:
-    """Fibre rope of diameter d: breaking load `a d^2 + b d^3`, stiffness relative to it; drag 1.6 over d
-    (DNV-OS-E301)."""
+    """Fibre rope of diameter d: breaking load `a d^2 + b d^3`, stiffness relative to it."""
 
     def make(d: float) -> dict[str, Any]:
         load = strength[0] * d**2 + strength[1] * d**3
-        volume = math.sqrt(4.0 * mass / (math.pi * density))
-        return {
-            "mass": mass * d**2,
-            "diameter": volume * d,
-            "EA": stiffness * load,
-            "damping_ratio": PART_DAMPING,
-            "breaking_load": load,
-            "cdn": 1.6 / volume,
-            "cdt": 0.0,
-            "can": 1.1,
-            "cat": 0.15,
-        }
+        return _rope_values(d, mass, math.sqrt(4.0 * mass / (math.pi * density)), stiffness * load, load)
 
     return make
+
+
+def _rope_values(d: float, mass: float, volume: float, stiffness: float, load: float) -> dict[str, Any]:
+    """Values of a rope of diameter d [m], mass by d^2 and displaced diameter over d; drag 1.6 over d
+    (DNV-OS-E301)."""
+    return {
+        "mass": mass * d**2,
+        "diameter": volume * d,
+        "EA": stiffness,
+        "damping_ratio": PART_DAMPING,
+        "breaking_load": load,
+        "cdn": 1.6 / volume,
+        "cdt": 0.0,
+        "can": 1.1,
+        "cat": 0.15,
+    }
 
 
 def _multiplait(mass: float, volume: float, stiffness: float, strength: float) -> Callable[[float], dict[str, Any]]:
     """Rope of eight strands of diameter d, all values proportional to d^2; drag as for the other ropes."""
-
-    def make(d: float) -> dict[str, Any]:
-        return {
-            "mass": mass * d**2,
-            "diameter": volume * d,
-            "EA": stiffness * d**2,
-            "damping_ratio": PART_DAMPING,
-            "breaking_load": strength * d**2,
-            "cdn": 1.6 / volume,
-            "cdt": 0.0,
-            "can": 1.1,
-            "cat": 0.15,
-        }
-
-    return make
+    return lambda d: _rope_values(d, mass, volume, stiffness * d**2, strength * d**2)
 
 
 def float_of(volume: float, density: float = FLOAT_DENSITY) -> dict[str, Any]:
@@ -298,27 +288,23 @@ def crop_values() -> list[dict[str, Any]]:
     """Numbers of each crop at its example size: name, mass per metre in air and in sea water of 1025 kg/m^3, displaced
     and outer diameter, drag and added mass coefficients across the outer one, bending stiffness (None: unknown), source
     and spread."""
-    found = []
-    for family, kind in FAMILIES.items():
-        if kind.spread:
-            name = f"{family}-{kind.example:g}"
-            values = part(name)[1]
-            displaced = SEA_WATER * 0.25 * math.pi * values["diameter"] ** 2
-            found.append(
-                {
-                    "name": name,
-                    "mass_kg_per_m": values["mass"],
-                    "mass_in_water_kg_per_m": values["mass"] - displaced,
-                    "diameter_m": values["diameter"],
-                    "outer_diameter_m": values.get("outer_diameter", values["diameter"]),
-                    "cdn": values["cdn"],
-                    "can": values["can"],
-                    "EI_n_m2": kind.EI,
-                    "source": kind.source,
-                    "spread": kind.spread,
-                }
-            )
-    return found
+    crops = {f"{family}-{kind.example:g}": kind for family, kind in FAMILIES.items() if kind.spread}
+    return [
+        {
+            "name": name,
+            "mass_kg_per_m": values["mass"],
+            "mass_in_water_kg_per_m": values["mass"] - SEA_WATER * 0.25 * math.pi * values["diameter"] ** 2,
+            "diameter_m": values["diameter"],
+            "outer_diameter_m": values.get("outer_diameter", values["diameter"]),
+            "cdn": values["cdn"],
+            "can": values["can"],
+            "EI_n_m2": kind.EI,
+            "source": kind.source,
+            "spread": kind.spread,
+        }
+        for name, kind in crops.items()
+        for values in [part(name)[1]]
+    ]
 
 
 def published_crops() -> list[dict[str, Any]]:
@@ -332,8 +318,8 @@ def _split_name(name: str) -> tuple[str, float]:
     """Family and size of a name."""
     family, _, text = name.rpartition("-")
     if family not in FAMILIES:
-        if name in FAMILIES:
-            needed = f"its {FAMILIES[name].size} [{FAMILIES[name].unit}], as {name}-{FAMILIES[name].example:g}"
+        if kind := FAMILIES.get(name):
+            needed = f"its {kind.size} [{kind.unit}], as {name}-{kind.example:g}"
             raise SceneError(f"library: {name!r} has no size; needed: {needed}")
         known = [f"{f}-{kind.example:g}" for f, kind in FAMILIES.items()]
         raise SceneError(f"library: {name!r} is unknown; {nearest(name, known)}")

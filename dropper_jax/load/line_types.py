@@ -11,9 +11,8 @@ A line with attached points is split into one line per piece, named `NAME-1`, `N
 
 from __future__ import annotations
 
-import copy
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -21,7 +20,7 @@ import numpy as np
 
 from dropper_jax.axial import LAWS
 from dropper_jax.axial.tabulated import ForceTable, tables_of
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     Plain,
@@ -84,9 +83,7 @@ class LineType:
         more = law_constants(law) if law in list(LAWS) else []  # an unknown law is rejected with the other fields
         given = {key: own.pop(key) for key in more if key in own}
         kind = cls(**read_fields(cls, own, path, {}))
-        if not more:
-            return kind
-        values = read_fields(LAWS[law], {"EA": 1.0, **given}, path, {"link": 1})
+        values = read_fields(LAWS[law], {"EA": 1.0, **given}, path, {"link": 1}) if more else {}
         return dataclasses.replace(kind, constants={key: values[key] for key in more if values[key] is not None})
 
     @property
@@ -104,21 +101,26 @@ class LineType:
         stiffness = self.EA if self.table is None else self.table.stiffness
         return (self.damping_ratio or 0.0) * link * float(np.sqrt(stiffness * self.mass))
 
-    def check(self, path: str) -> None:
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
         """Check for `EA`, a table if the law is `tabulated`, or neither if it is `rigid`; at most one kind of
         damping."""
         wanted = {"tabulated": ("strain", "tension"), "rigid": ()}.get(self.law, ("EA",))
         damped = () if self.law == "rigid" else ("damping", "damping_ratio")
+        takes = " and ".join(wanted) or "no stiffness and no damping"
         for key in ("EA", "strain", "tension", "damping", "damping_ratio"):
-            if key in wanted and getattr(self, key) is None:
-                raise SceneError(f"{path}.{key}: missing; law {self.law!r} needs {' and '.join(wanted)}")
-            if key not in (*wanted, *damped) and getattr(self, key) is not None:
-                takes = " and ".join(wanted) or "no stiffness and no damping"
-                raise SceneError(f"{path}.{key}: not used by law {self.law!r}, which takes {takes}")
+            given = getattr(self, key) is not None
+            yield not given and key in wanted, f"{path}.{key}: missing; law {self.law!r} needs {takes}"
+            yield (
+                given and key not in (*wanted, *damped),
+                f"{path}.{key}: not used by law {self.law!r}, which takes {takes}",
+            )
         if self.law == "tabulated":
             ForceTable.read(self.strain, self.tension, path)
-        if self.damping is not None and self.damping_ratio is not None:
-            raise SceneError(f"{path}: `damping` and `damping_ratio` are both given; allowed: one of the two")
+        yield (
+            self.damping is not None and self.damping_ratio is not None,
+            f"{path}: `damping` and `damping_ratio` are both given; allowed: one of the two",
+        )
 
 
 def law_constants(law: str) -> list[str]:
@@ -161,11 +163,7 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
     shelter: list[float] = []
     for i, line in enumerate(lines):
         line = dict(read_table(line, f"line.{i}"))
-        for key in OF_TYPES:
-            if key in line and {"type", "sections"} & set(line):
-                raise SceneError(f"line.{i}.{key}: belongs to the line's type. Set it in its [[line_type]]")
-        if not {"type", "sections"} & set(line):
-            raise SceneError(f"line.{i}: no type. If one line has a type, all lines need `type` or `sections`")
+        _check_keys_of_types(line, f"line.{i}")
         sections = _sections(line, f"line.{i}", types)
         factor = read_number(line.pop("shelter", 1.0), f"line.{i}.shelter", {"low": 0.0})
         for piece, part in _split(line, f"line.{i}", sections, table["point"]):
@@ -179,6 +177,21 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
             raise SceneError("line.shelter: reduces the current of [effects.morison_drag]; it is missing")
         table["effects"]["morison_drag"]["shelter"] = shelter
     return table
+
+
+@raises_first
+def _check_keys_of_types(line: Mapping[str, Any], path: str) -> Iterator[Check]:
+    yield (
+        not {"type", "sections"} & set(line),
+        f"{path}: no type. If one line has a type, all lines need `type` or `sections`",
+    )
+    for key in OF_TYPES:
+        yield key in line, f"{path}.{key}: belongs to the line's type. Set it in its [[line_type]]"
+    for key in ("type", "length", "links"):
+        yield (
+            key in line and "sections" in line,
+            f"{path}.{key}: cannot be combined with `sections`. Set it inside each section",
+        )
 
 
 def _types(items: Plain) -> dict[str, LineType]:
@@ -195,9 +208,6 @@ def _types(items: Plain) -> dict[str, LineType]:
 def _sections(line: dict[str, Any], path: str, types: dict[str, LineType]) -> list[Section]:
     """The sections of a line; removes their keys from it."""
     if "sections" in line:
-        for key in ("type", "length", "links"):
-            if key in line:
-                raise SceneError(f"{path}.{key}: cannot be combined with `sections`. Set it inside each section")
         items = read_list(line.pop("sections"), f"{path}.sections", None, "a list of {type, length, links}")
         paths = [f"{path}.sections.{i}" for i in range(len(items))]
     else:
@@ -222,11 +232,10 @@ def _section(item: Plain, path: str, types: dict[str, LineType]) -> Section:
 
 def _read_position(value: Plain) -> np.ndarray | None:
     """A position (3,) [m]; None if it is invalid, which is rejected when the point is read."""
-    value = plain(value)
-    good = isinstance(value, list) and len(value) == 3
-    if not good or not all(isinstance(x, int | float) and not isinstance(x, bool) for x in value):
+    try:
+        return np.array([read_number(x, "", {}) for x in read_list(value, "", 3, "")])
+    except SceneError:
         return None
-    return np.array(value, float)
 
 
 def _split(
@@ -238,40 +247,36 @@ def _split(
     if attached is None:
         return [(line, sections)]
     total = sum(s.length for s in sections)
-    stops = []
-    for i, item in enumerate(read_list(attached, f"{path}.attach", None, "a list of {point, at}")):
-        item = read_table(item, f"{path}.attach.{i}")
-        check_keys(item, ("point", "at"), f"{path}.attach.{i}")
-        at = read_number(item.get("at"), f"{path}.attach.{i}.at", {"unit": "m"})
-        if not SAME_POSITION * total < at < (1.0 - SAME_POSITION) * total:
-            raise refuse(
-                f"{path}.attach.{i}.at",
-                at,
-                "is not on the line",
-                f"above 0 and below its length, {total:g} m",
-            )
-        stops.append((at, str(item.get("point", f"{line.get('name', 'line')}-at-{at:g}"))))
+    items = read_list(attached, f"{path}.attach", None, "a list of {point, at}")
+    stops = [_stop(item, f"{path}.attach.{i}", line.get("name", "line"), total) for i, item in enumerate(items)]
     stops.sort()
     for (at, name), (further, other) in pairwise(stops):
         if further - at <= SAME_POSITION * total:
             raise SceneError(
                 f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point per position"
             )
-    known = [p for p in points if isinstance(p, Mapping) and isinstance(p.get("name"), str)]
-    positions = {p["name"]: p.get("position") for p in known}
+    positions = {str(p.get("name")): p.get("position") for p in points if isinstance(p, Mapping)}
     start, end = (_read_position(positions.get(str(line.get(key)))) for key in ("from", "to"))
     for at, name in stops:
         if name not in positions and start is not None and end is not None:
             position = start + (end - start) * at / total
             points.append({"name": name, "kind": "free", "position": position.tolist()})
-    names = [line.get("from"), *(name for _, name in stops), line.get("to")]
-    cuts = [0.0, *(at for at, _ in stops), total]
+    name = line.get("name", "line")
     found = []
-    for i, (first, last) in enumerate(zip(names[:-1], names[1:], strict=True)):
-        name = line.get("name", "line")
-        piece = {**copy.copy(line), "name": f"{name}-{i + 1}", "piece_of": name, "from": first, "to": last}
-        found.append((piece, _between(sections, cuts[i], cuts[i + 1])))
+    for (low, first), (high, last) in pairwise([(0.0, line.get("from")), *stops, (total, line.get("to"))]):
+        piece = {**line, "name": f"{name}-{len(found) + 1}", "piece_of": name, "from": first, "to": last}
+        found.append((piece, _between(sections, low, high)))
     return found
+
+
+def _stop(item: Plain, path: str, line: str, total: float) -> tuple[float, str]:
+    """Arc length [m] and name of a point attached to a line of that name and length [m]."""
+    item = read_table(item, path)
+    check_keys(item, ("point", "at"), path)
+    at = read_number(item.get("at"), f"{path}.at", {"unit": "m"})
+    if not SAME_POSITION * total < at < (1.0 - SAME_POSITION) * total:
+        raise refuse(f"{path}.at", at, "is not on the line", f"above 0 and below its length, {total:g} m")
+    return at, str(item.get("point", f"{line}-at-{at:g}"))
 
 
 def _between(sections: list[Section], low: float, high: float) -> list[Section]:

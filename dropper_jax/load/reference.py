@@ -226,15 +226,14 @@ def _schema(about: Mapping[str, Any]) -> dict[str, Any]:
         number["exclusiveMinimum" if about.get("open_low") else "minimum"] = about["low"]
     if about.get("high") is not None:
         number["maximum"] = about["high"]
-    shape = about["shape"]
-    if shape == "number":
-        return number
-    if shape == "vector":
-        return {"type": "array", "items": number, "minItems": 3, "maxItems": 3}
-    if shape == "vectors":
-        return {"type": "array", "items": {"type": "array", "items": number}}
     several = {"type": "array", "items": number}
-    return several if shape == "table" else {"anyOf": [number, several]}
+    shapes = {
+        "number": number,
+        "vector": {**several, "minItems": 3, "maxItems": 3},
+        "vectors": {"type": "array", "items": several},
+        "table": several,
+    }
+    return shapes.get(about["shape"], {"anyOf": [number, several]})
 
 
 def source_of(cls: type) -> str:
@@ -264,9 +263,8 @@ def find(word: str) -> list[Section]:
         elif keys := tuple(key for key in section.keys if _matches(key.path, wanted) or key.name == wanted):
             found.append(dataclasses.replace(section, keys=keys))
     if not found:
-        known = [s.path for s in every if s.path] + [key.path for s in every for key in s.keys]
-        known += [key.name for s in every for key in s.keys]
-        hint = nearest(word, known)
+        keys = [key for section in every for key in section.keys]
+        hint = nearest(word, [*(s.path for s in every if s.path), *(k.path for k in keys), *(k.name for k in keys)])
         raise SceneError(
             f"--reference: {word!r} is not a key; {hint if not hint.startswith('known') else 'all: --reference'}"
         )
@@ -296,8 +294,11 @@ def schema() -> dict[str, Any]:
     root["properties"]["run"]["required"] = ["dt", "duration"]
     root["required"] = ["run"]
     root["anyOf"] = [{"required": ["line"]}, {"required": ["array"]}]  # all lines may be those of units
-    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "A scene of dropper_jax"}
-    return {**head, **root}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "A scene of dropper_jax",
+        **root,
+    }
 
 
 def _section_object(root: dict[str, Any], path: str) -> dict[str, Any]:
@@ -315,6 +316,5 @@ def _section_object(root: dict[str, Any], path: str) -> dict[str, Any]:
 
 
 def _description(key: Key) -> str:
-    parts = [key.meaning, "" if key.unit == "-" else f"[{key.unit}]"]
-    parts += ["" if key.default in ("none", "needed") else f"(default: {key.default})"]
-    return " ".join(part for part in parts if part)
+    unit = "" if key.unit == "-" else f" [{key.unit}]"
+    return key.meaning + unit + ("" if key.default in ("none", "needed") else f" (default: {key.default})")

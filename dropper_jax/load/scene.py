@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import LocatedValues, SceneError
+from dropper_jax.base.errors import Check, LocatedValues, SceneError, raises_first
 from dropper_jax.base.files import references_of
 from dropper_jax.base.read import (
     Plain,
@@ -18,6 +18,7 @@ from dropper_jax.base.read import (
     check_keys,
     plain,
     read_fields,
+    read_items,
     read_list,
     read_table,
     read_text,
@@ -39,6 +40,7 @@ from dropper_jax.load.paths import Written, get, is_written, locate, locate_writ
 from dropper_jax.load.resolve import resolve
 from dropper_jax.load.template import Template
 from dropper_jax.scene import (
+    AnchorSpec,
     BodySpec,
     BuoySpec,
     FailureSpec,
@@ -50,10 +52,10 @@ from dropper_jax.scene import (
     SeasonSpec,
     StartSpec,
     VesselSpec,
+    check_anchors,
     directions,
     is_branched,
     point_named,
-    read_anchors,
 )
 from dropper_jax.sea.spec import SeaSpec
 
@@ -100,23 +102,21 @@ def closed_start(scene: SceneData) -> StartSpec:
     return start
 
 
-def check_pose(scene: SceneData, path: str, nodes: np.ndarray) -> None:
+@raises_first
+def check_pose(scene: SceneData, path: str, nodes: np.ndarray) -> Iterator[Check]:
     """Check that a given configuration starts and ends at the line's fixed points and has the lengths of rigid
     links."""
     line = scene.lines[0]
-    first, last = scene.point(line.start), scene.point(line.end)
-    ends = [(0, first)] + ([(line.links, last)] if not last.is_free else [])
-    for i, point in ends:
-        if np.linalg.norm(nodes[i] - point.position) > POSE_TOLERANCE * line.total:
-            raise SceneError(
-                f"{path}: node {i} is at {_point_text(nodes[i])} m; allowed: {_point_text(point.position)} m, "
-                f"the position of {point.name!r}"
-            )
+    for i, point in ((0, scene.point(line.start)), (line.links, scene.point(line.end))):
+        away = float(np.linalg.norm(nodes[i] - point.position))
+        yield (
+            away > POSE_TOLERANCE * line.total and (i == 0 or not point.is_free),
+            f"{path}: node {i} is at {_point_text(nodes[i])} m; allowed: {_point_text(point.position)} m, "
+            f"the position of {point.name!r}",
+        )
     sizes = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    wrong = np.flatnonzero(np.abs(sizes - line.length) > POSE_TOLERANCE * line.length)
-    if line.rigid and wrong.size:
-        j = wrong[0]
-        raise SceneError(f"{path}: link {j + 1} is {sizes[j]:.9g} m long; allowed: its length {line.length[j]:.9g} m")
+    for j in np.flatnonzero(np.abs(sizes - line.length) > POSE_TOLERANCE * line.length):
+        yield line.rigid, f"{path}: link {j + 1} is {sizes[j]:.9g} m long; allowed: its length {line.length[j]:.9g} m"
 
 
 def _point_text(position: np.ndarray) -> str:
@@ -175,13 +175,12 @@ class Scene(SceneData):
             raise SceneError("scene: this is a site, not a scene. Use it with cases, season or optimise")
         table, written, template = resolve(table)
         check_keys(table, SECTIONS, "")
-        bodies = tuple(BodySpec.read(item, f"body.{i}") for i, item in enumerate(_list(table, "body")))
-        vessels = tuple(VesselSpec.read(item, f"vessel.{i}") for i, item in enumerate(_list(table, "vessel")))
-        given_points = enumerate(_list(table, "point")) if bodies or vessels else _items(table, "point")
-        points = tuple(PointSpec.read(item, f"point.{i}") for i, item in given_points)
+        bodies = read_items(BodySpec.read, table.get("body", []), "body")
+        vessels = read_items(VesselSpec.read, table.get("vessel", []), "vessel")
+        points = read_items(PointSpec.read, table.get("point", []), "point", needed=not (bodies or vessels))
         points += attached_points(bodies, vessels, points)
-        lines = tuple(LineSpec.read(item, f"line.{i}") for i, item in _items(table, "line"))
-        buoys = tuple(BuoySpec.read(item, f"buoy.{i}") for i, item in enumerate(_list(table, "buoy")))
+        lines = read_items(LineSpec.read, table.get("line", []), "line", needed=True)
+        buoys = read_items(BuoySpec.read, table.get("buoy", []), "buoy")
         check_names("point", points)
         branched = bool(bodies) or is_branched(points, lines, buoys)
         if branched:
@@ -189,6 +188,8 @@ class Scene(SceneData):
         else:
             check_line(lines[0], points)
         held = branched or not point_named(points, lines[0].end).is_free
+        anchors = read_items(AnchorSpec.read, table.get("anchor", []), "anchor")
+        check_anchors(anchors, [point.name for point in points if not point.is_free])
         if "run" not in table:
             raise SceneError("run: missing; needed: a table with `dt` and `duration`")
         scene = cls(
@@ -203,14 +204,13 @@ class Scene(SceneData):
             start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched),
             run=RunSpec.read(table["run"], "run", OPTIONS),
             sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
-            failures=tuple(
-                FailureSpec.read(item, f"failure.{i}", lines) for i, item in enumerate(_list(table, "failure"))
-            ),
+            failures=read_items(FailureSpec.read, table.get("failure", []), "failure", lines),
             notes=tuple(
-                read_text(note, f"notes.{i}") for i, note in enumerate(_list(table, "notes", "a list of texts"))
+                read_text(note, f"notes.{i}")
+                for i, note in enumerate(read_list(table.get("notes", []), "notes", None, "a list of texts"))
             ),
             fit=FitSpec.read(table["fit"], "fit") if "fit" in table else None,
-            anchors=read_anchors(_list(table, "anchor"), [p.name for p in points if not p.is_free]),
+            anchors=anchors,
             season=SeasonSpec.read(table["growth"], [(line.name, line.piece_of) for line in lines])
             if "growth" in table
             else None,
@@ -293,17 +293,6 @@ class Scene(SceneData):
         table = self.as_written()
         written = locate_written(table)
         return get(table, path, written) if is_written(table, path, written) else get(self.to_dict(), path)
-
-
-def _items(table: Mapping[str, Any], section: str) -> Iterator[tuple[int, Any]]:
-    items = read_list(table.get(section, []), section, None, f"one or more [[{section}]] tables")
-    if not items:
-        raise SceneError(f"{section}: missing; needed: one or more [[{section}]] tables")
-    return enumerate(items)
-
-
-def _list(table: Mapping[str, Any], section: str, allowed: str | None = None) -> list[Any]:
-    return read_list(table.get(section, []), section, None, allowed or f"one or more [[{section}]] tables")
 
 
 def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:

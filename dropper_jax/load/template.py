@@ -37,6 +37,7 @@ import math
 import operator
 import re
 import warnings
+from collections import ChainMap
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -94,10 +95,9 @@ def _value(node: ast.expr, names: Mapping[str, Number], path: str) -> Number:
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         return node.value
     if isinstance(node, ast.Name):
-        if node.id in names:
-            return names[node.id]
-        if node.id in CONSTANTS:
-            return CONSTANTS[node.id]
+        known = names if node.id in names else CONSTANTS
+        if node.id in known:
+            return known[node.id]
         raise SceneError(f"{path}: {node.id!r} is unknown; {nearest(node.id, [*names, *CONSTANTS, *FUNCTIONS])}")
     if isinstance(node, ast.BinOp) and type(node.op) in BINARY:
         return BINARY[type(node.op)](_value(node.left, names, path), _value(node.right, names, path))
@@ -124,25 +124,16 @@ BRACES = re.compile(r"\{([^{}]*)\}")
 Table = dict[str, Any]
 
 
-class Names(Mapping[str, Number]):
-    """Parameters by name, evaluated on demand, and the counters of the enclosing repetitions."""
+class Names(ChainMap[str, Any]):
+    """Numbers by name: counters of the enclosing repetitions, then, in the last map, parameters evaluated on demand."""
 
-    def __init__(self, table: Mapping[str, Any], counters: Mapping[str, Number] | None = None) -> None:
-        self._table, self._counters, self._open = table, dict(counters or {}), []
-
-    def __iter__(self) -> Iterator[str]:
-        return iter({**self._table, **self._counters})
-
-    def __len__(self) -> int:
-        return len({**self._table, **self._counters})
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._counters or name in self._table
+    def __init__(self, *maps: Mapping[str, Any]) -> None:
+        super().__init__(*maps)
+        self._open: list[str] = []
 
     def __getitem__(self, name: str) -> Number:
-        if name in self._counters:
-            return self._counters[name]
-        value, path = self._table[name], f"parameters.{name}"
+        value = super().__getitem__(name)
+        path = f"parameters.{name}"
         if not isinstance(value, str):
             read_number(value, path, {})
             return value
@@ -153,10 +144,6 @@ class Names(Mapping[str, Number]):
             return evaluate(value.lstrip().removeprefix("="), self, path)
         finally:
             self._open.remove(name)
-
-    def with_counters(self, counters: Mapping[str, Number]) -> Names:
-        """The same inside a repetition."""
-        return Names(self._table, {**self._counters, **counters})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,9 +161,9 @@ class Template:
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Template | None:
         """The template of a scene's plain values; None if it is already a plain scene."""
-        lists = [table.get(section) for section in REPEATED]
-        items = [item for items in lists if isinstance(items, list) for item in items if isinstance(item, Mapping)]
-        own = any(key in table for key in TEMPLATE_KEYS) or any("repeat" in item or "float" in item for item in items)
+        lists = [table[section] for section in REPEATED if isinstance(table.get(section), list)]
+        items = [item for items in lists for item in items if isinstance(item, Mapping)]
+        own = any({"repeat", "float"} & set(item) for item in items) or any(key in table for key in TEMPLATE_KEYS)
         return cls(copy.deepcopy(dict(table))) if own else None
 
     def with_changes(self, parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> Template:
@@ -241,22 +228,20 @@ class Template:
                 {key: array.get(key) for key in ("name", "origin", "heading", "shared")}, inner, path
             )
             prefix = read_text(layout["name"], f"{path}.name")
-            origin = [
-                read_number(x, f"{path}.origin.{i}", {"unit": "m"})
-                for i, x in enumerate(read_list(layout["origin"] or [0.0, 0.0, 0.0], f"{path}.origin", 3, "3 numbers"))
-            ]
+            origin = read_list(layout["origin"] or [0.0, 0.0, 0.0], f"{path}.origin", 3, "3 numbers")
+            origin = [read_number(x, f"{path}.origin.{i}", {"unit": "m"}) for i, x in enumerate(origin)]
             heading = math.radians(read_number(layout["heading"] or 0.0, f"{path}.heading", {"unit": "deg"}))
             shared = read_table(layout["shared"] or {}, f"{path}.shared")
             check_keys(shared, own, f"{path}.shared")
             called = lambda name: shared.get(name, f"{prefix}{name}" if name in own else name)  # noqa: B023, E731
             known = {item["name"] for item in found.setdefault("point", [])}
             for point in part["point"]:
-                point = point | {
+                own_values = {
                     "name": called(point["name"]),
                     "position": _transform_point(point, origin, heading, path),
                 }
-                if point["name"] not in known:  # a shared point has the position given by its first unit
-                    found["point"].append(point)
+                if own_values["name"] not in known:  # a shared point has the position given by its first unit
+                    found["point"].append(point | own_values)
             for line in part["line"]:
                 ends = {key: called(line[key]) for key in ("from", "to") if key in line}
                 attach = [item | {"point": called(item["point"])} for item in line.get("attach", [])]
@@ -285,9 +270,8 @@ def _transform_point(point: Mapping[str, Any], origin: list[float], heading: flo
 def _items(table: Mapping[str, Any], section: str, names: Names, before: str = "") -> list[Any]:
     """Items of a section; those with `repeat` once for every combination of its counters."""
     path = f"{before}{section}"
-    found = evaluate_values(
-        read_list(table.get(section, []), path, None, f"one or more [[{path}]] tables"), names, path
-    )
+    given = read_list(table.get(section, []), path, None, f"one or more [[{path}]] tables")
+    found = evaluate_values(given, names, path)
     for i, item in enumerate(found if before else []):
         read_text(read_table(item, f"{path}.{i}").get("name"), f"{path}.{i}.name")
     return found
@@ -312,7 +296,7 @@ def _repetitions(item: Mapping[str, Any], path: str, names: Names) -> Iterator[N
         if count > MOST_COPIES:
             raise SceneError(f"{path}.repeat: creates more than {MOST_COPIES} parts; allowed: at most {MOST_COPIES}")
         ranges.append(range(first, last + 1))
-    return (names.with_counters(dict(zip(repeat, each, strict=True))) for each in itertools.product(*ranges))
+    return (names.new_child(dict(zip(repeat, each, strict=True))) for each in itertools.product(*ranges))
 
 
 def _read_integral(value: Plain, path: str) -> int:

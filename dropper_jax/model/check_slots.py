@@ -6,6 +6,7 @@ A force of shape (3,) would otherwise be added to every node, and one in another
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import jax
@@ -55,51 +56,40 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
     number, per_node, per_link, vectors = (_array(model, *shape) for shape in ((), (free,), (links,), (free, 3)))
     own = jax.eval_shape(model.initial_internal_state)
 
-    def at(name: str, *more: jax.ShapeDtypeStruct) -> Any:
-        """Results of methods that take one instant."""
+    def results(method: str, *more: jax.ShapeDtypeStruct, instants: int = 1) -> Any:
+        """Results of a method of one instant, or of both ends of a step."""
 
         def call(r: jax.Array, v: jax.Array, t: jax.Array, at_entry: Any, *rest: jax.Array) -> Any:
             inside = model.with_internal_state(at_entry)
-            return getattr(inside.effect(effect.name), name)(inside.instant(r, v, t), *rest)
+            return getattr(inside.effect(effect.name), method)(*[inside.instant(r, v, t)] * instants, *rest)
 
         return jax.eval_shape(call, vectors, vectors, number, own, *more)
 
-    if isinstance(effect, Force):
-        yield "force", at("force"), vectors
-    if isinstance(effect, Potential):
-        yield "potential", at("potential"), number
-    if isinstance(effect, AddedMass):
-        yield "inertia", at("inertia", vectors), vectors
-        yield "kinetic", at("kinetic"), number
-    if isinstance(effect, PointMass):
-        yield "point_mass", jax.eval_shape(lambda: effect.point_mass(model)), per_node
-    if isinstance(effect, ContactArea):
-        yield "contact_area", jax.eval_shape(lambda: effect.contact_area(model)), per_node
+    for slot, method, more, wanted in (
+        (Force, "force", (), vectors),
+        (Potential, "potential", (), number),
+        (AddedMass, "inertia", (vectors,), vectors),
+        (AddedMass, "kinetic", (), number),
+    ):
+        if isinstance(effect, slot):
+            yield method, results(method, *more), wanted
+    for slot, method in ((PointMass, "point_mass"), (ContactArea, "contact_area")):
+        if isinstance(effect, slot):
+            yield method, jax.eval_shape(partial(getattr(effect, method), model)), per_node
     if isinstance(effect, Displacement):
-        moved = (lambda t: effect.displace(t, model.sea)) if effect.needs_sea else effect.displace
-        yield "displace", jax.eval_shape(moved, number), _array(model, 3)
+        sea = (model.sea,) if effect.needs_sea else ()
+        yield "displace", jax.eval_shape(lambda t: effect.displace(t, *sea), number), _array(model, 3)
     if isinstance(effect, Law) and effect.components:
         z = _array(model, effect.rows(model), effect.components)
-        yield "law_force", at("law_force", z), vectors
-        yield "law_residual", at("law_residual", z, number), z
+        yield "law_force", results("law_force", z), vectors
+        yield "law_residual", results("law_residual", z, number), z
     if isinstance(effect, ElementForce):
-        nodes = effect.piece_nodes(model).shape
-        yield "piece_force", at("piece_force", *[_array(model, *nodes, 3)] * 2), _array(model, *nodes, 3)
-
-    def both(name: str) -> Any:
-        """Results of methods that take both ends of a step."""
-
-        def call(r: jax.Array, v: jax.Array, t: jax.Array, at_entry: Any, tension: jax.Array) -> Any:
-            inside = model.with_internal_state(at_entry)
-            k, one = inside.instant(r, v, t), inside.effect(effect.name)
-            return one.too_far(k, k) if name == "too_far" else one.advance(k, k, tension, t)
-
-        return jax.eval_shape(call, vectors, vectors, number, own, per_link)
-
+        each = _array(model, *effect.piece_nodes(model).shape, 3)
+        yield "piece_force", results("piece_force", each, each), each
     if isinstance(effect, LimitsTimeStep):
-        yield "too_far", both("too_far"), jax.ShapeDtypeStruct((), jnp.bool_)
+        yield "too_far", results("too_far", instants=2), jax.ShapeDtypeStruct((), jnp.bool_)
     if isinstance(effect, Stateful):
-        yield "advance", both("advance"), own[effect.name]
+        yield "advance", results("advance", per_link, number, instants=2), own[effect.name]
 
 
 def _array(model: Model, *shape: int) -> jax.ShapeDtypeStruct:

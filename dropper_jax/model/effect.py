@@ -6,6 +6,7 @@ and rates, computed on demand. A law with its own unknowns (dry friction) is a `
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -32,6 +33,12 @@ class Effect:
     needs_sea: ClassVar[bool] = False
     #: Whether it reads `k.water`; the scene must then have a sea, whose kinematics are computed once per step.
     needs_water: ClassVar[bool] = False
+    #: Whether it reads `k.water.material`, the material acceleration of the water.
+    needs_material: bool = False
+    #: Whether it reads `k.water.current`, the current alone.
+    needs_current: bool = False
+    #: Whether its added mass turns with its link.
+    turns: bool = False
     #: Whether it counts nodes, links or joints of one line, and so supports scenes of one line only.
     single_line: ClassVar[bool] = False
     #: Names of effects that it requires.
@@ -50,21 +57,6 @@ class Effect:
     def corners(self) -> jax.Array | None:
         """Times (k,) [s] at which the effect is not smooth in time, for schemes that end steps there; None: never."""
         return self.kinks
-
-    @property
-    def turns(self) -> bool:
-        """Whether its added mass turns with its link."""
-        return False
-
-    @property
-    def needs_material(self) -> bool:
-        """Whether it reads `k.water.material`, the material acceleration of the water."""
-        return False
-
-    @property
-    def needs_current(self) -> bool:
-        """Whether it reads `k.water.current`, the current alone."""
-        return False
 
     def __init_subclass__(cls) -> None:
         for given, needed in PAIRS:
@@ -104,13 +96,12 @@ class HeldMotion(Effect):
     def check_points(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         """Reject points that are not fixed."""
         held = [p.name for p in scene.points if not p.is_free]
-        named = {"point": values["point"], **{f"also.{i}": name for i, name in enumerate(values["also"])}}
-        for key, name in named.items():
+        for key, name in (("point", values["point"]), *((f"also.{i}", name) for i, name in enumerate(values["also"]))):
             if name not in held:
                 raise SceneError(f"effects.{cls.name}.{key}: {name!r} is not a fixed point; {nearest(name, held)}")
 
 
-class Law(Effect):
+class Law(Effect, ABC):
     """An effect with its own unknowns, `components` per joint, solved together with the step.
 
     Joint j is at node j, j = 0..n (the last one only if that end is fixed). The unknown z (joints, c) enters the motion
@@ -119,38 +110,36 @@ class Law(Effect):
 
     #: Whether each row of z acts on one free node and depends on that node only; rows are then the free nodes.
     node_local: ClassVar[bool] = False
+    #: Whether z follows from positions and velocities alone, by `at`; explicit schemes support such laws.
+    of_state: bool = False
 
     @property
+    @abstractmethod
     def components(self) -> int:
-        raise NotImplementedError
+        """Number of unknowns per joint."""
 
     def rows(self, model: ModelView) -> int:
         """Number of rows of z."""
         return model.free_nodes if self.node_local else model.geometry.links + model.geometry.ends - 1
 
+    @abstractmethod
     def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
         """Nodal force of the unknown, (nodes, 3) [N]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
         """Rows that determine z, same shape as z; `k` is the middle of the step.
 
         With `easing` (scalar, 1 to 0) those of a smoothed law, which equals the law itself at 0.
         """
-        raise NotImplementedError
-
-    @property
-    def of_state(self) -> bool:
-        """Whether z follows from positions and velocities alone, by `at`; explicit schemes support such laws."""
-        return False
 
     def at(self, k: Kinematics) -> jax.Array:
         """For a law of the state: z at one instant."""
         raise NotImplementedError
 
+    @abstractmethod
     def admissible(self, z: jax.Array) -> jax.Array:
         """The nearest z that the law allows."""
-        raise NotImplementedError
 
     def rates(self, k: Kinematics) -> jax.Array:
         """Rates (joints, c) conjugate to z: the power of `law_force` is `sum(z * rates)`."""
@@ -164,12 +153,12 @@ class Law(Effect):
         """For a node-local law: end velocities (nodes, 3) [m/s], zero for nodes that were stuck at the middle."""
         raise NotImplementedError
 
+    @abstractmethod
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
         """Scale of a row, scalar: the residual tolerance is relative to it."""
-        raise NotImplementedError
 
 
-class HolonomicConstraint(Effect):
+class HolonomicConstraint(Effect, ABC):
     """Equality constraints between nodes, at most quadratic in their positions, with one multiplier each.
 
     The gaps vanish at the end of every step; multipliers act along the gaps' gradient at its middle. For quadratic gaps
@@ -183,45 +172,45 @@ class HolonomicConstraint(Effect):
     #: Numbers of the bodies whose reference point is pinned: their three gaps come last.
     pinned: tuple[int, ...] = ()
 
+    @abstractmethod
     def pose(self, model: ModelView, r: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Reference points (bodies, 3) [m] and axes (bodies, 3, 3) of the bodies at positions r (free nodes, 3)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def references(self, corners: jax.Array) -> jax.Array:
         """Reference points (bodies, 3) [m] of bodies whose corners are at (bodies, 4, 3)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def rows(self, model: ModelView) -> int:
         """Number of gaps."""
-        raise NotImplementedError
 
+    @abstractmethod
     def gap(self, model: ModelView, r: jax.Array) -> jax.Array:
         """The gaps (rows,) [m] at positions r (free nodes, 3)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def gap_size(self, model: ModelView) -> jax.Array:
         """Scales of the gaps (rows,) [m]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def force_size(self, model: ModelView) -> jax.Array:
         """Scales of the multipliers (rows,) [N]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def body_nodes(self, model: ModelView) -> np.ndarray:
         """Free nodes at the corners of each body (bodies, 4)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def seats(self, model: ModelView) -> np.ndarray:
         """Free nodes attached to a body (seats,)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def seat_shares(self) -> jax.Array:
         """Position of each attached point as weights of all corners (seats, 4 bodies)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def initial_velocities(self, model: ModelView, r: jax.Array) -> jax.Array:
         """Initial velocities (free nodes, 3) [m/s] of the bodies, at positions r."""
-        raise NotImplementedError
 
     def constraint_force(self, model: ModelView, r: jax.Array, z: jax.Array) -> jax.Array:
         """Force (nodes, 3) [N] of multipliers z (rows,) at positions r."""

@@ -22,7 +22,7 @@ import numpy as np
 from dropper_jax.base.renamed import old_attribute
 
 
-class Part:
+class Part(ABC):
     """One share of the links' water forces: the rows on which it is computed, and the mapping from and to the free
     nodes.
 
@@ -32,17 +32,17 @@ class Part:
 
     share: jax.Array | float
 
+    @abstractmethod
     def take(self, per_link: jax.Array) -> jax.Array:
         """Values (n, ...) of the links, one per row; a number stays one."""
-        raise NotImplementedError
 
+    @abstractmethod
     def at(self, nodal: jax.Array) -> jax.Array:
         """Values (nodes, ...) of the free nodes, one per row."""
-        raise NotImplementedError
 
+    @abstractmethod
     def collect(self, rows: jax.Array) -> jax.Array:
         """Sum of the rows on the free nodes (nodes, ...)."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

@@ -21,34 +21,46 @@ class ModelView(Protocol):
     """A model without its motion; `dropper_jax.model.model.Model` implements it."""
 
     @property
-    def line(self) -> Line: ...
+    def line(self) -> Line:
+        """The links of all lines."""
 
     @property
-    def geometry(self) -> Geometry: ...
+    def geometry(self) -> Geometry:
+        """How nodes, links and points belong together."""
 
     @property
-    def points(self) -> tuple[Point, ...]: ...
+    def points(self) -> tuple[Point, ...]:
+        """Points where lines start and end."""
 
     @property
-    def sea(self) -> Sea | None: ...
+    def sea(self) -> Sea | None:
+        """The water; None without any."""
 
     @property
-    def free_nodes(self) -> int: ...
+    def free_nodes(self) -> int:
+        """Number of free nodes."""
 
     @property
-    def node_mass(self) -> jax.Array: ...
+    def node_mass(self) -> jax.Array:
+        """Diagonal of the mass matrix (nodes,) [kg]."""
 
-    def having(self, slot: type[Role]) -> tuple[Role, ...]: ...
+    def having(self, slot: type[Role]) -> tuple[Role, ...]:
+        """The effects that fill a slot, in order."""
 
-    def node(self, line: str | int, j: int) -> int: ...
+    def node(self, line: str | int, j: int) -> int:
+        """Number among the free nodes of node j of a line."""
 
-    def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array: ...
+    def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
+        """All nodes (n + lines, 3) [m], or their velocities."""
 
-    def links(self, r: jax.Array, ends: Ends) -> jax.Array: ...
+    def links(self, r: jax.Array, ends: Ends) -> jax.Array:
+        """Link vectors (n, 3) [m]."""
 
-    def rates(self, v: jax.Array, ends: Ends | None) -> jax.Array: ...
+    def rates(self, v: jax.Array, ends: Ends | None) -> jax.Array:
+        """Rates of the link vectors (n, 3) [m/s]."""
 
-    def gather(self, pull: jax.Array) -> jax.Array: ...
+    def gather(self, pull: jax.Array) -> jax.Array:
+        """Sum on the free nodes (nodes, ...) of tension forces of links (n, ...)."""
 
 
 #: Data that an effect freezes over a step: any tree of arrays.

@@ -107,8 +107,8 @@ class Model:
     @property
     def reach(self) -> int:
         """How many neighbouring nodes the forces (tensions aside) couple: 0 own node only."""
-        inertia = 1 if self.line.compound else 0
-        return max([inertia, *(e.reach for e in (*self.having(Force), *self.having(AddedMass)))])
+        effects = (*self.having(Force), *self.having(AddedMass))
+        return max([int(self.line.compound), *(e.reach for e in effects)])
 
     @property
     def pieces(self) -> tuple[ElementForce, ...]:
@@ -118,9 +118,7 @@ class Model:
     @property
     def node_reach(self) -> int:
         """`reach` without those."""
-        inertia = 1 if self.line.compound else 0
-        forces = (e for e in self.having(Force) if not isinstance(e, ElementForce))
-        return max([inertia, *(e.reach for e in (*forces, *self.having(AddedMass)))])
+        return self.without_slot(ElementForce).reach
 
     @property
     def laws(self) -> tuple[Law, ...]:
@@ -148,8 +146,7 @@ class Model:
     def _position(self, index: int, t: jax.Array) -> jax.Array:
         point = self.points[index]
         moving = [e.of(point.name) for e in self.having(Displacement) if e.moves(point.name)]
-        shifts = [e.displace(t, self.sea) if e.needs_sea else e.displace(t) for e in moving]
-        return sum(shifts, point.position)
+        return sum((e.displace(t, self.sea) if e.needs_sea else e.displace(t) for e in moving), point.position)
 
     def _held_positions(self, time: jax.Array) -> jax.Array:
         held = [self._position(int(i), time) for i in self.geometry.held_points]
@@ -200,8 +197,7 @@ class Model:
     @property
     def node_length(self) -> jax.Array:
         """Length assigned to each free node (nodes,) [m]; scales residuals."""
-        bare = self.geometry.link_length(self.line.length)
-        return sum((e.node_size(self) for e in self.having(CoupledMass)), bare)
+        return sum((e.node_size(self) for e in self.having(CoupledMass)), self.geometry.link_length(self.line.length))
 
     @property
     def node_mass(self) -> jax.Array:
@@ -212,8 +208,6 @@ class Model:
 
     def lump_mass(self) -> Model:
         """The same with `node_mass` and the couplings between nodes computed."""
-        if not self.having(CoupledMass):
-            return dataclasses.replace(self, lump=self.node_mass)
         own = tuple(e.at_hand() if isinstance(e, CoupledMass) else e for e in self.effects)
         known = dataclasses.replace(self, effects=own)
         return dataclasses.replace(known, lump=known.node_mass)
@@ -257,13 +251,10 @@ class Model:
 
     def inertia(self, k: Kinematics, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
         """Inertia force (nodes, 3) [N] of accelerations a, added mass included; `ends` (held, 3) are the ends' own."""
-        own = self.nodal_inertia(a, ends)
-        return sum((e.inertia(k, a) for e in self.having(AddedMass)), own)
+        return sum((e.inertia(k, a) for e in self.having(AddedMass)), self.nodal_inertia(a, ends))
 
     def with_internal_state(self, internal: Mapping[str, Frozen]) -> Model:
         """The model whose effects use their internal states (`State.own`)."""
-        if not internal:
-            return self
         effects = tuple(e.entered(internal[e.name]) if isinstance(e, Stateful) else e for e in self.effects)
         return dataclasses.replace(self, effects=effects)
 
@@ -304,8 +295,8 @@ class Model:
 
     def potential_energy(self, k: Kinematics) -> jax.Array:
         """Potential energy of conservative effects and stretched links, scalar [J]."""
-        own = self.line.axial.energy(k.links, self.line.length)
-        return sum((e.potential(k) for e in self.having(Potential)), own)
+        stretched = self.line.axial.energy(k.links, self.line.length)
+        return sum((e.potential(k) for e in self.having(Potential)), stretched)
 
     def cast(self, dtype: DTypeLike) -> Model:
         """The same model with its arrays in another precision."""

@@ -72,19 +72,17 @@ def nothing_parted(model: Model) -> Parted | None:
     failures = model.line.failures
     if failures is None:
         return None
-    entries = len(failures.named)
-    zero = jnp.zeros(entries, model.dtype)
-    return Parted(jnp.full(entries, -1, jnp.int32), zero, zero)
+    zero = jnp.zeros(len(failures.named), model.dtype)
+    return Parted(jnp.full(zero.shape, -1, jnp.int32), zero, zero)
 
 
 def as_parted(model: Model, parted: Parted | None) -> Model:
     """The model with zero tension in broken links."""
     if parted is None:
         return model
-    line = model.line
-    broken = jnp.any(parted.link[:, None] == jnp.arange(line.links), axis=0)
-    axial = line.axial.with_broken_links(1.0 - broken.astype(model.dtype))
-    return dataclasses.replace(model, lines=(dataclasses.replace(line, axial=axial),))
+    broken = jnp.any(parted.link[:, None] == jnp.arange(model.line.links), axis=0)
+    axial = model.line.axial.with_broken_links(1.0 - broken.astype(model.dtype))
+    return dataclasses.replace(model, lines=(dataclasses.replace(model.line, axial=axial),))
 
 
 @component

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
+    DeclaredSection,
     Plain,
     as_table,
     check_keys,
     count,
     declared_fields,
     read_fields,
-    read_list,
+    read_items,
     read_parameter,
     read_table,
     read_text,
-    refuse,
+    short_text,
 )
 
 #: Distance outside its shape at which a body's attachments may be without a warning, over the body's extent: shackles,
@@ -30,7 +32,7 @@ POSITION = {"unit": "m", "shape": "vector"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class CylinderSpec:
+class CylinderSpec(DeclaredSection):
     """A cylinder of a body, from one end of its axis to the other; a stepped buoy has several, one after another."""
 
     start: np.ndarray = parameter("one end of the axis", unit="m", shape="vector", key="from")
@@ -43,15 +45,12 @@ class CylinderSpec:
     cat: float = parameter("added mass coefficient of each end, of a half sphere", unit="-", low=0.0, default=0.0)
     ends: str = option("ends exposed to water", choices=("both", "from", "to", "none"), default="both")
 
-    @classmethod
-    def read(cls, table: Plain, path: str) -> CylinderSpec:
-        cylinder = cls(**read_fields(cls, table, path, {}))
-        if np.array_equal(cylinder.start, cylinder.end):
-            raise refuse(f"{path}.to", cylinder.end, "is equal to `from`", "a position other than `from`")
-        return cylinder
-
-    def table(self) -> dict[str, Any]:
-        return as_table(self)
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        yield (
+            np.array_equal(self.start, self.end),
+            f"{path}.to: {short_text(self.end)} is equal to `from`; allowed: a position other than `from`",
+        )
 
     @property
     def length(self) -> float:
@@ -66,7 +65,7 @@ class CylinderSpec:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SphereSpec:
+class SphereSpec(DeclaredSection):
     """A sphere of a body."""
 
     centre: np.ndarray = parameter("centre", unit="m", shape="vector")
@@ -74,20 +73,13 @@ class SphereSpec:
     cd: float = parameter("drag coefficient", unit="-", low=0.0, default=0.5)
     ca: float = parameter("added mass coefficient", unit="-", low=0.0, default=0.5)
 
-    @classmethod
-    def read(cls, table: Plain, path: str) -> SphereSpec:
-        return cls(**read_fields(cls, table, path, {}))
-
-    def table(self) -> dict[str, Any]:
-        return as_table(self)
-
     def distance(self, position: np.ndarray) -> float:
         """Distance of a position (3,) from the sphere's surface [m]; 0 inside."""
         return max(float(np.linalg.norm(position - self.centre)) - 0.5 * self.diameter, 0.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class BodySpec:
+class BodySpec(DeclaredSection):
     """`[[body]]`: a rigid body (see `effects.rigid_bodies`); positions are in its own axes, from its reference point.
 
     Attitude is roll, pitch and yaw about x, y and z: `R = Rz(yaw) Ry(pitch) Rx(roll)` rotates its axes into the
@@ -127,47 +119,41 @@ class BodySpec:
     def read(cls, table: Plain, path: str) -> BodySpec:
         own = dict(read_table(table, path))
         check_keys(own, cls.keys(), path)
-        shapes = {
-            key: tuple(
-                kind.read(item, f"{path}.{key}.{i}")
-                for i, item in enumerate(read_list(own.pop(key, []), f"{path}.{key}", None, "a list of tables"))
-            )
-            for key, kind in cls.SHAPES
-        }
+        shapes = {key: read_items(kind.read, own.pop(key, []), f"{path}.{key}") for key, kind in cls.SHAPES}
         given = read_table(own.pop("attachments", {}), f"{path}.attachments")
         attachments = {
             read_text(name, f"{path}.attachments"): read_parameter(value, f"{path}.attachments.{name}", POSITION, {})
             for name, value in given.items()
         }
-        body = cls(**read_fields(cls, own, path, {}), **shapes, attachments=attachments)
-        body = dataclasses.replace(
-            body, **{key: np.array(getattr(body, key), float) for key in ("attitude", "velocity", "angular_velocity")}
-        )
-        body._check(path)
+        values = read_fields(cls, own, path, {})
+        values |= {key: np.array(values[key], float) for key in ("attitude", "velocity", "angular_velocity")}
+        body = cls(**values, **shapes, attachments=attachments)
+        body.check(path)
         return body
 
-    def _check(self, path: str) -> None:
-        if len(self.inertia) not in (3, 6):
-            raise refuse(
-                f"{path}.inertia", self.inertia, f"has {len(self.inertia)} entries", "3 moments, or 3 and 3 products"
-            )
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        count = len(self.inertia)
+        yield (
+            count not in (3, 6),
+            f"{path}.inertia: {short_text(self.inertia)} has {count} entries; allowed: 3 moments, or 3 and 3 products",
+        )
         moments = np.linalg.eigvalsh(self.inertia_matrix)
-        if moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9):
-            sizes = ", ".join(f"{value:.4g}" for value in moments)
-            raise SceneError(
-                f"{path}.inertia: principal moments {sizes} kg m^2 are not those of a body; allowed: > 0, "
-                "none above the sum of the other two"
-            )
-        if self.bed_friction and not self.touches_bed:
-            raise SceneError(
-                f"{path}.bed_friction: {self.bed_friction:g} of a body that does not touch the seabed. Use 0, or "
-                "`touches_bed = true`"
-            )
-        if self.pinned and np.any(self.velocity):
-            raise SceneError(
-                f"{path}.velocity: {self.velocity.tolist()} of a pinned body, which only rotates. Use "
-                "`angular_velocity` alone"
-            )
+        yield (
+            moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9),
+            f"{path}.inertia: principal moments {', '.join(f'{value:.4g}' for value in moments)} kg m^2 are not those "
+            "of a body; allowed: > 0, none above the sum of the other two",
+        )
+        yield (
+            self.bed_friction > 0.0 and not self.touches_bed,
+            f"{path}.bed_friction: {self.bed_friction:g} of a body that does not touch the seabed. Use 0, or "
+            "`touches_bed = true`",
+        )
+        yield (
+            self.pinned and bool(np.any(self.velocity)),
+            f"{path}.velocity: {self.velocity.tolist()} of a pinned body, which only rotates. Use "
+            "`angular_velocity` alone",
+        )
 
     def outside(self) -> dict[str, float]:
         """Distance [m] by which attachments are outside the shapes, by name, for those beyond the reach of shackles."""
@@ -206,19 +192,11 @@ class BodySpec:
         return self.position + position @ self.rotation.T
 
     def table(self) -> dict[str, Any]:
-        found = as_table(self)
-        for key in ("attitude", "velocity", "angular_velocity"):
-            if not np.any(getattr(self, key)):
-                del found[key]
-        for key in ("touches_bed", "bed_friction", "pinned"):
-            if not getattr(self, key):
-                del found[key]
-        for key, _ in self.SHAPES:
-            if getattr(self, key):
-                found[key] = [shape.table() for shape in getattr(self, key)]
-        if self.attachments:
-            found["attachments"] = {name: position.tolist() for name, position in self.attachments.items()}
-        return found
+        zero = ("attitude", "velocity", "angular_velocity", "touches_bed", "bed_friction", "pinned")
+        found = {key: value for key, value in as_table(self).items() if key not in zero or np.any(value)}
+        shapes = {key: [shape.table() for shape in getattr(self, key)] for key, _ in self.SHAPES}
+        attachments = {name: position.tolist() for name, position in self.attachments.items()}
+        return found | {key: value for key, value in {**shapes, "attachments": attachments}.items() if value}
 
 
 def rotation(attitude: np.ndarray) -> np.ndarray:

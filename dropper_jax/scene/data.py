@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -130,8 +131,7 @@ class SceneData:
 def link_mass_words(nodes: dict[str, str]) -> str:
     """`SceneData.link_mass_nodes` in one readable line."""
     meaning = {"far": "at their far nodes", "shared": "half at each node", "centre_of_mass": "by the centre of mass"}
-    used = {key: [name for name, found in nodes.items() if found == key] for key in meaning}
-    used = {key: names for key, names in used.items() if names}
+    used = {key: [name for name, found in nodes.items() if found == key] for key in meaning if key in nodes.values()}
     if len(used) == 1:
         return meaning[next(iter(used))]
     most = max(used, key=lambda key: len(used[key]))
@@ -204,24 +204,19 @@ def line_offsets(scene: SceneData) -> list[dict[str, Any]]:
 
 def whole_lines(scene: SceneData) -> tuple[WholeLine, ...]:
     """The lines of a scene as the user wrote them."""
-    groups: list[list[tuple[LineSpec, LineSlice]]] = []
-    for pair in zip(scene.lines, line_slices(scene), strict=True):
-        last = groups[-1][-1][0] if groups else None
-        if last is not None and last.piece_of is not None and last.piece_of == pair[0].piece_of:
-            groups[-1].append(pair)
-        else:
-            groups.append([pair])
-    return tuple(_merge_pieces(group) for group in groups)
+    pairs = zip(scene.lines, line_slices(scene), strict=True)
+    groups = groupby(pairs, key=lambda pair: (pair[0].piece_of, pair[0].piece_of or pair[0].name))
+    return tuple(_merge_pieces(list(group)) for _, group in groups)
 
 
 def _merge_pieces(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
-    specs, slices = [spec for spec, _ in group], [where for _, where in group]
+    specs, slices = zip(*group, strict=True)
     nodes = [np.arange(where.nodes.start + (i > 0), where.nodes.stop) for i, where in enumerate(slices)]
     ends = np.cumsum([spec.links for spec in specs])
     stops = {0: specs[0].start, **{int(end): spec.end for end, spec in zip(ends, specs, strict=True)}}
     name = specs[0].name if len(group) == 1 else specs[0].piece_of
     links = slice(slices[0].links.start, slices[-1].links.stop)
-    return WholeLine(name, join_lines(tuple(specs)), np.concatenate(nodes), links, stops, len(group))
+    return WholeLine(name, join_lines(specs), np.concatenate(nodes), links, stops, len(group))
 
 
 def held_loads(scene: SceneData, positions: np.ndarray, tension: np.ndarray) -> dict[str, np.ndarray]:

@@ -26,17 +26,17 @@ Free parameters, sensors, and prior knowledge of the rig's values:
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator
 from typing import Any
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
+    DeclaredSection,
     Plain,
-    as_table,
     check_keys,
     join,
-    read_fields,
+    read_items,
     read_list,
     read_number,
     read_table,
@@ -78,12 +78,17 @@ def in_si(value: float, unit: str) -> tuple[float, str]:
 
 
 @dataclasses.dataclass(frozen=True)
-class SensorSpec:
+class SensorSpec(DeclaredSection):
     """`[[fit.sensor]]`: the sensor of a channel; its rounding is the minimum noise that a fit assumes."""
 
     channel: str = option("measured channel", choices=tuple(CHANNELS))
     resolution: float = parameter("smallest difference that it resolves", unit="-", low=0.0, open_low=True)
     unit: str = option("unit of the resolution", choices=tuple(PRIOR_UNITS), default="rad")
+
+    def check(self, path: str) -> None:
+        fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == CHANNELS[self.channel]]
+        if self.unit not in fitting:
+            raise SceneError(f"{path}.unit: {self.unit!r} does not measure this; {nearest(self.unit, fitting)}")
 
     @property
     def si(self) -> float:
@@ -92,13 +97,21 @@ class SensorSpec:
 
 
 @dataclasses.dataclass(frozen=True)
-class PriorSpec:
+class PriorSpec(DeclaredSection):
     """`[[fit.prior]]`: how well a number of the scene is known before any trace."""
 
     of: str = option("path of one or several numbers", type=str)
     sigma: float = parameter("standard deviation around the scene's value", unit="-", low=0.0, open_low=True)
     unit: str = option("unit of sigma", choices=tuple(PRIOR_UNITS))
     common: bool = option("whether all of them have the same relative error", type=bool, default=False)
+
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        yield (
+            self.common and self.unit != "%",
+            f"{path}.unit: {self.unit!r} is not a relative unit; allowed: % for a prior that is common to several "
+            "numbers",
+        )
 
     @property
     def si(self) -> tuple[float, str]:
@@ -137,8 +150,8 @@ class FitSpec:
                 raise refuse(f"{path}.free.{i}", name, "is not a text", "a path of a parameter, such as b_l")
             if name in free[:i]:
                 raise SceneError(f"{path}.free.{i}: {name!r} is given twice; allowed: each parameter once")
-        sensors = tuple(_sensor(item, f"{path}.sensor.{i}") for i, item in enumerate(_items(table, path, "sensor")))
-        priors = tuple(_prior(item, f"{path}.prior.{i}") for i, item in enumerate(_items(table, path, "prior")))
+        sensors = read_items(SensorSpec.read, table.get("sensor", []), f"{path}.sensor")
+        priors = read_items(PriorSpec.read, table.get("prior", []), f"{path}.prior")
         for i, prior in enumerate(priors):
             if (prior.of, prior.common) in [(p.of, p.common) for p in priors[:i]]:
                 raise SceneError(f"{path}.prior.{i}.of: {prior.of!r} is given twice; allowed: each prior once")
@@ -148,37 +161,14 @@ class FitSpec:
 
     def table(self) -> dict[str, Any]:
         """Plain values from which `read` recreates the section."""
-        found: dict[str, Any] = {"free": list(self.free)} if self.free else {}
-        for key, items in (("sensor", self.sensors), ("prior", self.priors)):
-            if items:
-                found[key] = [as_table(item) for item in items]
-        return {**found, "model_error": self.model_error} if self.model_error else found
+        found = {
+            "free": list(self.free),
+            "sensor": [sensor.table() for sensor in self.sensors],
+            "prior": [prior.table() for prior in self.priors],
+            "model_error": self.model_error,
+        }
+        return {key: value for key, value in found.items() if value}
 
     def resolution(self, channel: str) -> float:
         """Smallest difference [SI] that the channel's sensor resolves; 0 if the rig does not specify it."""
         return max((s.si for s in self.sensors if s.channel == channel), default=0.0)
-
-
-def _items(table: Mapping[str, Any], path: str, key: str) -> list[Any]:
-    return read_list(table.get(key, []), join(path, key), None, f"one or more [[{path}.{key}]] tables")
-
-
-def _sensor(table: Plain, path: str) -> SensorSpec:
-    spec = SensorSpec(**read_fields(SensorSpec, table, path, {}))
-    _check_unit(f"{path}.unit", spec.unit, CHANNELS[spec.channel])
-    return spec
-
-
-def _prior(table: Plain, path: str) -> PriorSpec:
-    spec = PriorSpec(**read_fields(PriorSpec, table, path, {}))
-    if spec.common and spec.unit != "%":
-        raise refuse(
-            f"{path}.unit", spec.unit, "is not a relative unit", "% for a prior that is common to several numbers"
-        )
-    return spec
-
-
-def _check_unit(path: str, unit: str, expected: str) -> None:
-    if PRIOR_UNITS[unit][0] != expected:
-        fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == expected]
-        raise SceneError(f"{path}: {unit!r} does not measure this; {nearest(unit, fitting)}")

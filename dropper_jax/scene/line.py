@@ -12,6 +12,7 @@ the run with its breaks at fixed times.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,9 +20,10 @@ import numpy as np
 from dropper_jax.axial import LAWS
 from dropper_jax.axial.tabulated import ForceTable, read_tables, tables_of
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
+    DeclaredSection,
     Plain,
     as_table,
     check_keys,
@@ -31,6 +33,7 @@ from dropper_jax.base.read import (
     read_fields,
     read_table,
     refuse,
+    short_text,
 )
 
 
@@ -63,7 +66,7 @@ def grown(
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class GrowthSpec:
+class GrowthSpec(DeclaredSection):
     """`[line.growth]`: a layer of mussels on the line, whose own mass and diameter are those of the bare rope.
 
     Linear between the given depths, constant outside them.
@@ -75,21 +78,20 @@ class GrowthSpec:
         "density of the layer, one or one per depth", unit="kg/m^3", shape="numbers", low=0.0
     )
 
-    @classmethod
-    def read(cls, table: Plain, path: str) -> GrowthSpec:
-        spec = cls(**read_fields(cls, table, path, {}))
-        depths = len(spec.depth)
-        if not depths or np.any(np.diff(spec.depth) <= 0):
-            raise refuse(f"{path}.depth", plain(spec.depth), "does not rise", "one or more rising depths [m]")
-        if len(spec.thickness) != depths:
-            raise refuse(f"{path}.thickness", plain(spec.thickness), f"has {len(spec.thickness)} entries", str(depths))
-        if np.ndim(spec.density) and len(spec.density) not in (1, depths):
-            raise refuse(f"{path}.density", plain(spec.density), f"has {len(spec.density)} entries", f"1 or {depths}")
-        return spec
-
-    def table(self) -> dict[str, Any]:
-        """Plain values from which `read` recreates the section."""
-        return {f.name: plain(getattr(self, f.name)) for f in dataclasses.fields(self)}
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        depths = len(self.depth)
+        yield (
+            depths == 0 or bool(np.any(np.diff(self.depth) <= 0)),
+            f"{path}.depth: {short_text(plain(self.depth))} does not rise; allowed: one or more rising depths [m]",
+        )
+        for key, counts in (("thickness", (depths,)), ("density", (1, depths))):
+            value = getattr(self, key)
+            yield (
+                np.size(value) not in counts,
+                f"{path}.{key}: {short_text(plain(value))} has {np.size(value)} entries; allowed: "
+                f"{' or '.join(map(str, counts))}",
+            )
 
     def over(self, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and density [kg/m^3] at depths [m]."""
@@ -161,23 +163,15 @@ class LineSpec:
         axial = own.pop("axial", {"law": "rigid"})
         growth = own.pop("growth", None)
         links = own.get("links")
-        known = isinstance(links, int) and 0 < links <= LINK_LIMIT
-        count = links if known else 1  # a wrong number is rejected when the field is read
+        # a wrong number is rejected when the field is read
+        count = links if isinstance(links, int) and 0 < links <= LINK_LIMIT else 1
         values = read_fields(cls, own, path, {"link": count})
-        if values["outer_diameter"] is not None and values["diameter"] is None:
-            why = "needs `diameter`, that of the displaced volume"
-            raise SceneError(f"{path}.outer_diameter: {why}")
-        if (values["centre_of_mass"] is None) != (values["inertia"] is None):
-            missing = "inertia" if values["inertia"] is None else "centre_of_mass"
-            raise SceneError(f"{path}.{missing}: missing; a compound link needs both `centre_of_mass` and `inertia`")
-        if values["nodes"] is not None and values["inertia"] is not None:
-            why = "does not apply to a compound link, which is divided between its nodes by its centre of mass"
-            raise refuse(f"{path}.nodes", values["nodes"], why, "leave it out")
+        _check_diameters_and_masses(values, path)
         values.update(_read_axial(axial, f"{path}.axial", count))
-        spread = ("length", "mass", "centre_of_mass", "inertia", "diameter", "outer_diameter", "breaking_load", "EA")
-        values.update(
-            {key: _per_link(values[key], count) for key in (*spread, "axial_damping") if values.get(key) is not None}
-        )
+        per_link = ("length", "mass", "centre_of_mass", "inertia", "diameter", "outer_diameter", "breaking_load", "EA")
+        for key in (*per_link, "axial_damping"):
+            if values.get(key) is not None:
+                values[key] = _per_link(values[key], count)
         values["constants"] = {key: _per_link(value, count) for key, value in values.get("constants", {}).items()}
         return cls(**values, growth=None if growth is None else GrowthSpec.read(growth, f"{path}.growth"))
 
@@ -196,12 +190,30 @@ class LineSpec:
             found["growth"] = self.growth.table()
         if self.rigid:
             return found
-        stiffness = {"EA": _one_or_all(self.EA.tolist())} if self.tables is None else tables_of(self.tables)
-        axial = {"law": self.axial_law, **stiffness}
-        if self.axial_damping is not None:
-            axial["damping"] = _one_or_all(self.axial_damping.tolist())
-        axial.update({key: _one_or_all(value.tolist()) for key, value in self.constants.items()})
-        return {**found, "axial": axial}
+        axial = {"EA": self.EA, "damping": self.axial_damping, **self.constants}
+        axial = {key: _one_or_all(value.tolist()) for key, value in axial.items() if value is not None}
+        if self.tables is not None:
+            del axial["EA"]
+            axial = {**tables_of(self.tables), **axial}
+        return {**found, "axial": {"law": self.axial_law, **axial}}
+
+
+@raises_first
+def _check_diameters_and_masses(values: Mapping[str, Any], path: str) -> Iterator[Check]:
+    missing = [key for key in ("centre_of_mass", "inertia") if values[key] is None]
+    yield (
+        values["outer_diameter"] is not None and values["diameter"] is None,
+        f"{path}.outer_diameter: needs `diameter`, that of the displaced volume",
+    )
+    yield (
+        len(missing) == 1,
+        f"{path}.{' '.join(missing)}: missing; a compound link needs both `centre_of_mass` and `inertia`",
+    )
+    yield (
+        values["nodes"] is not None and not missing,
+        f"{path}.nodes: {values['nodes']!r} does not apply to a compound link, which is divided between its nodes by "
+        "its centre of mass; allowed: leave it out",
+    )
 
 
 def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
@@ -247,9 +259,9 @@ def _read_axial(table: Plain, path: str, links: int) -> dict[str, Any]:
         raise refuse(f"{path}.law", law, "is unknown", ", ".join(LAWS))
     if law == "tabulated":
         tables = read_tables(table, path, links)
-        rest = {key: value for key, value in table.items() if key not in ("strain", "tension", "EA")}
         if "EA" in table:
             raise SceneError(f"{path}.EA: cannot be combined with a table; allowed: `strain` and `tension`")
+        rest = {key: value for key, value in table.items() if key not in ("strain", "tension")}
         damping = read_fields(LAWS[law], {**rest, "EA": 1.0}, path, {"link": links})["damping"]
         stiffness = np.array([t.stiffness for t in tables])
         return {"axial_law": law, "EA": stiffness, "axial_damping": damping, "tables": tables}
@@ -303,13 +315,21 @@ class FailureSpec:
             )
         if spec.line not in names:
             raise SceneError(f"{path}.line: {spec.line!r} is not a line; {nearest(spec.line, names)}")
-        line = lines[names.index(spec.line)]
-        if line.rigid:
-            raise SceneError(f"{path}.line: the links of {spec.line!r} are rigid. Use a line that stretches")
-        if spec.link is not None and spec.link > line.links:
-            raise refuse(f"{path}.link", spec.link, f"is not a link of {spec.line!r}", f"1 to {line.links}")
-        if spec.time is not None and spec.link is None:
-            raise SceneError(f"{path}.link: missing; a failure at a time needs the link that breaks, 1 to {line.links}")
-        if spec.load is None and spec.time is None and line.breaking_load is None:
-            raise SceneError(f"{path}.load: missing; needed without `time` if the line has no breaking_load")
+        spec._check(path, lines[names.index(spec.line)])
         return spec
+
+    @raises_first
+    def _check(self, path: str, line: LineSpec) -> Iterator[Check]:
+        yield line.rigid, f"{path}.line: the links of {self.line!r} are rigid. Use a line that stretches"
+        yield (
+            self.link is not None and self.link > line.links,
+            f"{path}.link: {self.link} is not a link of {self.line!r}; allowed: 1 to {line.links}",
+        )
+        yield (
+            self.time is not None and self.link is None,
+            f"{path}.link: missing; a failure at a time needs the link that breaks, 1 to {line.links}",
+        )
+        yield (
+            self.load is None and self.time is None and line.breaking_load is None,
+            f"{path}.load: missing; needed without `time` if the line has no breaking_load",
+        )

@@ -17,18 +17,18 @@ gamma' z in clay, are neglected, which is conservative. Other anchors (drag anch
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, read_fields, refuse
+from dropper_jax.base.read import DeclaredSection
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PointSpec:
+class PointSpec(DeclaredSection):
     """`[[point]]`: where lines start and end."""
 
     name: str = option("name", type=str)
@@ -44,13 +44,14 @@ class PointSpec:
 
     BODY: ClassVar[tuple[str, ...]] = ("mass", "volume", "drag_area", "added_mass")
 
-    @classmethod
-    def read(cls, table: Plain, path: str) -> PointSpec:
-        point = cls(**read_fields(cls, table, path, {}))
-        if not point.is_free and point.body:
-            given = next(key for key in cls.BODY if getattr(point, key) is not None)
-            raise refuse(f"{path}.{given}", getattr(point, given), "has no effect on a fixed point", "kind = 'free'")
-        return point
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        for key in self.BODY:
+            value = getattr(self, key)
+            yield (
+                value is not None and not self.is_free,
+                f"{path}.{key}: {value} has no effect on a fixed point; allowed: kind = 'free'",
+            )
 
     @property
     def is_free(self) -> bool:
@@ -64,7 +65,7 @@ class PointSpec:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class BuoySpec:
+class BuoySpec(DeclaredSection):
     """`[[buoy]]`: an upright cylinder at a free point (see `effects.spar_buoys`)."""
 
     name: str = option("name", type=str)
@@ -83,14 +84,12 @@ class BuoySpec:
         default="hemisphere",
     )
 
-    @classmethod
-    def read(cls, table: Plain, path: str) -> BuoySpec:
-        buoy = cls(**read_fields(cls, table, path, {}))
-        if buoy.attachment > buoy.height:
-            raise refuse(
-                f"{path}.attachment", buoy.attachment, "is above the buoy", f"0 to its height, {buoy.height:g} m"
-            )
-        return buoy
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        yield (
+            self.attachment > self.height,
+            f"{path}.attachment: {self.attachment} is above the buoy; allowed: 0 to its height, {self.height:g} m",
+        )
 
 
 #: Kinds of anchor and the keys that each requires.
@@ -102,7 +101,7 @@ CLAY, SCREW_DEPTH, SPACING = 9.0, 5.0, 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class AnchorSpec:
+class AnchorSpec(DeclaredSection):
     """`[[anchor]]`: the anchor of a fixed point.
 
     `dead_weight`: W [N] in water and mu; it slides at `H = mu (W - V)` and lifts at `V = W` (Coulomb). `tested`: the
@@ -143,51 +142,49 @@ class AnchorSpec:
         default=None,
     )
 
-    @classmethod
-    def read(cls, table: Plain, path: str, held: list[str]) -> AnchorSpec:
-        anchor = cls(**read_fields(cls, table, path, {}))
-        if anchor.point not in held:
-            raise SceneError(
-                f"{path}.point: {anchor.point!r} is not a fixed point; allowed: {', '.join(held) or 'none'}"
-            )
-        own = KINDS[anchor.kind] + OPTIONAL.get(anchor.kind, ())
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        needed = KINDS[self.kind]
+        takes = f"kind {self.kind!r} takes {' and '.join(needed)}"
         for key in dict.fromkeys(key for keys in (*KINDS.values(), *OPTIONAL.values()) for key in keys):
-            given = getattr(anchor, key) is not None
-            if given != (key in KINDS[anchor.kind]) and not (given and key in own):
-                if not given and key in OPTIONAL.get(anchor.kind, ()):
-                    continue
-                what = "is not used" if given else "missing"
-                raise SceneError(f"{path}.{key}: {what}; kind {anchor.kind!r} takes {' and '.join(KINDS[anchor.kind])}")
-        if anchor.kind == "screw":
-            anchor._check_screw(path)
-        return anchor
+            given = getattr(self, key) is not None
+            yield given and key not in (*needed, *OPTIONAL.get(self.kind, ())), f"{path}.{key}: is not used; {takes}"
+            yield not given and key in needed, f"{path}.{key}: missing; {takes}"
+        if self.kind == "screw":
+            self._check_screw(path)
 
-    def _check_screw(self, path: str) -> None:
+    @raises_first
+    def _check_screw(self, path: str) -> Iterator[Check]:
         """Check that plates are deep enough and far enough apart to act separately, in clay or in sand."""
-        if len(self.plates) == 0 or len(self.plates) != len(self.depths):
-            raise SceneError(
-                f"{path}.depths: has {len(self.depths)} entries; allowed: one for each entry of `plates`, >= 1"
+        yield (
+            len(self.plates) == 0 or len(self.plates) != len(self.depths),
+            f"{path}.depths: has {len(self.depths)} entries; allowed: one for each entry of `plates`, >= 1",
+        )
+        least = SCREW_DEPTH * self.plates[0]
+        yield (
+            self.depths[0] < least,
+            f"{path}.depths.0: {self.depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
+            f"{least:g} m, 5 diameters",
+        )
+        spacing = SPACING * np.maximum(self.plates[:-1], self.plates[1:])
+        for i in np.flatnonzero(np.diff(self.depths) < spacing * (1.0 - 1e-9)):
+            yield (
+                True,
+                f"{path}.depths.{i + 1}: {self.depths[i + 1]:g} m is less than 3 diameters below the plate above; "
+                f"allowed: >= {self.depths[i] + spacing[i]:g} m",
             )
-        if self.depths[0] < SCREW_DEPTH * self.plates[0]:
-            depth = SCREW_DEPTH * self.plates[0]
-            raise SceneError(
-                f"{path}.depths.0: {self.depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
-                f"{depth:g} m, 5 diameters"
-            )
-        for i in range(1, len(self.plates)):
-            spacing = SPACING * max(self.plates[i - 1], self.plates[i])
-            if self.depths[i] - self.depths[i - 1] < spacing * (1.0 - 1e-9):
-                raise SceneError(
-                    f"{path}.depths.{i}: {self.depths[i]:g} m is less than 3 diameters below the plate above; allowed: "
-                    f">= {self.depths[i - 1] + spacing:g} m"
-                )
-        if (self.strength is None) == (self.friction_angle is None):
-            raise SceneError(f"{path}: kind 'screw' takes `strength` (clay) or `friction_angle` (sand), one of them")
-        if self.friction_angle is not None and self.soil_weight is None:
-            raise SceneError(f"{path}.soil_weight: missing; a screw anchor in sand needs it, > 0 N/m^3")
+        clay = self.strength is not None
+        yield (
+            clay == (self.friction_angle is not None),
+            f"{path}: kind 'screw' takes `strength` (clay) or `friction_angle` (sand), one of them",
+        )
+        yield (
+            not clay and self.soil_weight is None,
+            f"{path}.soil_weight: missing; a screw anchor in sand needs it, > 0 N/m^3",
+        )
         for key in ("soil_weight", "bearing_factor"):
-            if self.strength is not None and getattr(self, key) is not None:
-                raise SceneError(f"{path}.{key}: is not used in clay, only with `friction_angle`")
+            unused = clay and getattr(self, key) is not None
+            yield unused, f"{path}.{key}: is not used in clay, only with `friction_angle`"
 
     @property
     def screw_capacity(self) -> float:
@@ -237,15 +234,17 @@ def utilisations(
     return own
 
 
-def read_anchors(tables: Sequence[Plain], held: list[str]) -> tuple[AnchorSpec, ...]:
-    """All `[[anchor]]` entries of a scene with these fixed points. An anchor `behind` another has none behind
-    itself."""
-    anchors = tuple(AnchorSpec.read(table, f"anchor.{i}", held) for i, table in enumerate(tables))
+@raises_first
+def check_anchors(anchors: tuple[AnchorSpec, ...], held: list[str]) -> Iterator[Check]:
+    """Check that anchors are those of fixed points, and that an anchor `behind` another has none behind itself."""
     last = [anchor.point for anchor in anchors if anchor.behind is None]
     for i, anchor in enumerate(anchors):
-        if anchor.behind is not None and anchor.behind not in last:
-            raise SceneError(
-                f"anchor.{i}.behind: {anchor.behind!r} is not a point whose anchor has none behind itself; "
-                f"allowed: {', '.join(last) or 'none'}"
-            )
-    return anchors
+        yield (
+            anchor.point not in held,
+            f"anchor.{i}.point: {anchor.point!r} is not a fixed point; allowed: {', '.join(held) or 'none'}",
+        )
+        yield (
+            anchor.behind not in (None, *last),
+            f"anchor.{i}.behind: {anchor.behind!r} is not a point whose anchor has none behind itself; "
+            f"allowed: {', '.join(last) or 'none'}",
+        )

@@ -4,28 +4,31 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     MOST,
     Plain,
     as_table,
     check_keys,
+    check_kind_keys,
     count,
     declared_fields,
     plain,
     read_fields,
     read_number,
     read_table,
-    refuse,
+    short_text,
 )
 from dropper_jax.scene.line import LineSpec
 
+#: How the start may be given.
+_KINDS = {"one line": ("static", "angles", "positions"), "a system of lines": ("static", "points")}
 #: Linear solvers by name, as `dropper_jax.solvers` offers them; importing that would load scipy for every scene reader.
 SOLVERS = ("auto", "dense", "banded", "condensed", "network")
 
@@ -67,23 +70,33 @@ class RunSpec:
     @classmethod
     def read(cls, table: Plain, path: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> RunSpec:
         """A checked `[run]`; `options` are the additional keys of schemes, name and range."""
-        options = options or {}
         given = read_table(table, path)
+        options = options or {}
         check_keys(given, [*declared_fields(cls), *options], path)
         values = read_fields(cls, {key: value for key, value in given.items() if key not in options}, path, {})
         values["options"] = {
             key: read_number(given[key], f"{path}.{key}", declared) for key, declared in options.items() if key in given
         }
-        if values["duration"] < values["dt"]:
-            allowed = f"at least one step, {values['dt']:g} s"
-            raise refuse(f"{path}.duration", values["duration"], "is shorter than the step", allowed)
-        if values["duration"] > MOST * values["dt"]:
-            reason = f"takes {values['duration'] / values['dt']:.3g} steps of {values['dt']:g} s"
-            raise refuse(f"{path}.duration", values["duration"], reason, f"at most {MOST} steps")
-        if values["step_tolerance"] is not None and values["save_every"] != 1:
-            why = "cannot be combined with run.step_tolerance, which saves every dt"
-            raise refuse(f"{path}.save_every", values["save_every"], why, "1")
-        return cls(**values)
+        spec = cls(**values)
+        spec._check(path)
+        return spec
+
+    @raises_first
+    def _check(self, path: str) -> Iterator[Check]:
+        yield (
+            self.duration < self.dt,
+            f"{path}.duration: {self.duration} is shorter than the step; allowed: at least one step, {self.dt:g} s",
+        )
+        yield (
+            self.duration > MOST * self.dt,
+            f"{path}.duration: {self.duration} takes {self.duration / self.dt:.3g} steps of {self.dt:g} s; allowed: "
+            f"at most {MOST} steps",
+        )
+        yield (
+            self.step_tolerance is not None and self.save_every != 1,
+            f"{path}.save_every: {self.save_every} cannot be combined with run.step_tolerance, which saves every dt; "
+            "allowed: 1",
+        )
 
     def table(self) -> dict[str, Any]:
         """Plain values from which `read` recreates the section."""
@@ -108,7 +121,7 @@ class StartSpec:
         "points": (),
     }
 
-    kind: str = option("how the start is given", choices=("static", "angles", "positions", "points"), default="static")
+    kind: str = option("how the start is given", choices=tuple(FIELDS), default="static")
     release_nodes: tuple[int, ...] | None = dataclasses.field(
         metadata={"kind": "option", "meaning": "nodes released at t = 0", "type": tuple, "low": 1}, default=None
     )
@@ -130,65 +143,56 @@ class StartSpec:
     def read(cls, table: Plain, path: str, line: LineSpec, held: bool, branched: bool = False) -> StartSpec:
         values = read_fields(cls, table, path, {})
         kind = values["kind"]
-        allowed = ("static", "points") if branched else ("static", "angles", "positions")
-        if kind not in allowed:
-            raise refuse(
-                f"{path}.kind",
-                kind,
-                f"does not fit {'a system of lines' if branched else 'one line'}",
-                ", ".join(allowed),
-            )
-        if branched and values["release_nodes"] is not None:
-            raise SceneError(
-                f"{path}.release_nodes: refers to the nodes of a single line; allowed: none in a system of lines"
-            )
-        for key in read_table(table, path):
-            if key != "kind" and key not in cls.FIELDS[kind]:
-                raise SceneError(f"{path}.{key}: not used by kind {kind!r}, which takes {', '.join(cls.FIELDS[kind])}")
-        if kind in _COMPLETE:
-            _COMPLETE[kind](values, path, line, held)
+        _check_kind(kind, read_table(table, path), path, branched)
+        if kind == "static":
+            _check_release(values["release_nodes"], values["release_force"], path, line.links - held)
+        elif kind == "angles":
+            values["zero"] = values["zero"] or "horizontal"
+            for key in ("polar", "azimuth", "polar_rate", "azimuth_rate"):
+                if values[key] is None and key != "polar":
+                    values[key] = np.zeros(line.links)
+                _check_rows(values[key], f"{path}.{key}", line.links, "entries", "one per link")
+        elif kind == "positions":
+            nodes = line.links + 1
+            for key in ("positions", "velocities"):
+                if values[key] is None and key != "positions":
+                    values[key] = np.zeros((nodes, 3))
+                _check_rows(values[key], f"{path}.{key}", nodes, "rows", "both ends included")
         return cls(**values)
 
 
-def _complete_static(values: dict[str, Any], path: str, line: LineSpec, held: bool) -> None:
-    nodes, force = values["release_nodes"], values["release_force"]
-    if (nodes is None) != (force is None):
-        raise SceneError(f"{path}: `release_nodes` and `release_force` belong together, one of them is missing")
-    free = line.links - held
+@raises_first
+def _check_kind(kind: str, given: Mapping[str, Any], path: str, branched: bool) -> Iterator[Check]:
+    what = "a system of lines" if branched else "one line"
+    yield kind not in _KINDS[what], f"{path}.kind: {kind!r} does not fit {what}; allowed: {', '.join(_KINDS[what])}"
+    yield (
+        branched and given.get("release_nodes") is not None,
+        f"{path}.release_nodes: refers to the nodes of a single line; allowed: none in a system of lines",
+    )
+    check_kind_keys(given, kind, StartSpec.FIELDS, path)
+
+
+@raises_first
+def _check_release(nodes: tuple[int, ...] | None, force: np.ndarray | None, path: str, free: int) -> Iterator[Check]:
+    yield (
+        (nodes is None) != (force is None),
+        f"{path}: `release_nodes` and `release_force` belong together, one of them is missing",
+    )
     for i, node in enumerate(nodes or ()):
-        if node > free:
-            raise refuse(f"{path}.release_nodes.{i}", node, "is not a free node", f"1 to {free}")
-    if nodes is not None and len(nodes) != len(force):
-        raise refuse(f"{path}.release_force", plain(force), f"has {len(force)} vectors", f"{len(nodes)}, one per node")
+        yield node > free, f"{path}.release_nodes.{i}: {node} is not a free node; allowed: 1 to {free}"
+    if nodes is not None:
+        yield (
+            len(force) != len(nodes),
+            f"{path}.release_force: {short_text(plain(force))} has {len(force)} vectors; allowed: {len(nodes)}, one "
+            "per node",
+        )
 
 
-def _complete_angles(values: dict[str, Any], path: str, line: LineSpec, held: bool) -> None:
-    values["zero"] = values["zero"] or "horizontal"
-    if values["polar"] is None:
-        raise SceneError(f"{path}.polar: missing; needed: a list of {line.links} angles [rad]")
-    for key in ("polar", "azimuth", "polar_rate", "azimuth_rate"):
-        if values[key] is None:
-            values[key] = np.zeros(line.links)
-        if len(values[key]) != line.links:
-            raise refuse(
-                f"{path}.{key}", plain(values[key]), f"has {len(values[key])} entries", f"{line.links}, one per link"
-            )
-
-
-def _complete_positions(values: dict[str, Any], path: str, line: LineSpec, held: bool) -> None:
-    rows = line.links + 1
-    if values["positions"] is None:
-        raise SceneError(f"{path}.positions: missing; needed: {rows} positions [m], both ends included")
-    if values["velocities"] is None:
-        values["velocities"] = np.zeros((rows, 3))
-    for key in ("positions", "velocities"):
-        if len(values[key]) != rows:
-            raise refuse(
-                f"{path}.{key}", plain(values[key]), f"has {len(values[key])} rows", f"{rows}, both ends included"
-            )
-
-
-_COMPLETE = {"static": _complete_static, "angles": _complete_angles, "positions": _complete_positions}
+@raises_first
+def _check_rows(rows: np.ndarray | None, path: str, count: int, what: str, which: str) -> Iterator[Check]:
+    yield rows is None, f"{path}: missing; needed: {count} {what}, {which}"
+    given = np.shape(rows)[0]
+    yield given != count, f"{path}: {short_text(plain(rows))} has {given} {what}; allowed: {count}, {which}"
 
 
 def directions(polar: np.ndarray, azimuth: np.ndarray, zero: str) -> np.ndarray:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import zlib
+from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     Plain,
@@ -21,7 +22,7 @@ from dropper_jax.base.read import (
     read_list,
     read_parameter,
     read_table,
-    refuse,
+    short_text,
 )
 
 #: Added mass of a mussel divided by that of the displaced water: a sphere's (Lamb 1932, article 92).
@@ -76,35 +77,55 @@ class SeasonSpec:
         if rows is None:
             raise SceneError("growth.thickness: missing; needed: a row for each of `months`, each >= 0 m")
         spec = cls(**read_fields(cls, own, "growth", {}))
-        for key in ("months", "depth"):
-            values = getattr(spec, key)
-            if not len(values) or np.any(np.diff(values) <= 0):
-                raise refuse(f"growth.{key}", plain(values), "does not rise", "one or more rising numbers")
-        given = read_list(rows, "growth.thickness", len(spec.months), f"{len(spec.months)} rows, one for each month")
+        spec._check(names)
+        months = len(spec.months)
+        given = read_list(rows, "growth.thickness", months, f"{months} rows, one for each month")
         found = [read_parameter(row, f"growth.thickness.{i}", THICKNESS, {}) for i, row in enumerate(given)]
-        for i, row in enumerate(found):
-            if len(row) != len(spec.depth):
-                raise refuse(
-                    f"growth.thickness.{i}", plain(row), f"has {len(row)} entries", f"{len(spec.depth)}, as `depth`"
-                )
-        if np.ndim(spec.density) and len(spec.density) not in (1, len(spec.depth)):
-            many = len(spec.density)
-            raise refuse("growth.density", plain(spec.density), f"has {many} entries", f"1 or {len(spec.depth)}")
-        if not spec.months[0] <= spec.month <= spec.months[-1]:
-            within = f"{spec.months[0]:g} to {spec.months[-1]:g} months, as `months`"
-            raise refuse("growth.month", spec.month, "is out of range", within)
-        if (spec.attachment is None) != (spec.mussel_mass is None):
-            missing = "mussel_mass" if spec.mussel_mass is None else "attachment"
-            raise SceneError(f"growth.{missing}: missing; a drop-off needs both `attachment` and `mussel_mass`")
-        for key in ("lines", "harvested_lines"):
-            if not getattr(spec, key):
-                raise SceneError(f"growth.{key}: is empty; allowed: one or more names of lines, with * for any letters")
-            for i, pattern in enumerate(getattr(spec, key)):
-                if not any(_matches_any(name, (pattern,)) for name in names):
-                    raise SceneError(
-                        f"growth.{key}.{i}: {pattern!r} does not match any line; allowed: names, with * for any letters"
-                    )
+        spec._check_rows(found)
         return dataclasses.replace(spec, thickness=np.array(found))
+
+    @raises_first
+    def _check(self, names: list[tuple[str, str | None]]) -> Iterator[Check]:
+        for key in ("months", "depth"):
+            values = getattr(self, key)
+            yield (
+                len(values) == 0 or bool(np.any(np.diff(values) <= 0)),
+                f"growth.{key}: {short_text(plain(values))} does not rise; allowed: one or more rising numbers",
+            )
+        many = np.size(self.density)
+        yield (
+            many not in (1, len(self.depth)),
+            f"growth.density: {short_text(plain(self.density))} has {many} entries; allowed: 1 or {len(self.depth)}",
+        )
+        yield (
+            not self.months[0] <= self.month <= self.months[-1],
+            f"growth.month: {self.month} is out of range; allowed: {self.months[0]:g} to {self.months[-1]:g} months, "
+            "as `months`",
+        )
+        yield (
+            (self.attachment is None) != (self.mussel_mass is None),
+            f"growth.{'attachment' if self.attachment is None else 'mussel_mass'}: missing; a drop-off needs both "
+            "`attachment` and `mussel_mass`",
+        )
+        for key in ("lines", "harvested_lines"):
+            yield (
+                not getattr(self, key),
+                f"growth.{key}: is empty; allowed: one or more names of lines, with * for any letters",
+            )
+            for i, pattern in enumerate(getattr(self, key)):
+                yield (
+                    not any(_matches_any(name, (pattern,)) for name in names),
+                    f"growth.{key}.{i}: {pattern!r} does not match any line; allowed: names, with * for any letters",
+                )
+
+    @raises_first
+    def _check_rows(self, rows: list[np.ndarray]) -> Iterator[Check]:
+        for i, row in enumerate(rows):
+            yield (
+                len(row) != len(self.depth),
+                f"growth.thickness.{i}: {short_text(plain(row))} has {len(row)} entries; allowed: {len(self.depth)}, "
+                "as `depth`",
+            )
 
     def table(self) -> dict[str, Any]:
         """Plain values from which `read` recreates the section."""
@@ -116,8 +137,8 @@ class SeasonSpec:
 
     def over(self, depth: np.ndarray, month: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and density [kg/m^3] at depths [m] and a month (default: its own), before any harvest."""
-        at = self.month if month is None else month
-        row = np.array([np.interp(at, self.months, column) for column in self.thickness.T])
+        month = self.month if month is None else month
+        row = np.array([np.interp(month, self.months, column) for column in self.thickness.T])
         density = np.broadcast_to(self.density, self.depth.shape)
         return np.interp(depth, self.depth, row), np.interp(depth, self.depth, density)
 
@@ -147,10 +168,9 @@ class SeasonSpec:
         # one stream per line, so that adding a line leaves the others unchanged
         noise = np.random.default_rng([self.seed, zlib.crc32(name.encode())]).standard_normal(len(grid))
         keep = np.exp(-fine)
-        field = np.empty(len(grid))
-        field[0] = noise[0]
+        field = noise * np.where(grid == 0.0, 1.0, np.sqrt(1.0 - keep**2))
         for i in range(1, len(grid)):
-            field[i] = keep * field[i - 1] + np.sqrt(1.0 - keep**2) * noise[i]
+            field[i] += keep * field[i - 1]
         spread = np.sqrt(np.log1p(self.deviation**2))
         return np.exp(spread * np.interp(arc, grid, field) - 0.5 * spread**2)
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     Plain,
@@ -17,7 +18,7 @@ from dropper_jax.base.read import (
     read_fields,
     read_parameter,
     read_table,
-    refuse,
+    short_text,
 )
 
 #: Motions of a vessel in its own axes: translations of the reference point, then rotations.
@@ -50,16 +51,27 @@ class RaoSpec:
         check_keys(own, [*declared_fields(cls), *tables], path)
         given = {key: own.pop(key) for key in tables if key in own}
         spec = cls(**read_fields(cls, own, path, {}))
-        for key in ("frequency", "headings"):
-            if np.any(np.diff(getattr(spec, key)) <= 0) or not len(getattr(spec, key)):
-                raise refuse(f"{path}.{key}", getattr(spec, key), "does not rise", "one or more rising numbers")
-        if not any(name in given for name in MOTIONS):
-            raise SceneError(f"{path}: has no motion; allowed: one or more of {', '.join(MOTIONS)}")
-        for name in MOTIONS:
-            if f"{name}_phase" in given and name not in given:
-                raise SceneError(f"{path}.{name}_phase: is given without `{name}`; allowed: both or neither")
+        spec._check(given, path)
         amplitude, phase = (np.stack([spec._rows(given, name + end, path) for name in MOTIONS], -1) for end in _ENDS)
         return dataclasses.replace(spec, amplitude=amplitude, phase=phase)
+
+    @raises_first
+    def _check(self, given: Mapping[str, Any], path: str) -> Iterator[Check]:
+        for key in ("frequency", "headings"):
+            values = getattr(self, key)
+            yield (
+                len(values) == 0 or bool(np.any(np.diff(values) <= 0)),
+                f"{path}.{key}: {short_text(values)} does not rise; allowed: one or more rising numbers",
+            )
+        yield (
+            not any(name in given for name in MOTIONS),
+            f"{path}: has no motion; allowed: one or more of {', '.join(MOTIONS)}",
+        )
+        for name in MOTIONS:
+            yield (
+                f"{name}_phase" in given and name not in given,
+                f"{path}.{name}_phase: is given without `{name}`; allowed: both or neither",
+            )
 
     def _rows(self, given: dict[str, Any], key: str, path: str) -> np.ndarray:
         """Values of one motion (headings, frequencies)."""
@@ -88,14 +100,14 @@ class RaoSpec:
     def full_circle(self) -> RaoSpec:
         """The same with its first row repeated a full turn later, if its headings cover the full circle."""
         gap = self.headings[0] + 2 * np.pi - self.headings[-1]
-        widest = np.max(np.diff(self.headings), initial=0.0)
-        if not 1e-9 < gap <= widest * (1 + 1e-9):
+        if not 1e-9 < gap <= np.max(np.diff(self.headings), initial=0.0) * (1 + 1e-9):
             return self
-        more = {key: np.concatenate([value, value[:1]]) for key, value in self._tables()}
-        return dataclasses.replace(self, headings=np.append(self.headings, self.headings[0] + 2 * np.pi), **more)
-
-    def _tables(self) -> tuple[tuple[str, np.ndarray], ...]:
-        return ("amplitude", self.amplitude), ("phase", self.phase)
+        return dataclasses.replace(
+            self,
+            headings=np.append(self.headings, self.headings[0] + 2 * np.pi),
+            amplitude=np.concatenate([self.amplitude, self.amplitude[:1]]),
+            phase=np.concatenate([self.phase, self.phase[:1]]),
+        )
 
     def nearest_turn(self, heading: np.ndarray) -> np.ndarray:
         """Headings (c,) of waves, shifted by full turns to lie within the table or nearest to it."""
@@ -106,8 +118,7 @@ class RaoSpec:
 
     def response(self, omega: np.ndarray, heading: np.ndarray) -> np.ndarray:
         """Complex motions (c, 6) over the elevation of components, phases leading; linear between the entries."""
-        sign = 1.0 if self.phases == "lead" else -1.0
-        values = self.amplitude * np.exp(1j * sign * self.phase)
+        values = self.amplitude * np.exp((1j if self.phases == "lead" else -1j) * self.phase)
         each = [[np.interp(omega, self.frequency, row[:, i]) for i in range(6)] for row in values]  # (headings, 6, c)
         rows = np.moveaxis(np.array(each), -1, 0)
         if len(self.headings) == 1:
@@ -159,13 +170,20 @@ class VesselSpec:
                 for name, position in given.items()
             },
         )
-        if (vessel.rao is None) == (vessel.motion is None) or (vessel.time is None) != (vessel.motion is None):
-            raise SceneError(f"{path}: give either `rao`, or `time` and `motion`")
-        if vessel.time is not None and (
-            len(vessel.time) != len(vessel.motion) or len(vessel.time) < 2 or np.any(np.diff(vessel.time) <= 0)
-        ):
-            raise SceneError(f"{path}.time: needs at least 2 increasing times, one for each row of `motion`")
+        vessel._check(path)
         return vessel
+
+    @raises_first
+    def _check(self, path: str) -> Iterator[Check]:
+        time = self.time
+        yield (
+            (self.motion is None) == (self.rao is None) or (self.motion is None) != (time is None),
+            f"{path}: give either `rao`, or `time` and `motion`",
+        )
+        yield (
+            time is not None and (len(time) != len(self.motion) or len(time) < 2 or bool(np.any(np.diff(time) <= 0))),
+            f"{path}.time: needs at least 2 increasing times, one for each row of `motion`",
+        )
 
     @property
     def rotation(self) -> np.ndarray:
@@ -188,8 +206,7 @@ class VesselSpec:
 
 def _motion(value: Plain, path: str) -> np.ndarray:
     """Rows of surge, sway, heave [m], roll, pitch and yaw [rad] (k, 6)."""
-    unit = {"unit": "-", "shape": "table"}
-    rows = [read_parameter(row, f"{path}.{i}", unit, {}) for i, row in enumerate(value)]
+    rows = [read_parameter(row, f"{path}.{i}", {"unit": "-", "shape": "table"}, {}) for i, row in enumerate(value)]
     for i, row in enumerate(rows):
         if len(row) != len(MOTIONS):
             raise SceneError(f"{path}.{i}: has {len(row)} entries; allowed: 6, {', '.join(MOTIONS)}")

@@ -49,8 +49,7 @@ class GridWaves(Waves):
         angle = self.phase - self.omega * t
         cos, sin = jnp.cos(angle), jnp.sin(angle)
         both = jnp.stack([jnp.concatenate([cos, sin]), jnp.concatenate([self.omega * sin, -self.omega * cos])])
-        c, rate = both @ self.projection.T
-        return c, rate
+        return tuple(both @ self.projection.T)
 
     def _along(self, x: jax.Array, y: jax.Array) -> jax.Array:
         return x * jnp.cos(self.direction) + y * jnp.sin(self.direction)
@@ -112,8 +111,7 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
     origin = low - 1.5 * step
     s, z = (origin[i] + step[i] * np.arange(count[i]) for i in range(2))
     surface, level, rising = _fields(waves, depth, s, np.clip(z, -depth, None))
-    size = 2 * k.size
-    table = np.concatenate([a.reshape(-1, size) for a in (level, rising, surface)])
+    table = np.concatenate([a.reshape(-1, 2 * k.size) for a in (level, rising, surface)])
     left, values, right = np.linalg.svd(table, full_matrices=False)
     # singular values below this fraction of the maximum are left out
     rank = int(np.sum(values > 2e-5 * values[0]))
@@ -150,8 +148,8 @@ def _with_error(made: GridWaves, waves: Waves, depth: float, low: np.ndarray, hi
     s, z = np.moveaxis(rng.uniform(low, high, (20, 20, 2)), -1, 0)
     course = float(waves.direction)
     positions = jnp.asarray(np.stack([s * np.cos(course), s * np.sin(course), z], axis=-1))
-    steady = (replace(one, ramp=None) for one in (waves, made))
-    exact, found = _motions(*steady, positions, jnp.asarray(rng.uniform(0.0, 1000.0, 20)), depth)
+    times = jnp.asarray(rng.uniform(0.0, 1000.0, 20))
+    exact, found = _motions(replace(waves, ramp=None), replace(made, ramp=None), positions, times, depth)
     pairs = zip(exact[1:], found[1:], strict=True)
     return replace(made, error=jnp.stack([jnp.max(jnp.abs(a - b)) / jnp.sqrt(3 * jnp.mean(a**2)) for a, b in pairs]))
 
@@ -202,11 +200,6 @@ class BoundWaves(Waves):
     def height(self) -> jax.Array:
         """From trough to crest [m]."""
         return 2.0 * jnp.sum(self.amplitude[::2])
-
-    @property
-    def significant_height(self) -> jax.Array:
-        """`4 sqrt(m0)` [m]."""
-        return 4.0 * jnp.sqrt(0.5 * jnp.sum(self.amplitude**2))
 
     def heights(self, z: jax.Array, elevation: jax.Array, depth: jax.Array) -> jax.Array:
         """Height at which the kinematics of z are evaluated (n,) [m]: z limited to the range from seabed to surface."""

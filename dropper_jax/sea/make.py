@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import jax
@@ -59,8 +59,14 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
         _refuse_blocked(waves)
         if spec.interpolation == "grid":
             waves = _interpolate_waves(spec, waves, *reach)
-    level = None if spec.level is None else make_level(spec.level)
-    return Sea(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=waves, current=current, level=level)
+    return Sea(
+        depth=spec.depth,
+        density=spec.density,
+        gravity=spec.gravity,
+        waves=waves,
+        current=current,
+        level=None if spec.level is None else make_level(spec.level),
+    )
 
 
 def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | None:
@@ -76,9 +82,7 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
     if given.kind != "regular" or given.theory == "linear":
         return None
     current = make_current(spec.current) if current is None and spec.current is not None else current
-    doppler = current is not None and spec.wave_current == "doppler"
-    k = _linear_number(spec, given)
-    mean = _along(spec, current, k) if doppler else 0.0
+    mean = _along(spec, current, _linear_number(spec, given)) if spec.wave_current == "doppler" else 0.0
     return _solve_wave(
         given.theory,
         float(2.0 * np.max(given.size)),
@@ -94,9 +98,8 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
 def main_period(spec: SeaSpec) -> float:
     """Period [s] of the regular waves of a sea, for every form of input."""
     wave = finite_wave(spec)
-    if wave is not None:
-        return wave.period
-    return float(2.0 * np.pi / wave_components(spec.waves, spec.depth, spec.gravity).omega[0])
+    omega = wave_components(spec.waves, spec.depth, spec.gravity).omega
+    return float(2.0 * np.pi / omega[0]) if wave is None else wave.period
 
 
 def _linear_number(spec: SeaSpec, given: WaveSpec) -> float:
@@ -142,10 +145,8 @@ def _solve_wave(
         raise _beyond(height, limit)
     if theory == "auto":
         theory = fitting_theory(height, wave.length, depth)
-    if theory == "stream":
-        return wave
-    if theory == "linear":
-        return None
+    if theory in ("stream", "linear"):
+        return wave if theory == "stream" else None
     try:
         return stokes5(height, depth, gravity, **size)
     except ValueError as error:
@@ -154,8 +155,20 @@ def _solve_wave(
 
 def make_level(spec: LevelSpec) -> Level:
     """The level of `[sea.level]`."""
+    return Level(**_arrays(spec))
+
+
+def make_current(spec: CurrentSpec) -> Current:
+    """The current of `[sea.current]`."""
+    return Current(**_arrays(spec))
+
+
+def _arrays(spec: LevelSpec | CurrentSpec) -> dict[str, Any]:
     values = {field.name: getattr(spec, field.name) for field in dataclasses.fields(spec)}
-    return Level(**{key: None if value is None else jnp.asarray(value, float) for key, value in values.items()})
+    return {
+        key: value if value is None or isinstance(value, str) else jnp.asarray(value, float)
+        for key, value in values.items()
+    }
 
 
 def _beyond(height: float, limit: float, rest: str = "") -> SceneError:
@@ -169,11 +182,10 @@ def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: 
     if waves.direction.ndim or spec.stretching == "none":
         what = "one direction" if waves.direction.ndim else "sea.stretching constant or wheeler"
         raise SceneError(f"sea.interpolation: 'grid' does not support this sea; allowed: none, or a sea with {what}")
-    course = np.array([np.cos(spec.waves.direction), np.sin(spec.waves.direction)])
-    # reach of an interpolated sea over that of the line: margin for stretch and moving ends
-    along, radius = float(middle[:2] @ course), 1.2 * radius
-    low, high = np.array([along - radius, middle[2] - radius]), np.array([along + radius, 0.0])
-    return on_grid(waves, spec.depth, low, high)
+    along = float(middle[:2] @ [np.cos(spec.waves.direction), np.sin(spec.waves.direction)])
+    radius = 1.2 * radius  # reach of an interpolated sea over that of the line: margin for stretch and moving ends
+    low = np.array([along - radius, middle[2] - radius])
+    return on_grid(waves, spec.depth, low, np.array([along + radius, 0.0]))
 
 
 def wave_components(spec: WaveSpec, depth: jax.Array | float, gravity: jax.Array | float) -> Components:
@@ -194,10 +206,9 @@ def wave_components(spec: WaveSpec, depth: jax.Array | float, gravity: jax.Array
             seed=spec.seed,
         )
         return drawn if spec.spreading is not None else drawn._replace(direction=jnp.asarray(spec.direction))
+    period = np.atleast_1d(spec.period).astype(float)
     if spec.period is None:
         period = np.array([2 * np.pi / float(frequency(jnp.asarray(2 * np.pi / spec.length), depth, gravity))])
-    else:
-        period = np.atleast_1d(spec.period).astype(float)
     every = np.ones(period.size)
     return Components(
         jnp.asarray(np.atleast_1d(spec.size) * every),
@@ -231,10 +242,7 @@ def waves_on(
         k = (fenton if approximate else wave_number)(drawn.omega, depth, gravity)
     else:
         course = jnp.broadcast_to(drawn.direction, drawn.omega.shape)
-
-        def profile(z: jax.Array) -> jax.Array:
-            return current.along(z, course, depth)
-
+        profile = partial(current.along, direction=course, depth=depth)
         k, intrinsic, effective = on_current(drawn.omega, depth, gravity, profile)
         if conserve_action:
             amplitude = amplitude * action_factor(drawn.omega, k, effective, depth, gravity)
@@ -248,18 +256,6 @@ def waves_on(
         ramp=ramp,
         stretching=stretching,
     )
-
-
-def make_current(spec: CurrentSpec) -> Current:
-    """The current of `[sea.current]`."""
-    arrays: dict[str, Any] = {
-        name: None if getattr(spec, name) is None else jnp.asarray(getattr(spec, name), float)
-        for name in (
-            *("speed", "direction", "exponent", "reference", "heights", "velocities", "time", "factor"),
-            *("amplitude", "period", "phase", "veer"),
-        )
-    }
-    return Current(kind=spec.kind, **arrays)
 
 
 def _refuse_blocked(waves: Waves) -> None:

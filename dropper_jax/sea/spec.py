@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib import resources
 from importlib.resources.abc import Traversable
 from typing import Any, ClassVar
@@ -13,14 +13,24 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.files import find_referenced
-from dropper_jax.base.read import Plain, as_table, plain, read_fields, read_table, read_text, refuse
+from dropper_jax.base.read import (
+    DeclaredSection,
+    Plain,
+    as_table,
+    check_kind_keys,
+    plain,
+    read_fields,
+    read_table,
+    read_text,
+    short_text,
+)
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES
-from dropper_jax.sea.water import KINDS, check_constituents
+from dropper_jax.sea.water import Current, Level
 from dropper_jax.sea.waves import STRETCHING, read_components, read_elevation
 
 #: Alternative keys of a regular wave.
@@ -28,7 +38,7 @@ OR = {"amplitude": "height", "period": "length"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class WaveSpec:
+class WaveSpec(DeclaredSection):
     """`[sea.waves]`: `regular`, `components` (listed or from a file), `spectrum`, or an `elevation` series (a file)."""
 
     FIELDS: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -74,22 +84,44 @@ class WaveSpec:
     @classmethod
     def read(cls, table: Plain, path: str) -> WaveSpec:
         values = read_fields(cls, table, path, {})
-        kind = values["kind"]
-        for key in table:
-            if key != "kind" and key not in cls.FIELDS[kind]:
-                raise SceneError(f"{path}.{key}: not used by kind {kind!r}, which takes {', '.join(cls.FIELDS[kind])}")
+        check_kind_keys(table, values["kind"], cls.FIELDS, path)
         if values["file"] is not None:
             values.update(_from_file(values, path))
-        needed = {"spectrum": ("hs", "tp"), "elevation": ("file",)}.get(values["kind"], ("amplitude", "period"))
+        waves = cls(**values)
+        waves.check(path)
+        return waves
+
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        needed = {"spectrum": ("hs", "tp"), "elevation": ("file",)}.get(self.kind, ("amplitude", "period"))
         for key in needed:
-            instead = OR.get(key) if kind == "regular" else None
-            if values[key] is None and (instead is None or values[instead] is None):
-                raise SceneError(f"{path}.{key}: missing; kind {kind!r} needs {' and '.join(needed)}")
-            if instead is not None and values[key] is not None and values[instead] is not None:
-                raise SceneError(f"{path}.{instead}: cannot be combined with `{key}`; allowed: one of the two")
-        _check_theory(values, path)
-        _check_sizes(values, path)
-        return cls(**values)
+            either = (key, OR[key]) if self.kind == "regular" else (key,)
+            given = [name for name in either if getattr(self, name) is not None]
+            yield not given, f"{path}.{key}: missing; kind {self.kind!r} needs {' and '.join(needed)}"
+            yield len(given) > 1, f"{path}.{either[-1]}: cannot be combined with `{key}`; allowed: one of the two"
+        theory = self.theory
+        yield (
+            self.order is not None and theory != "stream",
+            f"{path}.order: {self.order} is not used by theory {theory!r}; allowed: with 'stream'",
+        )
+        yield (
+            self.current_criterion != "euler" and theory == "linear",
+            f"{path}.current_criterion: 'stokes' is not used by theory 'linear'; allowed: with stokes5, stream, auto",
+        )
+        yield (
+            theory != "linear" and self.amplitude is not None and not np.all(np.asarray(self.amplitude) > 0.0),
+            f"{path}.amplitude: {short_text(plain(self.amplitude))} is not a wave; allowed: > 0 m with theory "
+            f"{theory!r}",
+        )
+        values = {key: getattr(self, key) for key in ("amplitude", "period", "phase", "direction")}
+        sizes = {key: np.size(value) for key, value in values.items() if value is not None}
+        most = 1 if self.kind in ("regular", "spectrum") else max(sizes.values())
+        allowed = "one number" if most == 1 else f"{most}, one per component"
+        for key, size in sizes.items():
+            yield (
+                size not in (1, most) or (key in ("amplitude", "period") and size != most),
+                f"{path}.{key}: {short_text(plain(values[key]))} has {size} entries; allowed: {allowed}",
+            )
 
     @property
     def size(self) -> Any:
@@ -97,64 +129,24 @@ class WaveSpec:
         return 0.5 * self.height if self.height is not None else self.amplitude
 
     def table(self) -> dict[str, Any]:
-        kept = ("kind", *self.FIELDS[self.kind])
         # keys that linear waves do not have are written only if given
-        plain_wave = {"theory": "linear", "current_criterion": "euler"}
-        return {k: v for k, v in as_table(self).items() if k in kept and plain_wave.get(k) != v}
-
-
-def _check_theory(values: dict[str, Any], path: str) -> None:
-    """Check of keys that only some theories of regular waves accept."""
-    theory = values["theory"]
-    if values["order"] is not None and theory != "stream":
-        raise SceneError(f"{path}.order: {values['order']} is not used by theory {theory!r}; allowed: with 'stream'")
-    if values["current_criterion"] != "euler" and theory == "linear":
-        raise SceneError(
-            f"{path}.current_criterion: 'stokes' is not used by theory 'linear'; allowed: with stokes5, stream, auto"
-        )
-    if theory != "linear" and values["amplitude"] is not None and not np.all(np.asarray(values["amplitude"]) > 0.0):
-        raise refuse(f"{path}.amplitude", plain(values["amplitude"]), "is not a wave", f"> 0 m with theory {theory!r}")
+        linear = {"theory": "linear", "current_criterion": "euler"}
+        takes = ("kind", *self.FIELDS[self.kind])
+        return {key: value for key, value in as_table(self).items() if key in takes and linear.get(key) != value}
 
 
 def _from_file(values: dict[str, Any], path: str) -> dict[str, Any]:
     """The components of the file instead of its name."""
-    clash = [key for key in ("amplitude", "period") if values[key] is not None]
-    if clash:
-        raise SceneError(f"{path}.{clash[0]}: given twice, here and in the file; allowed: one of the two")
+    for key in ("amplitude", "period"):
+        if values[key] is not None:
+            raise SceneError(f"{path}.{key}: given twice, here and in the file; allowed: one of the two")
     read = read_elevation if values["kind"] == "elevation" else read_components
     return {"kind": "components", "file": None, **read(find_referenced(values["file"], f"{path}.file"), f"{path}.file")}
 
 
-def _check_sizes(values: dict[str, Any], path: str) -> None:
-    """Check that each key has one value or one per component; one value in a regular sea."""
-    given = {key: values[key] for key in ("amplitude", "period", "phase", "direction") if values[key] is not None}
-    sizes = {key: np.size(value) for key, value in given.items()}
-    most = max(sizes.values())
-    if values["kind"] in ("regular", "spectrum") and most > 1:
-        key = max(sizes, key=sizes.get)
-        raise refuse(f"{path}.{key}", plain(values[key]), f"has {most} entries", "one number")
-    for key, size in sizes.items():
-        if size not in (1, most) or (key in ("amplitude", "period") and size != most):
-            raise refuse(f"{path}.{key}", plain(values[key]), f"has {size} entries", f"{most}, one per component")
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
-class CurrentSpec:
+class CurrentSpec(Current, DeclaredSection):
     """`[sea.current]`: see `dropper_jax.sea.water.Current`."""
-
-    speed: float = parameter("speed at the reference height", unit="m/s", default=0.0)
-    direction: float = parameter("direction of flow, +x towards +y", unit="rad", low=-6.29, high=6.29, default=0.0)
-    exponent: float | None = parameter("exponent of the power law", unit="-", low=0.0, optional=True)
-    reference: float | None = parameter("height where the speed is given", unit="m", high=0.0, optional=True)
-    heights: Any = parameter("heights of the table, rising", unit="m", shape="table", optional=True)
-    velocities: Any = parameter("velocities at the heights", unit="m/s", shape="vectors", optional=True)
-    time: Any = parameter("times of the factor", unit="s", shape="table", optional=True)
-    factor: Any = parameter("factor at those times", unit="-", shape="table", optional=True)
-    amplitude: Any = parameter("constituents of the factor", unit="-", shape="table", optional=True)
-    period: Any = parameter("their periods", unit="s", shape="table", optional=True)
-    phase: Any = parameter("their lags", unit="rad", shape="table", optional=True)
-    veer: float | None = parameter("turn of the direction per metre down", unit="rad/m", optional=True)
-    kind: str = option("profile over depth", choices=KINDS, default="uniform")
 
     @classmethod
     def read(cls, table: Plain, path: str) -> CurrentSpec:
@@ -164,56 +156,74 @@ class CurrentSpec:
             values["reference"] = values["reference"] or 0.0
         _check_pair(values, path, "heights", "velocities", values["kind"] == "table")
         _check_pair(values, path, "time", "factor", values["time"] is not None or values["factor"] is not None)
-        check_constituents(values, path, ("amplitude", "period", "phase"))
-        if values["time"] is not None and values["amplitude"] is not None:
-            raise SceneError(f"{path}.amplitude: cannot be combined with `time`; allowed: one of the two")
-        if values["veer"] is not None and values["kind"] == "table":
-            raise SceneError(f"{path}.veer: given with kind 'table', which turns itself; allowed: uniform, power")
-        return cls(**values)
+        _check_constituents(values, path)
+        current = cls(**values)
+        current.check(path)
+        return current
 
-    def table(self) -> dict[str, Any]:
-        return as_table(self)
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        yield (
+            self.time is not None and self.amplitude is not None,
+            f"{path}.amplitude: cannot be combined with `time`; allowed: one of the two",
+        )
+        yield (
+            self.veer is not None and self.kind == "table",
+            f"{path}.veer: given with kind 'table', which turns itself; allowed: uniform, power",
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LevelSpec:
+class LevelSpec(Level, DeclaredSection):
     """`[sea.level]`: see `dropper_jax.sea.water.Level`."""
 
-    offset: float = parameter("constant part", unit="m", default=0.0)
-    time: Any = parameter("times of a table", unit="s", shape="table", optional=True)
-    height: Any = parameter("heights at those times", unit="m", shape="table", optional=True)
-    amplitude: Any = parameter("of constituents", unit="m", shape="table", optional=True)
-    period: Any = parameter("their periods", unit="s", shape="table", optional=True)
-    phase: Any = parameter("their lags", unit="rad", shape="table", optional=True)
-
     @classmethod
-    def read(cls, table: Plain, path: str, depth: float) -> LevelSpec:
+    def read(cls, table: Plain, path: str) -> LevelSpec:
         values = read_fields(cls, table, path, {})
         _check_pair(values, path, "time", "height", values["time"] is not None or values["height"] is not None)
-        check_constituents(values, path, ("amplitude", "period", "phase"))
-        lowest = values["offset"] + (0.0 if values["height"] is None else float(np.min(values["height"])))
-        lowest -= 0.0 if values["amplitude"] is None else float(np.sum(np.abs(values["amplitude"])))
-        if depth + lowest <= 0.0:
-            raise SceneError(f"{path}: falls to {lowest:.4g} m, below the seabed; allowed: above {-depth:g} m")
+        _check_constituents(values, path)
         return cls(**values)
 
-    def table(self) -> dict[str, Any]:
-        return as_table(self)
+    @property
+    def lowest(self) -> float:
+        """A level [m] below which it never falls."""
+        tide = 0.0 if self.amplitude is None else float(np.sum(np.abs(self.amplitude)))
+        return self.offset - tide + (0.0 if self.height is None else float(np.min(self.height)))
 
 
-def _check_pair(values: dict[str, Any], path: str, axis: str, other: str, needed: bool) -> None:
-    """Check two tables of equal length over a rising axis, both or none."""
-    if not needed and values[axis] is None and values[other] is None:
+@raises_first
+def _check_constituents(values: dict[str, Any], path: str) -> Iterator[Check]:
+    """Reject incomplete constituents or unequal lengths; phases are 0 by default."""
+    sizes = {key: len(values[key]) for key in ("amplitude", "period", "phase") if values[key] is not None}
+    if not sizes:
         return
+    for key in ("amplitude", "period"):
+        yield key not in sizes, f"{path}.{key}: missing; constituents need `amplitude` and `period`"
+    count = sizes["amplitude"]
+    if values["phase"] is None:
+        values["phase"] = np.zeros(count)
+    for key, size in sizes.items():
+        yield size != count, f"{path}.{key}: has {size} entries; allowed: {count}, one per constituent"
+    shortest = float(np.min(values["period"], initial=np.inf))
+    yield shortest <= 0.0, f"{path}.period: {shortest:g} is out of range; allowed: > 0 s"
+
+
+@raises_first
+def _check_pair(values: dict[str, Any], path: str, axis: str, other: str, needed: bool) -> Iterator[Check]:
+    """Check two tables of equal length over a rising axis, both or none."""
     a, b = values[axis], values[other]
-    if a is None or b is None or not needed:
-        raise SceneError(f"{path}: `{axis}` and `{other}` belong together (kind 'table' for heights); one is missing")
-    if len(a) != len(b) or len(a) < 2 or np.any(np.diff(a) <= 0):
-        raise SceneError(f"{path}.{axis}: needs at least 2 rising values, as many as `{other}`")
+    yield (
+        (a is None) != (b is None) or (a is not None and not needed) or (a is None and needed),
+        f"{path}: `{axis}` and `{other}` belong together (kind 'table' for heights); one is missing",
+    )
+    yield (
+        a is not None and (len(a) != len(b) or len(a) < 2 or bool(np.any(np.diff(a) <= 0))),
+        f"{path}.{axis}: needs at least 2 rising values, as many as `{other}`",
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SeaSpec:
+class SeaSpec(DeclaredSection):
     """`[sea]`: water below z = 0. `packaged` names a packaged sea, whose values the scene may override."""
 
     depth: float = parameter("depth of the water", unit="m", low=0.0, open_low=True)
@@ -233,35 +243,39 @@ class SeaSpec:
         own = dict(read_table(table, path))
         if "packaged" in own:
             own = _merge(read_packaged(own.pop("packaged"), f"{path}.packaged"), own)
-        waves, current, level = (own.pop(key, None) for key in ("waves", "current", "level"))
+        kinds = {"waves": WaveSpec, "current": CurrentSpec, "level": LevelSpec}
+        given = {key: own.pop(key, None) for key in kinds}
         values = read_fields(cls, own, path, {})
-        values["waves"] = None if waves is None else WaveSpec.read(read_table(waves, f"{path}.waves"), f"{path}.waves")
-        values["current"] = None if current is None else CurrentSpec.read(current, f"{path}.current")
-        values["level"] = None if level is None else LevelSpec.read(level, f"{path}.level", values["depth"])
-        if values["wave_current"] != "none" and (waves is None or current is None):
-            raise refuse(f"{path}.wave_current", values["wave_current"], "needs waves and a current", "none")
-        if waves is not None and not values["gravity"] > 0.0:
-            raise refuse(f"{path}.gravity", values["gravity"], "makes no waves", "> 0 m/s^2 with [sea.waves]")
-        _check_finite_waves(values, path)
-        return cls(**values)
+        parts = {key: kinds[key].read(part, f"{path}.{key}") for key, part in given.items() if part is not None}
+        sea = cls(**values, **parts)
+        sea.check(path)
+        return sea
+
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        yield (
+            self.level is not None and self.depth + self.level.lowest <= 0.0,
+            f"{path}.level: falls to {0.0 if self.level is None else self.level.lowest:.4g} m, below the seabed; "
+            f"allowed: above {-self.depth:g} m",
+        )
+        yield (
+            self.wave_current != "none" and (self.waves is None or self.current is None),
+            f"{path}.wave_current: {self.wave_current!r} needs waves and a current; allowed: none",
+        )
+        yield (
+            self.waves is not None and not self.gravity > 0.0,
+            f"{path}.gravity: {self.gravity} makes no waves; allowed: > 0 m/s^2 with [sea.waves]",
+        )
+        theory = "linear" if self.waves is None else self.waves.theory
+        for key, what, allowed in (("wave_current", "action", "none, doppler"), ("interpolation", "grid", "none")):
+            yield (
+                theory != "linear" and getattr(self, key) == what,
+                f"{path}.{key}: {what!r} cannot be combined with waves of theory {theory!r}; allowed: {allowed}",
+            )
 
     def table(self) -> dict[str, Any]:
-        found = as_table(self)
         parts = {"waves": self.waves, "current": self.current, "level": self.level}
-        return {**found, **{key: part.table() for key, part in parts.items() if part is not None}}
-
-
-def _check_finite_waves(values: dict[str, Any], path: str) -> None:
-    """Check of keys that cannot be combined with waves of finite height."""
-    theory = "linear" if values["waves"] is None else values["waves"].theory
-    if theory == "linear":
-        return
-    for key, what in (("wave_current", "action"), ("interpolation", "grid")):
-        if values[key] == what:
-            left = "none, doppler" if key == "wave_current" else "none"
-            raise SceneError(
-                f"{path}.{key}: {what!r} cannot be combined with waves of theory {theory!r}; allowed: {left}"
-            )
+        return {**as_table(self), **{key: part.table() for key, part in parts.items() if part is not None}}
 
 
 def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -269,9 +283,9 @@ def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     merged = dict(base)
     for key, value in over.items():
         old = merged.get(key)
-        both = isinstance(value, Mapping) and isinstance(old, Mapping)
-        same = both and value.get("kind", old.get("kind")) == old.get("kind")
-        merged[key] = {**old, **value} if same else value
+        if isinstance(value, Mapping) and isinstance(old, Mapping) and value.get("kind") in (None, old.get("kind")):
+            value = {**old, **value}
+        merged[key] = value
     return merged
 
 

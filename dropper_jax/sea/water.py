@@ -7,10 +7,8 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
-from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import trace_once
 from dropper_jax.sea.waves import Motion
@@ -31,12 +29,12 @@ class Level:
     vertical velocity of the level (some 1e-4 m/s) is left out.
     """
 
-    offset: jax.Array = parameter("constant part", unit="m", default=0.0)
-    time: jax.Array | None = parameter("times of a table", unit="s", shape="table", optional=True)
-    height: jax.Array | None = parameter("heights at those times", unit="m", shape="table", optional=True)
-    amplitude: jax.Array | None = parameter("of constituents", unit="m", shape="table", optional=True)
-    period: jax.Array | None = parameter("of constituents", unit="s", shape="table", optional=True)
-    phase: jax.Array | None = parameter("lag of constituents", unit="rad", shape="table", optional=True)
+    offset: Any = parameter("constant part", unit="m", default=0.0)
+    time: Any = parameter("times of a table", unit="s", shape="table", optional=True)
+    height: Any = parameter("heights at those times", unit="m", shape="table", optional=True)
+    amplitude: Any = parameter("of constituents", unit="m", shape="table", optional=True)
+    period: Any = parameter("their periods", unit="s", shape="table", optional=True)
+    phase: Any = parameter("their lags", unit="rad", shape="table", optional=True)
 
     def at(self, t: jax.Array) -> jax.Array:
         """The level [m] at time t [s]; a table is constant outside its times."""
@@ -46,23 +44,6 @@ class Level:
         if self.amplitude is not None:
             level = level + harmonic(t, self.amplitude, self.period, self.phase)
         return level
-
-
-def check_constituents(values: dict[str, Any], path: str, keys: tuple[str, str, str]) -> None:
-    """Reject incomplete constituents or unequal lengths; phases are 0 by default."""
-    amplitude, period, phase = (values[key] for key in keys)
-    if amplitude is None and period is None and phase is None:
-        return
-    if amplitude is None or period is None:
-        missing = keys[0] if amplitude is None else keys[1]
-        raise SceneError(f"{path}.{missing}: missing; constituents need `{keys[0]}` and `{keys[1]}`")
-    if phase is None:
-        values[keys[2]] = phase = np.zeros(len(amplitude))
-    for key, value in zip(keys[1:], (period, phase), strict=True):
-        if len(value) != len(amplitude):
-            raise SceneError(f"{path}.{key}: has {len(value)} entries; allowed: {len(amplitude)}, one per constituent")
-    if np.any(np.asarray(period) <= 0.0):
-        raise SceneError(f"{path}.{keys[1]}: {float(np.min(period)):g} is out of range; allowed: > 0 s")
 
 
 KINDS = ("uniform", "power", "table")
@@ -77,18 +58,18 @@ class Current:
     of the reference height the profile is linear. Above the mean surface every profile has its value at the surface.
     """
 
-    speed: jax.Array = parameter("speed, at the reference height for a power law", unit="m/s")
-    direction: jax.Array = parameter("direction of flow, from +x towards +y", unit="rad")
-    exponent: jax.Array | None = parameter("exponent of the power law", unit="-", optional=True)
-    reference: jax.Array | None = parameter("height where the speed is given", unit="m", optional=True)
-    heights: jax.Array | None = parameter("heights of the table, z rising", unit="m", shape="table", optional=True)
-    velocities: jax.Array | None = parameter("velocities at the heights", unit="m/s", shape="vectors", optional=True)
-    time: jax.Array | None = parameter("times of the factor", unit="s", shape="table", optional=True)
-    factor: jax.Array | None = parameter("factor of the speed at those times", unit="-", shape="table", optional=True)
-    amplitude: jax.Array | None = parameter("constituents of the factor", unit="-", shape="table", optional=True)
-    period: jax.Array | None = parameter("their periods", unit="s", shape="table", optional=True)
-    phase: jax.Array | None = parameter("their lags", unit="rad", shape="table", optional=True)
-    veer: jax.Array | None = parameter("turn of the direction per metre down", unit="rad/m", optional=True)
+    speed: Any = parameter("speed at the reference height", unit="m/s", default=0.0)
+    direction: Any = parameter("direction of flow, +x towards +y", unit="rad", low=-6.29, high=6.29, default=0.0)
+    exponent: Any = parameter("exponent of the power law", unit="-", low=0.0, optional=True)
+    reference: Any = parameter("height where the speed is given", unit="m", high=0.0, optional=True)
+    heights: Any = parameter("heights of the table, rising", unit="m", shape="table", optional=True)
+    velocities: Any = parameter("velocities at the heights", unit="m/s", shape="vectors", optional=True)
+    time: Any = parameter("times of the factor", unit="s", shape="table", optional=True)
+    factor: Any = parameter("factor at those times", unit="-", shape="table", optional=True)
+    amplitude: Any = parameter("constituents of the factor", unit="-", shape="table", optional=True)
+    period: Any = parameter("their periods", unit="s", shape="table", optional=True)
+    phase: Any = parameter("their lags", unit="rad", shape="table", optional=True)
+    veer: Any = parameter("turn of the direction per metre down", unit="rad/m", optional=True)
     kind: str = option("profile over depth", choices=KINDS, default="uniform")
 
     @property
@@ -105,8 +86,7 @@ class Current:
         """Velocity (..., 3) [m/s] at heights z (...) [m], before s(t)."""
         z = jnp.minimum(z, 0.0)
         if self.kind == "table":
-            columns = [jnp.interp(z, self.heights, self.velocities[:, i]) for i in range(3)]
-            return jnp.stack(columns, axis=-1)
+            return jnp.stack([jnp.interp(z, self.heights, self.velocities[:, i]) for i in range(3)], axis=-1)
         size = self.speed * (jnp.ones_like(z) if self.kind == "uniform" else self._power(z, depth))
         course = self.direction if self.veer is None else self.direction - self.veer * z
         return jnp.stack([size * jnp.cos(course), size * jnp.sin(course), jnp.zeros_like(z)], axis=-1)
@@ -214,10 +194,9 @@ class Sea:
     def corners(self) -> list[jax.Array]:
         """Times (k,) [s] at which the motion of the water is not smooth: table times of the current, both ends of a
         ramp."""
-        found = [] if self.current is None or self.current.time is None else [self.current.time]
-        found += [] if self.level is None or self.level.time is None else [self.level.time]
+        tables = [part.time for part in (self.current, self.level) if part is not None and part.time is not None]
         ramp = None if self.waves is None else self.waves.ramp
-        return found if ramp is None else [*found, jnp.stack([jnp.zeros_like(ramp), ramp])]
+        return tables if ramp is None else [*tables, jnp.stack([jnp.zeros_like(ramp), ramp])]
 
     def without_waves(self) -> Sea:
         """The same water without waves."""
@@ -229,11 +208,8 @@ class Sea:
         Du/Dt with `material`, the velocity of the current alone with `current`.
         """
         motion = self.at(r, t)
-        change = self.convective(r, t, motion) if material else None
-        alone = None
-        if current:
-            alone = self.stream(r, t)
-        return Water(motion, None if change is None else motion.acceleration + change, tangents, alone)
+        change = motion.acceleration + self.convective(r, t, motion) if material else None
+        return Water(motion, change, tangents, self.stream(r, t) if current else None)
 
 
 class Water(NamedTuple):

@@ -164,6 +164,8 @@ class Waves:
 
 # Readers of component tables, measured elevations and directional spectra, as values of `[sea.waves]`
 
+#: Values of components that a table has in addition to periods or frequencies, and their units.
+UNITS = {"amplitude": "m", "phase": "rad", "direction": "rad"}
 COLUMNS = "period_s or frequency_hz, amplitude_m, phase_rad and, optionally, direction_rad"
 
 
@@ -174,21 +176,17 @@ def read_components(file: str | Path, path: str = "file") -> dict[str, Any]:
         SceneError: missing file, wrong columns, a cell that is not a number, or a period that is not positive.
     """
     names, rows = _read_csv(file, path)
-    known = ("period_s", "frequency_hz", "amplitude_m", "phase_rad", "direction_rad")
-    wrong = [name for name in names if name not in known]
-    if wrong or "amplitude_m" not in names or not {"period_s", "frequency_hz"} & set(names):
+    known = {"period_s", "frequency_hz", *(f"{name}_{unit}" for name, unit in UNITS.items())}
+    if set(names) - known or "amplitude_m" not in names or not {"period_s", "frequency_hz"} & set(names):
         raise SceneError(f"{path}: {str(file)!r} has the columns {', '.join(names)}; allowed: {COLUMNS}")
     column = dict(zip(names, rows.T, strict=True))
     key = "period_s" if "period_s" in column else "frequency_hz"
     if np.any(column[key] <= 0):
         worst = int(np.argmin(column[key]))
         raise SceneError(f"{path}: {key} of component {worst + 1} is {column[key][worst]:g}; allowed: > 0")
-    found = {"amplitude": column["amplitude_m"]}
-    found["period"] = column["period_s"] if key == "period_s" else 1.0 / column["frequency_hz"]
-    found["phase"] = column.get("phase_rad", np.zeros(len(rows)))
-    if "direction_rad" in column:
-        found["direction"] = column["direction_rad"]
-    return found
+    column = {"phase_rad": np.zeros(len(rows)), **column}
+    values = {name: column[f"{name}_{unit}"] for name, unit in UNITS.items() if f"{name}_{unit}" in column}
+    return {**values, "period": column["period_s"] if key == "period_s" else 1.0 / column["frequency_hz"]}
 
 
 def read_elevation(file: str | Path, path: str = "file") -> dict[str, Any]:
@@ -233,17 +231,14 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> dict[str, Any]:
     if density.ndim != 2:
         raise SceneError(f"dataset.efth: has the dimensions {density.dims}; allowed: freq and dir, of one time")
     frequency, coming = np.asarray(dataset["freq"], float), np.asarray(dataset["dir"], float)
-    turn = 360.0 / len(coming)
-    energy = np.asarray(density, float) * np.gradient(frequency)[:, None] * turn
-    going = np.deg2rad(270.0 - coming)
+    energy = np.asarray(density, float) * np.gradient(frequency)[:, None] * (360.0 / len(coming))
     kept = energy > 1e-9 * energy.max()
-    size = int(kept.sum())
     return {
         "kind": "components",
         "amplitude": np.sqrt(2.0 * energy[kept]),
         "period": np.broadcast_to(1.0 / frequency[:, None], energy.shape)[kept],
-        "direction": np.broadcast_to(going, energy.shape)[kept],
-        "phase": np.random.default_rng(seed).uniform(0.0, 2 * np.pi, size),
+        "direction": np.broadcast_to(np.deg2rad(270.0 - coming), energy.shape)[kept],
+        "phase": np.random.default_rng(seed).uniform(0.0, 2 * np.pi, int(kept.sum())),
     }
 
 

@@ -26,29 +26,22 @@ def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> dict[s
     centre = np.array(centre if len(centre) == 3 else [0.0, 0.0, centre[0]])
     moments = sizes(deck, row, row.words[10], "I")
     parts = [(mass, centre, np.diag(moments if len(moments) == 3 else moments * 3))]
-    cylinders = []
-    for rod in rods:
-        cylinder, part = _cylinder(deck, rod)
-        cylinders.append(cylinder)
-        parts.append(part)
-    found = _together(deck, row, parts)
+    pairs = [_cylinder(deck, rod) for rod in rods]
+    found = _together(deck, row, [*parts, *(part for _, part in pairs)])
     found |= {"name": row.name or f"body-{row.words[0]}", "position": where}
     if any(turned):
         found["attitude"] = turned
-    if cylinders:
-        found["cylinders"] = cylinders
-    sphere = _sphere(deck, row, found["centre_of_mass"] if mass == 0.0 else centre.tolist(), notes)
-    return found | ({"spheres": [sphere]} if sphere else {})
+    cylinders = [cylinder for cylinder, _ in pairs]
+    spheres = _spheres(deck, row, found["centre_of_mass"] if mass == 0.0 else centre.tolist(), notes)
+    return found | {key: shapes for key, shapes in (("cylinders", cylinders), ("spheres", spheres)) if shapes}
 
 
 def free_rod(deck: Deck, row: Row) -> dict[str, Any]:
     """`[[body]]` of a free rod: its axes are the scene's, its reference point is its end A."""
-    cylinder, part = _cylinder(deck, row)
+    cylinder, (mass, centre, inertia) = _cylinder(deck, row)
     start = np.array(cylinder["from"])
-    mass, centre, inertia = part
     found = _together(deck, row, [(mass, centre - start, inertia)])
-    end = (np.array(cylinder["to"]) - start).tolist()
-    shape = {**cylinder, "from": [0.0, 0.0, 0.0], "to": end}
+    shape = {**cylinder, "from": [0.0, 0.0, 0.0], "to": (np.array(cylinder["to"]) - start).tolist()}
     return {**found, "name": row.name or f"rod-{row.words[0]}", "position": start.tolist(), "cylinders": [shape]}
 
 
@@ -64,9 +57,8 @@ def _cylinder(deck: Deck, row: Row) -> tuple[dict[str, Any], tuple[float, np.nda
     mass, along = each * length, (b - a) / length
     own, across = mass * diameter**2 / 8.0, mass * (diameter**2 / 16.0 + length**2 / 12.0)
     inertia = across * np.eye(3) + (own - across) * np.outer(along, along)
-    shape = {"from": a.tolist(), "to": b.tolist(), "diameter": diameter}
-    shape |= {"slices": max(integer(deck, row, row.words[9], "NumSegs", 0), 1)}
-    shape |= {"cdn": cdn, "can": can, "cdt": cdt, "cat": cat}
+    shape = {"from": a.tolist(), "to": b.tolist(), "diameter": diameter, "cdn": cdn, "can": can, "cdt": cdt, "cat": cat}
+    shape["slices"] = max(integer(deck, row, row.words[9], "NumSegs", 0), 1)
     return shape, (mass, 0.5 * (a + b), inertia)
 
 
@@ -85,8 +77,8 @@ def _together(deck: Deck, row: Row, parts: list[tuple[float, np.ndarray, np.ndar
     return {"mass": mass, "centre_of_mass": centre.tolist(), "inertia": [xx, yy, zz, *products]}
 
 
-def _sphere(deck: Deck, row: Row, centre: list[float], notes: list[str]) -> dict[str, Any] | None:
-    """A body's own volume, with the mean of its drag areas and added masses; None if it has none."""
+def _spheres(deck: Deck, row: Row, centre: list[float], notes: list[str]) -> list[dict[str, Any]]:
+    """A body's own volume, with the mean of its drag areas and added masses."""
     volume = number(deck, row, row.words[11], "Volume", 0.0)
     area = sizes(deck, row, row.words[12], "CdA")
     added = sizes(deck, row, row.words[13], "Ca") if len(row.words) > 13 else [0.0]
@@ -95,7 +87,7 @@ def _sphere(deck: Deck, row: Row, centre: list[float], notes: list[str]) -> dict
             notes.append(
                 f"line {row.number}: CdA of body {row.words[0]} is not represented, because the body has no volume"
             )
-        return None
+        return []
     if len({*area[:3]}) > 1 or len({*added[:3]}) > 1 or any(area[3:]) or any(added[3:]):
         notes.append(
             f"line {row.number}: the means of CdA and Ca of body {row.words[0]} are used; rotational values are ignored"
@@ -106,7 +98,7 @@ def _sphere(deck: Deck, row: Row, centre: list[float], notes: list[str]) -> dict
     )
     diameter = (6.0 * volume / math.pi) ** (1.0 / 3.0)
     cd = float(np.mean(area[:3])) / (0.25 * math.pi * diameter**2)
-    return {"centre": centre, "diameter": diameter, "cd": cd, "ca": float(np.mean(added[:3]))}
+    return [{"centre": centre, "diameter": diameter, "cd": cd, "ca": float(np.mean(added[:3]))}]
 
 
 # Spar buoys in MoorDyn: an upright massless rod on a free body that cannot rotate.
@@ -134,7 +126,6 @@ def spar(deck: Deck, body: Row, rod: Row, name: str) -> dict[str, Any] | None:
     columns(deck, body, 14, "body")
     columns(deck, rod, 9, "rod")
     kind = _rod_type(deck, rod)
-    position = [number(deck, body, w, "X0, Y0, Z0") for w in body.words[2:5]]
     turned = [number(deck, body, w, "r0, p0, y0") for w in body.words[5:8]]
     inertia = min(sizes(deck, body, body.words[10], "I"))
     loads = [x for i in (11, 12) for x in sizes(deck, body, body.words[i], "Volume, CdA")]
@@ -146,7 +137,7 @@ def spar(deck: Deck, body: Row, rod: Row, name: str) -> dict[str, Any] | None:
     if not (free and upright and mass == 0.0 and inertia >= UPRIGHT and not any(turned) and not any(loads)):
         return None
     return {
-        "position": position,
+        "position": [number(deck, body, w, "X0, Y0, Z0") for w in body.words[2:5]],
         "name": name,
         "mass": number(deck, body, body.words[8], "Mass", 0.0, open_low=True),
         "diameter": diameter,

@@ -12,7 +12,7 @@ from dropper_jax.axial.tabulated import ForceTable
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import find_referenced, read_lines
-from dropper_jax.moordyn.reading.sections import Deck, Row, columns, number
+from dropper_jax.moordyn.reading.sections import Deck, Row, columns, is_number, number
 from dropper_jax.sea.waves import elevation_components
 
 # --- wave and current files in its folder, read as `[sea.waves]` and `[sea.current]`, and written ---
@@ -39,7 +39,7 @@ def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> dict[s
         t, eta = np.array([row[:2] for _, row in _rows(folder / ELEVATION, 2, 0)]).T
         even = np.arange(t[0], t[-1] + 1e-9 * step, step)
         found = _largest(elevation_components(even, np.interp(even, t, eta)), notes)
-        return {"kind": "components", "direction": 0.0, **_plain(found)}
+        return {"kind": "components", "direction": 0.0, **{key: value.tolist() for key, value in found.items()}}
     rows = [row for _, row in _rows(folder / FREQUENCIES, 3, 0) if row[0] > 0.0 and (row[1] or row[2])]
     if not rows:
         raise SceneError(f"{folder / FREQUENCIES}: holds no component above 0 rad/s")
@@ -85,10 +85,6 @@ def _short(values: np.ndarray) -> list[float]:
     return [float(f"{x:.12g}") for x in values]
 
 
-def _plain(found: dict[str, np.ndarray]) -> dict[str, list[float]]:
-    return {key: value.tolist() for key, value in found.items()}
-
-
 def _rows(path: Path, least: int, skip: int) -> list[tuple[int, list[float]]]:
     """Rows of numbers with their line numbers."""
     found = []
@@ -131,9 +127,8 @@ def read_types(deck: Deck, notes: list[str]) -> dict[str, dict[str, Any]]:
             **_stiffness(deck, row, notes),
             **_damping(deck, row, notes),
         }
-        texts = row.words[6:10] if second else row.words[5:9]
-        for key, text in zip(SECOND if second else FIRST, texts, strict=True):
-            kind[key] = number(deck, row, text, key, 0.0)
+        for i, key in enumerate(SECOND if second else FIRST, 5 + second):
+            kind[key] = number(deck, row, row.words[i], key, 0.0)
         if second:
             kind.update(_bending(deck, row, notes))
         if len(row.words) > 10 and number(deck, row, row.words[10], "Cl", 0.0) > 0.0:
@@ -158,9 +153,7 @@ def _second_version(deck: Deck, row: Row) -> bool:
 def _bending(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
     """`EI` [N m^2] if there is any; a table of moments is ignored, with a note."""
     text = row.words[5]
-    try:
-        float(text)
-    except ValueError:
+    if not is_number(text):
         notes.append(f"line {row.number}: EI {text} of {row.words[0]!r} is not represented: lines bend freely")
         return {}
     value = number(deck, row, text, "EI", 0.0)
@@ -176,9 +169,7 @@ def _stiffness(deck: Deck, row: Row, notes: list[str]) -> dict[str, Any]:
         if static.upper().startswith("SYROPE:"):
             deck.refuse(row.number, "EA: working curves (SYROPE) are not represented; allowed: a number or a table")
         text = static
-    try:
-        float(text)
-    except ValueError:
+    if not is_number(text):
         return {"law": "tabulated", **_table(deck, row, text)}
     return {"EA": number(deck, row, text, "EA", 0.0, open_low=True)}
 
@@ -325,20 +316,13 @@ def read_options(deck: Deck) -> Options:
                 found.missed.append(f"line {row.number}: {given} {value} is not represented: {MISSED[name]}")
         elif name in TEXTS:
             found.texts[name] = value
-        elif name in NUMBERS:
-            _number(deck, row, found, name)
-        else:
+        elif name not in NUMBERS:
             known = [*NUMBERS, *TEXTS, *WITHOUT, *MISSED, *OTHER_NAMES]
             deck.refuse(row.number, f"option {given!r} is unknown; {nearest(name, known)}")
+        elif is_number(value):
+            found.values[name] = float(value)
+        elif name == "wtrdpth":  # MoorDyn-F accepts the path of a bathymetry file here
+            found.texts["seafloorfile"] = value
+        else:
+            deck.refuse(row.number, f"{given}: {value!r} is not a number")
     return found
-
-
-def _number(deck: Deck, row: Row, found: Options, name: str) -> None:
-    text = row.words[0]
-    try:
-        found.values[name] = float(text)
-    except ValueError:
-        if name == "wtrdpth":  # MoorDyn-F accepts the path of a bathymetry file here
-            found.texts["seafloorfile"] = text
-            return
-        deck.refuse(row.number, f"{row.words[1]}: {text!r} is not a number")

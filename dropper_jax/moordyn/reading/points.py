@@ -56,9 +56,8 @@ def read_ends(deck: Deck, notes: list[str]) -> Ends:
             notes.append(f"line {row.number}: rod {row.words[0]} is not represented: no line ends on it")
             continue
         taken.add(_rod(deck, row, bodies, found, used, notes))
-    for key, row in bodies.items():
-        if key not in taken:
-            notes.append(f"line {row.number}: body {key} is not represented: nothing of the scene is on it")
+    left = [(key, row.number) for key, row in bodies.items() if key not in taken]
+    notes += [f"line {line}: body {key} is not represented: nothing of the scene is on it" for key, line in left]
     return found
 
 
@@ -71,11 +70,14 @@ def _on(deck: Deck, body: Row) -> list[Row]:
     return [row for row in deck.rows.get("rods", []) if _holder(row) == body.words[0]]
 
 
+def _points_on(deck: Deck, body: Row) -> list[Row]:
+    return [row for row in deck.rows.get("points", []) if row.words[1].lower() == f"body{body.words[0]}"]
+
+
 def _carries(deck: Deck, body: Row, used: set[str]) -> bool:
     """Whether a line ends on a body."""
-    points = [row.words[0] for row in deck.rows.get("points", []) if row.words[1].lower() == f"body{body.words[0]}"]
-    ends = [f"R{row.words[0]}{end}" for row in _on(deck, body) for end in "AB"]
-    return any(word.upper() in used for word in (*points, *ends))
+    points = {row.words[0].upper() for row in _points_on(deck, body)}
+    return bool((points | {f"R{row.words[0]}{end}".upper() for row in _on(deck, body) for end in "AB"}) & used)
 
 
 def _moves(deck: Deck, body: Row) -> bool:
@@ -92,8 +94,8 @@ def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[st
     rods = [rod for rod in _on(deck, row) if rod not in connectors]
     body = free_body(deck, row, rods, notes) | _pinned_field(row, row.words[1], f"body {row.words[0]}", notes)
     attached = {}
-    for point in deck.rows.get("points", []):
-        if point.words[1].lower() == f"body{row.words[0]}" and point.words[0].upper() in used:
+    for point in _points_on(deck, row):
+        if point.words[0].upper() in used:
             columns(deck, point, 5, "point")
             name = point.name or f"point-{point.words[0]}"
             attached[name] = [number(deck, point, w, "X, Y, Z") for w in point.words[2:5]]
@@ -120,14 +122,11 @@ def _is_connector(deck: Deck, row: Row) -> bool:
 
 def _rod_ends(rod: Row, shape: dict[str, Any], found: Ends, used: set[str]) -> dict[str, list[float]]:
     """Positions in a body's axes of the ends of a rod at which lines end, by name of the point."""
-    attached = {}
-    for end, key in (("A", "from"), ("B", "to")):
-        word = f"R{rod.words[0]}{end}"
-        if word in used:
-            found.names[word] = f"point-{word}"
-            attached[f"point-{word}"] = shape[key]
-            found.turning.append(f"point-{word}")
-    return attached
+    ends = {f"R{rod.words[0]}{end}": shape[key] for end, key in (("A", "from"), ("B", "to"))}
+    attached = {word: position for word, position in ends.items() if word in used}
+    found.names.update({word: f"point-{word}" for word in attached})
+    found.turning.extend(f"point-{word}" for word in attached)
+    return {f"point-{word}": position for word, position in attached.items()}
 
 
 def _ends(deck: Deck, row: Row) -> tuple[str, str]:
@@ -227,12 +226,11 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
                 found.names[word] = f"point-{word}"
                 found.points.append({"name": f"point-{word}", "position": position})
                 found.leaving[f"point-{word}"] = [sign * (y - x) for x, y in zip(a, b, strict=True)]
+        rod = f"line {row.number}: rod {key}"
         if connector:
-            note = "has no length; a line with EI is clamped along it (MoorDyn 2.7.2 lets it turn)"
-            notes.append(f"line {row.number}: rod {key} {note}")
+            notes.append(f"{rod} has no length; a line with EI is clamped along it (MoorDyn 2.7.2 lets it turn)")
         if holder.lower() in COUPLED:
-            note = f"rod {key} is coupled: its ends are fixed; use [[vessel]] to move such points together"
-            notes.append(f"line {row.number}: {note}")
+            notes.append(f"{rod} is coupled: its ends are fixed; use [[vessel]] to move such points together")
         return ""
     body = bodies.get(holder[4:]) if holder.lower().startswith("body") else None
     name = row.name or f"buoy-{key}"

@@ -20,7 +20,7 @@ from dropper_jax.moordyn.reading.options import (
     read_waves,
 )
 from dropper_jax.moordyn.reading.points import Ends, first_version, read_ends
-from dropper_jax.moordyn.reading.sections import Deck, columns, integer, number, split_file
+from dropper_jax.moordyn.reading.sections import Deck, columns, integer, number, read_input, split_file
 
 #: Values used if the file does not give them; MoorDyn's driver would.
 DEFAULT_STEP, DEFAULT_DURATION = 0.01, 60.0
@@ -53,18 +53,11 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
             points are not in the file.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise SceneError(f"scene: cannot read {str(path)!r}: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise SceneError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
-    deck = split_file(path, text)
-    notes: list[str] = []
+    deck = split_file(path, read_input(path))
     options = read_options(deck)
     if depth is not None:
         _check_depth(deck, options, depth)
-    notes += options.missed
+    notes = [*options.missed]
     types = read_types(deck, notes)
     ends = read_ends(deck, notes)
     lines = _lines(deck, types, ends.names, notes)
@@ -75,9 +68,8 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
             line["links"] = 2
             notes.append(f"line {line['name']!r}: NumSegs 1 between fixed points: 2 links are used")
     at_ends = {line[key] for line in lines for key in ("from", "to")}
-    for point in ends.points:
-        if point["name"] not in at_ends:
-            notes.append(f"point {point['name']!r} is not represented: no line ends there")
+    left = [point["name"] for point in ends.points if point["name"] not in at_ends]
+    notes += [f"point {name!r} is not represented: no line ends there" for name in left]
     scene = {
         "name": path.stem,
         "description": "",
@@ -92,9 +84,8 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
         **({"start": {"kind": "points"}} if options.values["tmaxic"] == 0.0 else {}),
         **_sea(deck, options, notes),
     }
-    for section in WITHOUT:
-        if deck.rows.get(section):
-            notes.append(f"line {deck.first[section]}: section {section.upper()} is not represented")
+    without = [section for section in WITHOUT if deck.rows.get(section)]
+    notes += [f"line {deck.first[section]}: section {section.upper()} is not represented" for section in without]
     if options.left:
         notes.append(f"options without a counterpart: {', '.join(options.left)}")
     _apply_free_text(deck, scene)
@@ -131,26 +122,21 @@ def _check_depth(deck: Deck, options: Options, depth: float) -> None:
     """Use the caller's depth if the file has none."""
     if not 0.0 < depth < math.inf:
         raise SceneError(f"--depth: {depth:g} is out of range; allowed: > 0 m")
-    known = options.values["wtrdpth"]
-    if known or "seafloorfile" in options.texts:
+    if options.values["wtrdpth"] or "seafloorfile" in options.texts:
         at = options.lines.get("wtrdpth", options.lines.get("seafloorfile", 1))
         deck.refuse(at, f"--depth: {depth:g} m, but the file gives its own. Remove --depth")
     options.values["wtrdpth"] = depth
 
 
 def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list[str]) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = []
-    taken: set[str] = set()
+    found: dict[str, dict[str, Any]] = {}
     by_upper = {key.upper(): name for key, name in names.items()}
+    order = (4, 5, 2, 3) if first_version(deck) else (2, 3, 4, 5)
     for row in deck.require("lines"):
         columns(deck, row, 6, "line")
-        if first_version(deck):
-            length, links, start, end = row.words[2:6]
-        else:
-            start, end, length, links = row.words[2:6]
-        if row.words[0] in taken:
+        start, end, length, links = (row.words[i] for i in order)
+        if row.words[0] in found:
             deck.refuse(row.number, f"line {row.words[0]} is given twice")
-        taken.add(row.words[0])
         if row.words[1] not in types:
             deck.refuse(row.number, f"line type {row.words[1]!r} is not in the file; {nearest(row.words[1], types)}")
         for end_word in (start, end):
@@ -158,17 +144,15 @@ def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list
                 deck.refuse(row.number, f"{end_word!r} is not a point of the file; {nearest(end_word, names)}")
         if start.upper() == end.upper():
             deck.refuse(row.number, f"line {row.words[0]} starts and ends at {start}; allowed: two different points")
-        found.append(
-            {
-                "name": row.name or f"line-{row.words[0]}",
-                "from": by_upper[start.upper()],
-                "to": by_upper[end.upper()],
-                "type": row.words[1],
-                "length": number(deck, row, length, "UnstrLen", 0.0, open_low=True),
-                "links": integer(deck, row, links, "NumSegs"),
-            }
-        )
-    return found
+        found[row.words[0]] = {
+            "name": row.name or f"line-{row.words[0]}",
+            "from": by_upper[start.upper()],
+            "to": by_upper[end.upper()],
+            "type": row.words[1],
+            "length": number(deck, row, length, "UnstrLen", 0.0, open_low=True),
+            "links": integer(deck, row, links, "NumSegs"),
+        }
+    return list(found.values())
 
 
 def _check_outputs(deck: Deck) -> None:
@@ -185,19 +169,18 @@ def _failures(deck: Deck, lines: list[dict[str, Any]], names: dict[str, str], no
     """`[[failure]]` entries: the first or last link of each line that detaches from a point."""
     found: list[dict[str, Any]] = []
     by_upper = {key.upper(): name for key, name in names.items()}
-    numbers = [row.words[0] for row in deck.rows.get("lines", [])]
+    by_number = {row.words[0]: line for row, line in zip(deck.rows["lines"], lines, strict=True)}
     for row in deck.rows.get("failure", []):
         columns(deck, row, 5, "failure")
-        point = by_upper.get(row.words[1].upper())
+        point = by_upper.get(row.words[1].upper(), "")
         time, load = (number(deck, row, row.words[i], key, 0.0) for i, key in ((3, "FailTime"), (4, "FailTen")))
-        given = {**({"time": time} if time > 0.0 else {}), **({"load": load} if load > 0.0 else {})}
+        given = {key: value for key, value in (("time", time), ("load", load)) if value > 0.0}
         for word in row.words[2].split(","):
-            line = lines[numbers.index(word)] if word in numbers else None
-            if line is None or point not in (line["from"], line["to"]):
+            line = by_number.get(word, {})
+            if point not in (line.get("from"), line.get("to")):
                 deck.refuse(row.number, f"line {word} does not end at point {row.words[1]}")
             if given:
-                link = 1 if line["from"] == point else line["links"]
-                found.append({"line": line["name"], "link": link, **given})
+                found.append({"line": line["name"], "link": 1 if line["from"] == point else line["links"], **given})
         if load > 0.0 and "," in row.words[2]:
             notes.append(f"line {row.number}: the lines of a failure detach one by one, each at its own tension")
     return found
@@ -227,13 +210,11 @@ def _bending(lines: list[dict[str, Any]], types: dict[str, Any], ends: Ends, not
     clamped = []
     for line in stiff:
         for name in (line["from"], line["to"]):
-            rod = name.removeprefix("point-")
+            pinned = f"line {line['name']!r} is pinned on {name.removeprefix('point-')}"
             if name in ends.turning:
-                notes.append(
-                    f"line {line['name']!r} is pinned on {rod}, which moves; in MoorDyn it is clamped along the rod"
-                )
+                notes.append(f"{pinned}, which moves; in MoorDyn it is clamped along the rod")
             elif name in ends.leaving and every.count(name) > 1:
-                notes.append(f"line {line['name']!r} is pinned on {rod}, where others end; in MoorDyn it is clamped")
+                notes.append(f"{pinned}, where others end; in MoorDyn it is clamped")
             elif name in ends.leaving:
                 clamped.append(name)
     return {"clamped": clamped, "directions": [ends.leaving[name] for name in clamped]} if clamped else {}
@@ -246,23 +227,23 @@ def _effects(options: Options, folder: Path, bending: dict[str, Any] | None) -> 
         bed.update(read_seafloor(_seafloor(options, folder)))
     elif not values["rho"]:
         bed["depth"] = values["wtrdpth"]
-    wet = {"buoyancy": {}, "morison_drag": {}, "morison_inertia": {}} if values["rho"] else {}
-    friction = {}
-    if values["frictioncoefficient"]:
-        law = {"law": "moordyn", "kinetic": values["frictioncoefficient"], "damping": values["fricdamp"]}
-        friction = {"seabed_friction": law}
+    found: dict[str, Any] = {"weight": {"gravity": values["g"]}}
+    if values["rho"]:
+        found |= {"buoyancy": {}, "morison_drag": {}, "morison_inertia": {}}
+    if values["wtrdpth"] or "bed_x" in bed:
+        kinetic = values["frictioncoefficient"]
+        friction = {"law": "moordyn", "kinetic": kinetic, "damping": values["fricdamp"]}
+        found |= {"seabed": bed} | ({"seabed_friction": friction} if kinetic else {})
         if values["statdynfricscale"] > 1.0:
-            friction["seabed_friction"]["static"] = values["frictioncoefficient"] * values["statdynfricscale"]
-    seabed = {"seabed": bed} if values["wtrdpth"] or "bed_x" in bed else {}
-    stiff = {} if bending is None else {"bending": bending}
-    return {"weight": {"gravity": values["g"]}, **wet, **seabed, **(friction if seabed else {}), **stiff}
+            friction["static"] = kinetic * values["statdynfricscale"]
+    return found if bending is None else {**found, "bending": bending}
 
 
 def _seafloor(options: Options, folder: Path) -> Path:
     """The seabed file: in the input's folder or, as in MoorDyn, relative to the working folder."""
     text = options.texts["seafloorfile"]
-    own = None if not (folder / text).exists() and Path(text).exists() else folder
-    return find_referenced(text, "SeafloorFile", own)
+    elsewhere = not (folder / text).exists() and Path(text).exists()
+    return find_referenced(text, "SeafloorFile", None if elsewhere else folder)
 
 
 def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:

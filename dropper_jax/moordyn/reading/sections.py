@@ -97,8 +97,10 @@ class Deck:
     def require(self, section: str) -> list[Row]:
         """Rows of a required section."""
         if not self.rows.get(section):
-            at = self.first.get(section, 1)
-            self.refuse(at, f"section {section.upper()!r} is {'empty' if section in self.first else 'missing'}")
+            self.refuse(
+                self.first.get(section, 1),
+                f"section {section.upper()!r} is {'empty' if section in self.first else 'missing'}",
+            )
         return self.rows[section]
 
 
@@ -114,6 +116,16 @@ def _name(words: str) -> str | None:
     words = " ".join(re.split(r"[(:,]", words)[0].split())
     matching = [known for known in HEADERS if f"{words} ".startswith(f"{known} ")]
     return HEADERS[max(matching, key=len)] if matching else None
+
+
+def read_input(path: Path) -> str:
+    """The text of an input file."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise SceneError(f"scene: cannot read {str(path)!r}: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
 
 
 def looks_like_moordyn(text: str) -> bool:
@@ -134,18 +146,18 @@ def split_file(path: str | Path, text: str) -> Deck:
             if section is not None and any(last in words for last in LAST):
                 break
             name = _name(words)
-            if name is None and section is not None:
-                if not words:
-                    continue  # a rule without words
+            if name is None and section is not None and words:  # not a rule without words
                 deck.refuse(number, f"section {words!r} is unknown; {nearest(words, HEADERS)}")
+            if name in deck.rows:
+                deck.refuse(number, f"section {words!r} is given twice, first in line {deck.first[name]}")
             if name is not None:
-                if name in deck.rows:
-                    deck.refuse(number, f"section {words!r} is given twice, first in line {deck.first[name]}")
                 section, skip = name, 2 if name in TABLES else 0
                 deck.rows[name], deck.first[name] = [], number
             continue
         if section is None:
-            _free_text(deck, line, number)
+            if note := _NOTE.match(line):
+                deck.given[note[1]] = note[2]
+                deck.noted[note[1]] = number
             continue
         row = _row(number, line)
         if skip:
@@ -161,18 +173,10 @@ def split_file(path: str | Path, text: str) -> Deck:
     return deck
 
 
-def _free_text(deck: Deck, line: str, number: int) -> None:
-    found = _NOTE.match(line)
-    if found is not None:
-        deck.given[found.group(1)], deck.noted[found.group(1)] = found.group(2), number
-
-
 def _row(number: int, line: str) -> Row:
     """Words up to a comment, which starts with `!`, `#` or `%` (a `#` inside a word is part of it)."""
-    found = re.search(r"(^|\s)[!#%]", line)
-    if found is None:
-        return Row(number, tuple(line.split()))
-    return Row(number, tuple(line[: found.start()].split()), line[found.end() :].strip())
+    words, comment = (*re.split(r"(?:^|\s)[!#%]", line, maxsplit=1), "")[:2]
+    return Row(number, tuple(words.split()), comment.strip())
 
 
 # Numbers of table rows; every error contains the line number in the file
@@ -189,6 +193,15 @@ def number(deck: Deck, row: Row, text: str, what: str, low: float | None = None,
     if low is not None and (value < low or (open_low and value == low)):
         deck.refuse(row.number, f"{what}: {text} is out of range; allowed: {'>' if open_low else '>='} {low:g}")
     return value
+
+
+def is_number(text: str) -> bool:
+    """Whether a word is a number, not the name of a file."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def integer(deck: Deck, row: Row, text: str, what: str, low: int = 1) -> int:

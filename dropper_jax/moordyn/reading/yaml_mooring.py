@@ -12,6 +12,7 @@ from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.moordyn.reading.reader import DEFAULT_DURATION, DEFAULT_STEP, read_moordyn
+from dropper_jax.moordyn.reading.sections import read_input
 
 SUFFIXES = (".yaml", ".yml")
 #: Number of links of each line, which these files do not give.
@@ -54,8 +55,8 @@ def read_yaml_mooring(path: str | Path, depth: float | None = None) -> dict[str,
         _note_ignored(notes, "site.", site, ("water_depth", "rho_water", "g"))
     if mooring.get("file"):
         return read_moordyn(path.parent / str(mooring["file"]), depth)
-    known = ("water_depth", "rho", "water_density", "points", "lines", "line_types")
-    _note_ignored(notes, "mooring." if mooring is not table else "", mooring, known)
+    before = "mooring." if mooring is not table else ""
+    _note_ignored(notes, before, mooring, ("water_depth", "rho", "water_density", "points", "lines", "line_types"))
     deep = _depth(path, mooring, site, depth)
     density = _first(path, (mooring, "rho"), (mooring, "water_density"), (site, "rho_water"), default=SEA_WATER)
     gravity = _first(path, (site, "g"), default=GRAVITY)
@@ -89,12 +90,9 @@ def _load(path: Path) -> dict[str, Any]:
         yaml = importlib.import_module("yaml")
     except ImportError:
         raise SceneError("yaml is not installed. Use pip install 'dropper-jax[yaml]'") from None
+    text = read_input(path)
     try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise SceneError(f"scene: cannot read {str(path)!r}: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise SceneError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
+        found = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f"line {mark.line + 1}: "
@@ -136,11 +134,10 @@ def _type(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[st
             raise SceneError(f"{path}: {at}.{theirs}: missing; needed: a number")
     if not found.get("breaking_load"):
         found.pop("breaking_load", None)
-    zero = [theirs for ours, theirs, _ in TYPE[4:] if ours not in found]
+    zero = {ours: theirs for ours, theirs, _ in TYPE[4:] if ours not in found}
     if zero:
-        notes.append(f"{at}: {', '.join(zero)} are set to 0, as in MoorPy: these lines have no such forces")
-        found |= {ours: 0.0 for ours, theirs, _ in TYPE if theirs in zero}
-    return found
+        notes.append(f"{at}: {', '.join(zero.values())} are set to 0, as in MoorPy: these lines have no such forces")
+    return {**found, **dict.fromkeys(zero, 0.0)}
 
 
 def _point(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[str, Any]:
@@ -153,8 +150,9 @@ def _point(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[s
     if any(word in kind for word in HELD):
         return found
     if "body" in kind:
-        why = "is on a body, which these files do not describe"
-        raise SceneError(f"{path}: {at}.type: {kind!r} {why}; allowed: fixed, vessel, free")
+        raise SceneError(
+            f"{path}: {at}.type: {kind!r} is on a body, which these files do not describe; allowed: fixed, vessel, free"
+        )
     if any(word in kind for word in VESSEL):
         notes.append(
             f"{at}: {row.get('name')!r} is on the vessel: it is fixed; use [[vessel]] to move such points together"
@@ -199,14 +197,12 @@ def _first(path: Path, *tables: tuple[dict[str, Any], str], default: float) -> f
 
 
 def _depth(path: Path, mooring: dict[str, Any], site: dict[str, Any], depth: float | None) -> float:
-    for table in (mooring, site):
-        if "water_depth" in table:
-            if depth is not None:
-                raise SceneError(f"{path}: --depth: {depth:g} m, but the file gives its own. Remove --depth")
-            return _number(path, table["water_depth"], "water_depth", 0.0, True)
-    if depth is None:
+    given = {**site, **mooring}.get("water_depth", depth)
+    if given is None:
         raise SceneError(f"{path}: water_depth: missing; needed: > 0 m, in the file or as --depth")
-    return _number(path, depth, "--depth", 0.0, True)
+    if depth is not None and "water_depth" in {**site, **mooring}:
+        raise SceneError(f"{path}: --depth: {depth:g} m, but the file gives its own. Remove --depth")
+    return _number(path, given, "water_depth" if depth is None else "--depth", 0.0, True)
 
 
 def _note_ignored(notes: list[str], before: str, table: dict[str, Any], read_keys: tuple[str, ...]) -> None:

@@ -95,22 +95,17 @@ def write_out(
         SceneError: a channel that a run does not have.
     """
     channels = default_channels(solution) if channels is None else list(channels)
-    columns, units, names, left = [], [], [], []
+    columns, left = [("Time", solution.t, "(s)")], []
     for channel in channels:
         try:
-            values, unit = channel_values(solution, channel, numbers)
+            columns.append((channel, *channel_values(solution, channel, numbers)))
         except SceneError:
             if not skip:
                 raise
             left.append(channel)
-            continue
-        names.append(channel)
-        units.append(unit)
-        columns.append(values)
-    rows = ["\t".join(["Time", *names]), "\t".join(["(s)", *units])]
-    for row in zip(solution.t, *columns, strict=True):
-        rows.append("\t".join(f"{float(x):.9g}" for x in row))
-    atomic_write(path, "\n".join(rows) + "\n")
+    names, values, units = zip(*columns, strict=True)
+    rows = [names, units, *([f"{float(x):.9g}" for x in row] for row in zip(*values, strict=True))]
+    atomic_write(path, "\n".join("\t".join(row) for row in rows) + "\n")
     return left
 
 
@@ -126,8 +121,7 @@ def channel_values(solution: Solution, channel: str, numbers: Numbers | None = N
         return _node(solution, channel, _line(solution, channel, found["line"], numbers), found["node"], found["what"])
     if found := _POINT.match(name):
         name = _name_of_number(channel, "points", found["point"], numbers.points)
-        node = point_nodes(solution.scene)[name]
-        return _axis(solution, node, found["what"])
+        return _axis(solution, point_nodes(solution.scene)[name], found["what"])
     raise _refuse(channel, "is not available from a run")
 
 

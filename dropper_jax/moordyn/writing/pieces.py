@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -9,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dropper_jax.axial.tabulated import ForceTable
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.base.read import Plain
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
@@ -63,12 +64,11 @@ def pieces(scene: Scene, index: int) -> list[Piece]:
     same = np.all(np.abs(rows[1:] - rows[:-1]) <= 10.0**-DIGITS * np.abs(rows[1:]), axis=1)
     same = same & np.array([a == b for a, b in pairwise(tables)], bool)
     cuts = [0, *(np.flatnonzero(~same) + 1), line.links]
-    found = []
-    for a, b in zip(cuts[:-1], cuts[1:], strict=True):
-        kind = [float(x) for x in rows[a, :-1]]
-        kind[1] = short(kind[1])
-        found.append(Piece(tuple(kind), int(b - a), short(np.sum(line.length[a:b])), tables[a]))
-    return found
+    rows[:, 1] = [short(mass) for mass in rows[:, 1]]
+    return [
+        Piece(tuple(rows[a, :-1].tolist()), int(b - a), short(np.sum(line.length[a:b])), tables[a])
+        for a, b in pairwise(cuts)
+    ]
 
 
 def _rows(table: ForceTable) -> tuple[tuple[float, float], ...]:
@@ -98,9 +98,9 @@ def detachment(scene: Scene, failure: FailureSpec) -> Detachment | None:
     """Where a failure's link ends at a point of the file; None for other links, and if no link is specified."""
     if failure.link is None:
         return None
-    index = next(i for i, line in enumerate(scene.lines) if line.name == failure.line)
+    names = [line.name for line in scene.lines]
     begin = 0
-    for i, piece in enumerate(pieces(scene, index)):
+    for i, piece in enumerate(pieces(scene, names.index(failure.line))):
         if failure.link in (begin + 1, begin + piece.links):
             return Detachment(i, failure.link == begin + 1)
         begin += piece.links
@@ -115,22 +115,28 @@ def body_numbers(scene: Scene) -> dict[str, int]:
     return {body.name: len(scene.buoys) + i + 1 for i, body in enumerate(scene.bodies)}
 
 
-def check_bodies(scene: Scene) -> None:
+@raises_first
+def check_bodies(scene: Scene) -> Iterator[Check]:
     """Reject bodies whose forces a file would lack.
 
     Raises:
         SceneError: products of inertia, several rotations, spheres other than one about the centre of mass.
     """
     for i, body in enumerate(scene.bodies):
-        if np.count_nonzero(body.attitude) > 1:
-            why = "is about several axes; MoorDyn's codes differ in their order; allowed: about one of x, y and z"
-            raise SceneError(f"body.{i}.attitude: {body.attitude.tolist()} {why}")
-        if len(body.spheres) > 1 or any(not np.allclose(s.centre, body.centre_of_mass) for s in body.spheres):
-            why = "MoorDyn's bodies have one volume, at their centre of mass; allowed: one sphere there"
-            raise SceneError(f"body.{i}.spheres: {why}")
-        if np.any(body.inertia[3:]):
-            why = "MoorDyn's bodies have no products of inertia. Use axes in which they are 0"
-            raise SceneError(f"body.{i}.inertia: {body.inertia.tolist()}: {why}")
+        yield (
+            np.count_nonzero(body.attitude) > 1,
+            f"body.{i}.attitude: {body.attitude.tolist()} is about several axes; MoorDyn's codes differ in their "
+            "order; allowed: about one of x, y and z",
+        )
+        yield (
+            len(body.spheres) > 1 or any(not np.allclose(s.centre, body.centre_of_mass) for s in body.spheres),
+            f"body.{i}.spheres: MoorDyn's bodies have one volume, at their centre of mass; allowed: one sphere there",
+        )
+        yield (
+            bool(np.any(body.inertia[3:])),
+            f"body.{i}.inertia: {body.inertia.tolist()}: MoorDyn's bodies have no products of inertia. Use axes in "
+            "which they are 0",
+        )
 
 
 def rule(words: str) -> str:
@@ -149,12 +155,11 @@ def body_tables(scene: Scene) -> list[str]:
     for i, b in enumerate(scene.buoys):
         types.append(_row(f"buoy{i + 1}", b.diameter, 0.0, b.cdn, b.can, b.cdt, b.cat))
         base = scene.point(b.point).position  # in MoorDyn lines end at the base
-        whole = _row(i + 1, "Free", *base, "0 0 0", b.mass, "0", 100 * UPRIGHT, "0 0 0")
-        bodies.append(f"{whole}  ! name: {b.point}")
-        rod = _row(i + 1, f"buoy{i + 1}", f"Body{i + 1}", "0 0 0 0 0", b.height, SEGMENTS, "-")
-        rods.append(f"{rod}  ! name: {b.name}")
-    for name, number in body_numbers(scene).items():
-        body = next(body for body in scene.bodies if body.name == name)
+        bodies.append(_row(i + 1, "Free", *base, "0 0 0", b.mass, "0", 100 * UPRIGHT, "0 0 0", f" ! name: {b.point}"))
+        rods.append(
+            _row(i + 1, f"buoy{i + 1}", f"Body{i + 1}", "0 0 0 0 0", b.height, SEGMENTS, "-", f" ! name: {b.name}")
+        )
+    for body, number in zip(scene.bodies, body_numbers(scene).values(), strict=True):
         bodies.append(_body(number, body))
         for c in body.cylinders:
             key = f"rod{len(rods) + 1}"
@@ -184,10 +189,8 @@ def _body(number: int, body: BodySpec) -> str:
     volume, area, added = 0.0, 0.0, 0.0
     for s in body.spheres:
         volume, area, added = np.pi * s.diameter**3 / 6.0, s.cd * np.pi * s.diameter**2 / 4.0, s.ca
-    kind = "Pinned" if body.pinned else "Free"
-    turned = np.degrees(body.attitude)
-    row = _row(number, kind, *body.position, *turned, body.mass, centre, moments, volume, area, added)
-    return f"{row}  ! name: {body.name}"
+    pose = ("Pinned" if body.pinned else "Free", *body.position, *np.degrees(body.attitude))
+    return _row(number, *pose, body.mass, centre, moments, volume, area, added, f" ! name: {body.name}")
 
 
 def _row(*values: str | int | float) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.files import atomic_write
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene, load_scene
@@ -64,18 +64,7 @@ def write_moordyn(
     """
     given = load_scene(scene)
     scene, path = overgrown(given), Path(path)
-    if not scene.branched or any(line.rigid for line in scene.lines):
-        raise SceneError(
-            "scene: MoorDyn's lines are elastic. Use a system of lines with EA (a line with a [[line_type]])"
-        )
-    if displaced_diameter(scene.line, scene) is None:
-        raise SceneError("line.diameter: missing; MoorDyn needs the diameter of every line [m]")
-    if scene.line.outer_diameter is not None:
-        why = "MoorDyn has one diameter, for buoyancy and for drag. Scale cdn and can to `diameter` instead"
-        raise SceneError(f"line.outer_diameter: {why}")
-    for i, buoy in enumerate(scene.buoys):
-        if any(other.point == buoy.point for other in scene.buoys[:i]):
-            raise SceneError(f"buoy.{i}.point: {buoy.point!r} carries two buoys; MoorDyn's rods need a body each")
+    _check_scene(scene)
     check_bodies(scene)
     notes = differences(dataclasses.replace(scene, season=given.season))
     text = [*_front(scene), *_tables(scene, path), *_options(scene, path, dt, options or {}), *_outputs(scene)]
@@ -90,6 +79,28 @@ def write_moordyn(
         atomic_write(file, words)
     atomic_write(path, "\n".join(text) + "\n")
     return notes
+
+
+@raises_first
+def _check_scene(scene: Scene) -> Iterator[Check]:
+    yield (
+        not scene.branched or any(line.rigid for line in scene.lines),
+        "scene: MoorDyn's lines are elastic. Use a system of lines with EA (a line with a [[line_type]])",
+    )
+    yield (
+        displaced_diameter(scene.line, scene) is None,
+        "line.diameter: missing; MoorDyn needs the diameter of every line [m]",
+    )
+    yield (
+        scene.line.outer_diameter is not None,
+        "line.outer_diameter: MoorDyn has one diameter, for buoyancy and for drag. Scale cdn and can to `diameter` "
+        "instead",
+    )
+    for i, buoy in enumerate(scene.buoys):
+        yield (
+            any(other.point == buoy.point for other in scene.buoys[:i]),
+            f"buoy.{i}.point: {buoy.point!r} carries two buoys; MoorDyn's rods need a body each",
+        )
 
 
 def _value(x: float) -> str:
@@ -107,8 +118,7 @@ def _front(scene: Scene) -> Iterator[str]:
         yield f"! run.{key} = {json.dumps(value)}"
     if any(line.axial_law == "damped_rope" for line in scene.lines):
         yield '! law = "damped_rope"'  # the axial law of MoorDyn's lines; by default they become ropes when read
-    whole = _lines_in_pieces(scene)
-    if whole:
+    if whole := _lines_in_pieces(scene):
         yield f"! pieces = {json.dumps(whole)}"
 
 
@@ -127,11 +137,9 @@ def _tables(scene: Scene, path: Path) -> Iterator[str]:
     parts = [pieces(scene, i) for i in range(len(scene.lines))]
     kinds = line_types(parts)
     types = []
-    for (*values, table), name in kinds.items():
-        words = [_value(x) for x in values]
-        if table is not None:
-            words[2] = _table_file(path, name)
-        types.append(" ".join([name, *words]))
+    for (diameter, mass, stiffness, *rest, table), name in kinds.items():
+        axial = _value(stiffness) if table is None else _table_file(path, name)
+        types.append(" ".join([name, _value(diameter), _value(mass), axial, *map(_value, rest)]))
     head = "TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx"
     yield from section("LINE TYPES", head, "(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)", types)
     yield from body_tables(scene)
@@ -156,9 +164,8 @@ def _tables(scene: Scene, path: Path) -> Iterator[str]:
         first[line.name] = len(lines) + 1
         ends = [line.start, *_joints(line, part), line.end]
         for i, (name, piece) in enumerate(zip(_names(line, part), part, strict=True)):
-            begin, end = words[ends[i]], words[ends[i + 1]]
-            row = [len(lines) + 1, kinds[piece.kind], begin, end, _value(piece.length), piece.links, "-"]
-            lines.append(" ".join(str(x) for x in row) + f"  ! name: {name}")
+            row = [len(lines) + 1, kinds[piece.kind], words[ends[i]], words[ends[i + 1]], _value(piece.length)]
+            lines.append(" ".join(str(x) for x in (*row, piece.links, "-")) + f"  ! name: {name}")
     head = "ID Attachment X Y Z Mass Volume CdA Ca"
     yield from section("POINTS", head, "(#) (word/ID) (m) (m) (m) (kg) (m^3) (m^2) (-)", rows)
     head = "ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs"
@@ -186,11 +193,10 @@ def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], fir
         i, line = next((i, line) for i, line in enumerate(scene.lines) if line.name == failure.line)
         ends = [line.start, *_joints(line, parts[i]), line.end]
         point = words[ends[position.stretch + (not position.first)]]
-        load = failure.load
-        if load is None and failure.time is None:
-            load = float(line.breaking_load[failure.link - 1])
-        times = f"{_value(failure.time or 0.0)} {_value(load or 0.0)}"
-        rows.append(f"{len(rows) + 1} {point} {first[line.name] + position.stretch} {times}")
+        time, load = failure.time or 0.0, failure.load or 0.0
+        if failure.load is None and failure.time is None:
+            load = line.breaking_load[failure.link - 1]
+        rows.append(f"{len(rows) + 1} {point} {first[line.name] + position.stretch} {_value(time)} {_value(load)}")
     if rows:
         yield from section("FAILURE", "ID Point Lines FailTime FailTen", "(#) (#) (,) (s) (N)", rows)
 
@@ -223,12 +229,12 @@ def _options(scene: Scene, path: Path, dt: float | None, more: Mapping[str, Any]
         "WtrDpth": depth if depth is not None else _below(scene),
     }
     if bed is not None:
-        values.update({"kBot": bed["stiffness"], "cBot": bed["damping"]})
+        values |= {"kBot": bed["stiffness"], "cBot": bed["damping"]}
         if bed["bed_x"] is not None:
             values["SeafloorFile"] = f"{path.stem}-seafloor.txt"
-    friction = scene.effects.get("seabed_friction")
-    if friction is not None:
-        values.update({"FrictionCoefficient": friction["kinetic"], "FricDamp": friction["damping"]})
+    if "seabed_friction" in scene.effects:
+        friction = scene.effects["seabed_friction"]
+        values |= {"FrictionCoefficient": friction["kinetic"], "FricDamp": friction["damping"]}
         if friction["static"] is not None and friction["kinetic"] > 0.0:
             values["StatDynFricScale"] = float(f"{friction['static'] / friction['kinetic']:.{DIGITS}g}")
     if sea is not None and sea.waves is not None:
@@ -252,8 +258,7 @@ def _below(scene: Scene) -> float:
 def _outputs(scene: Scene) -> Iterator[str]:
     yield rule("OUTPUTS")
     for i in range(sum(len(pieces(scene, j)) for j in range(len(scene.lines)))):
-        yield f"FairTen{i + 1}"
-        yield f"AnchTen{i + 1}"
+        yield from (f"FairTen{i + 1}", f"AnchTen{i + 1}")
     yield rule("need this line")
 
 
@@ -271,8 +276,7 @@ def _files(scene: Scene, path: Path) -> dict[str, str]:
             found[_table_file(path, name)] = "\n".join([*head, *rows])  # MoorDyn rejects an empty last line
     if sea is not None and sea.waves is not None:
         drawn = wave_components(sea.waves, sea.depth, sea.gravity)
-        arrays = (drawn.amplitude, drawn.omega, drawn.phase, drawn.direction)
-        found[FREQUENCIES] = waves_text(*(np.asarray(a, float) for a in arrays))
+        found[FREQUENCIES] = _waves_text(*(np.asarray(values, float) for values in drawn))
     if sea is not None and sea.current is not None:
         current = make_current(sea.current)
         found[CURRENT] = current_text(sea.current, lambda z: np.asarray(current.profile(z, sea.depth)), sea.depth)
@@ -284,7 +288,7 @@ def _files(scene: Scene, path: Path) -> dict[str, str]:
     return found
 
 
-def waves_text(amplitude: np.ndarray, omega: np.ndarray, phase: np.ndarray, direction: np.ndarray) -> str:
+def _waves_text(amplitude: np.ndarray, omega: np.ndarray, phase: np.ndarray, direction: np.ndarray) -> str:
     """Text of the frequency file for components (c,) of this package [m], [rad/s], [rad], [rad]."""
     turn = 0.5 * np.pi - phase
     table = np.stack([omega, amplitude * np.cos(turn), amplitude * np.sin(turn), direction * np.ones_like(omega)], 1)
@@ -293,10 +297,7 @@ def waves_text(amplitude: np.ndarray, omega: np.ndarray, phase: np.ndarray, dire
 
 def current_text(spec: CurrentSpec, profile: Callable[[np.ndarray], np.ndarray], depth: float) -> str:
     """Text of the current file: a table unchanged, or a formula at heights that become dense towards the seabed."""
-    heights = spec.heights
-    if heights is None:
-        heights = depth * (np.linspace(0.0, 1.0, 61) ** 2 - 1.0)
+    heights = depth * (np.linspace(0.0, 1.0, 61) ** 2 - 1.0) if spec.heights is None else spec.heights
+    rows = zip(heights, profile(np.asarray(heights, float)), strict=True)
     lines = ["----- MoorDyn steady currents file -----", "z ux uy uz", "(m) (m/s) (m/s) (m/s)"]
-    for z, u in zip(heights, profile(np.asarray(heights, float)), strict=True):
-        lines.append(" ".join(repr(float(x)) for x in (z, *u)))
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *(" ".join(_value(x) for x in (z, *u)) for z, u in rows)]) + "\n"

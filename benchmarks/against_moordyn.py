@@ -23,9 +23,8 @@ from dataclasses import fields, replace
 import jax.numpy as jnp
 import numpy as np
 from explicit_schemes import schemes
-from moordyn_runs import GRID, Ours, theirs
+from moordyn_runs import GRID, TABLE_7, Ours, case, theirs
 from moordyn_speed import PEAKS, peaks, speed
-from paper_cases import TABLE_7, case
 from study import Found, collect, command, describe, versions
 
 from dropper_jax import Kinematics, Scene, component, load_scene

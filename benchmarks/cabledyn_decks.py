@@ -21,9 +21,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from moordyn_runs import SAMPLE, Looks, Ours, Rows, rows_of, theirs
+from moordyn_runs import SAMPLE, Looks, Ours, Rows, case, rows_of, theirs
 from moordyn_speed import HARD, RAMP, SMOOTH, SPAN, driven, driven_chain
-from paper_cases import case
 from study import Found, collect, command, describe, say, versions
 
 from dropper_jax import Scene

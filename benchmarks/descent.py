@@ -8,18 +8,20 @@ whose programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws w
 methods on these seeds of `random_droppers.py` instead, from five times off; every row is stored at once.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import matplotlib.style
 import numpy as np
+from random_droppers import NAMES
 from random_droppers import draw as draw_rig
-from study import Found, command, describe, say, store, stored, timed
+from study import Found, command, describe, renew, stored, timed
 
 import dropper_jax as dj
 from dropper_jax.plots import style
 from fitting import fit
 from fitting.traces.synthetic import Camera, observe, simulate_truth
+from fitting.traces.trace import Trace
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "descent.png"
 SCENE, DURATION, NOISE, TIMES_OFF = "dropper-release-a", 16.0, 0.005, 10.0
@@ -29,39 +31,37 @@ METHODS: dict[str, Found] = {
     "Adam (optax)": {"method": "gradient", "optimizer": "adam"},
     "Gauss-Newton, dense": {},
 }
-DESCENTS = ("L-BFGS (optax)", "Adam (optax)")
 
 
-def measure(only: Sequence[str]) -> Found:
-    """Fit by these methods; each compiles its own programs, and the time of that stands apart."""
+def lab_trace(times_off: float) -> tuple[Trace, dj.Scene, Found]:
+    """A synthetic trace of the lab dropper, its scene with damping this many times off, and what is stored of it."""
     scene = dj.load_scene(SCENE)
-    names = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
-    truth = [scene.value(name) for name in names]
+    truth = {name: scene.value(name) for name in NAMES}
     trace = observe(simulate_truth(scene, DURATION, 60.0), Camera(rate=60.0, angle_noise=NOISE), seed=0)
-    wrong = scene.with_values({name: TIMES_OFF * value for name, value in zip(names, truth, strict=True)})
-    rows = []
+    wrong = scene.with_values({name: times_off * value for name, value in truth.items()})
+    head = {"scene": SCENE, "duration_s": DURATION, "noise_rad": NOISE, "truth": list(truth.values())}
+    return trace, wrong, {**head, "machine": describe()}
+
+
+def measure(trace: Trace, wrong: dj.Scene, only: Sequence[str]) -> Iterator[Found]:
+    """Fits by these methods; each compiles its own programs, and the time of that stands apart."""
     for label in only:
         rig = wrong.with_values({"run.solver": "dense"}) if label.endswith("dense") else wrong
         for _ in range(2):  # the first one compiles
             result, seconds = timed(lambda rig=rig, label=label: fit(trace, rig, ["b_l", "b_q"], **METHODS[label]))
         first = [p.value for p in result.parameters]
-        rows.append(
-            {
-                "method": label,
-                "status": result.status,
-                "evaluations": result.iterations,
-                "run_s": result.seconds["run"],
-                "compile_s": result.seconds["compile"],
-                "processor_s": seconds["processor_s"],
-                "gap_weight": result.solution.gap_weight,
-                "values": list(result.values),
-                "std_errors": list(result.uncertainty.std_error),
-                "path": [first, *(point["values"] for point in result.solution.history)],
-            }
-        )
-        print(label, result.outcome, flush=True)
-    head = {"scene": SCENE, "duration_s": DURATION, "noise_rad": NOISE, "truth": truth, "machine": describe()}
-    return {**head, "rows": rows}
+        yield {
+            "method": label,
+            "status": result.status,
+            "evaluations": result.iterations,
+            "run_s": result.seconds["run"],
+            "compile_s": result.seconds["compile"],
+            "processor_s": seconds["processor_s"],
+            "gap_weight": result.solution.gap_weight,
+            "values": list(result.values),
+            "std_errors": list(result.uncertainty.std_error),
+            "path": [first, *(point["values"] for point in result.solution.history)],
+        }
 
 
 def dropper(seed: int, labels: Sequence[str]) -> Found:
@@ -110,15 +110,11 @@ def draw(found: Found) -> None:
 @command(picture=False, only=list(METHODS), droppers="", adam=False)
 def main(args):
     if args.droppers:
-        for seed in range(*map(int, args.droppers.split(":"))):
-            row = dropper(seed, DESCENTS if args.adam else DESCENTS[:1])
-            say(row)
-            found = stored("descent")
-            rows = [row, *(r for r in found.get("droppers", []) if r["seed"] != seed)]
-            store("descent", {**found, "droppers": sorted(rows, key=lambda r: r["seed"])})
+        seeds = range(*map(int, args.droppers.split(":")))
+        labels = list(METHODS)[1 : 3 if args.adam else 2]
+        renew("descent", "droppers", (dropper(seed, labels) for seed in seeds), "seed")
         return
     if not args.picture:
-        known, found = stored("descent"), measure(args.only)
-        rows = {row["method"]: row for row in [*known["rows"], *found["rows"]]}
-        store("descent", {**known, **found, "rows": [rows[label] for label in METHODS]})
+        trace, wrong, head = lab_trace(TIMES_OFF)
+        renew("descent", "rows", measure(trace, wrong, args.only), "method", **head)
     draw(stored("descent"))

@@ -1,16 +1,16 @@
 """The derivative of a storm: the leg tension of a longline of 60 loops by 20 variables, statics included.
 
-    python benchmarks/farm_design.py [--loops 60] [--duration 60] [--seconds 220]
+    python benchmarks/farm_design.py [--loops 60] [--duration 60] [--out benchmarks/results/farm_gradient.json]
 
-Writes `results/farm_gradient.json`: derivatives beside central differences of runs (the best of three steps), cost in
-runs, memory, time to compile. Goes on where it stopped; `--seconds` is when to stop.
+Derivatives beside central differences of runs (the best of three steps), cost in runs, memory, time to compile. Every
+row is stored; the next call continues.
 """
 
 import resource
-import time
+from functools import partial
 
 import numpy as np
-from study import command, say, store, stored
+from study import RESULTS, command, resume, say, stored, timed
 
 from fitting.optimise.models import Still, read_variables, sea_of, still, still_model, with_design
 from fitting.optimise.quantities import part_load
@@ -109,53 +109,45 @@ class Farm:
 
 
 def against_differences(farm, variable, found, duration):
-    """The derivative by one variable, by number, and the best of the central differences."""
-    one, best = farm.variables[variable], None
-    slope = found.slope[0, variable] * one.span
+    """The derivative by one variable, and the best of the central differences."""
+    k, best = list(RANGES).index(variable), {"off": np.inf}
+    span = farm.variables[k].span
+    slope = found.slope[0, k] * span
     for step in STEPS:
-        ends = (farm.peaks_of(farm.moved(variable, h * one.span), duration, found.hard) for h in (step, -step))
+        ends = (farm.peaks_of(farm.moved(k, h * span), duration, found.hard) for h in (step, -step))
         up, down = (end(farm.site.cases[0]).soft[0] for end in ends)
         difference = (up - down) / (2 * step)
         off = abs(difference - slope) / max(abs(slope), 1e-12)
-        if best is None or off < best["off"]:
-            best = {"variable": one.name, "slope": slope, "difference": difference, "off": off, "step": step}
+        if off < best["off"]:
+            best = {"slope": slope, "difference": difference, "off": off, "step": step}
         if off < 1e-4:
             break
     return best
 
 
-@command(loops=60, duration=60.0, seconds=1e9)
+@command(loops=60, duration=60.0, out=RESULTS / "farm_gradient.json")
 def main(args):
-    begun = time.perf_counter()
     last = {"loops": args.loops, "duration": args.duration}
 
-    def timed(key, call):
-        start = time.perf_counter()
-        found = call()
-        last[key] = round(time.perf_counter() - start, 2)
+    def spent(key, call):
+        found, times = timed(call)
+        last[key] = round(times["seconds"], 2)
         return found
 
-    farm = timed("read_s", lambda: Farm(args.loops))
-    timed("model_slopes_s", farm.prepare)
+    farm = spent("read_s", lambda: Farm(args.loops))
+    spent("model_slopes_s", farm.prepare)
     last |= {"links": farm.still.model.line.links, "leaves": len(farm.still.slopes)}
     case = farm.site.cases[0]
     for key in ("rest_first_s", "rest_s"):
-        farm.rest = timed(key, lambda: rest(farm.still, farm.rest and farm.rest.state))
+        farm.rest = spent(key, lambda: rest(farm.still, farm.rest and farm.rest.state))
     for name in ("run", "gradient"):
         for key in (f"{name}_first_s", f"{name}_s"):
-            found = timed(key, lambda name=name: farm.peaks(case, args.duration, name == "gradient"))
+            found = spent(key, lambda name=name: farm.peaks(case, args.duration, name == "gradient"))
     last["cost_in_runs"] = round(last["gradient_s"] / last["run_s"], 2)
     last["memory_GB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, 2)
     last |= {"hard_peak": float(found.hard[0]), "soft_peak": float(found.soft[0])}
     say(last)
-    own = {key: last[key] for key in ("loops", "duration")}
-    kept = stored("farm_gradient", {})
-    if {key: kept.get(key) for key in own} != own:  # later calls take compiled programs where these are kept
-        kept = {**own, "first": last, "rows": []}
-    kept["last"] = last
-    for k, variable in enumerate(farm.variables):
-        known = [row["variable"] for row in kept["rows"]]
-        if variable.name not in known and time.perf_counter() - begun < args.seconds:
-            kept["rows"].append(against_differences(farm, k, found, args.duration))
-            say(kept["rows"][-1])
-        store("farm_gradient", kept)
+    # later calls take compiled programs where these are kept
+    head = {"first": last, **stored(args.out, {}), "last": last}
+    slope = partial(against_differences, farm, found=found, duration=args.duration)
+    resume(args.out, "rows", ({"variable": name} for name in RANGES), slope, **head)

@@ -11,11 +11,10 @@ the true one among them. A row per truth; writes results/laws.json, which holds 
 
 import itertools
 import sys
-import time
 from collections.abc import Iterator
 
 import numpy as np
-from study import RESULTS, Found, command, say, show, store, stored
+from study import RESULTS, Found, command, say, show, store, stored, timed
 
 import dropper_jax as dj
 from fitting import Convention, Trace, prepare
@@ -87,9 +86,8 @@ def show_counts(rows: list[Found]) -> None:
 
 def one(links: int, law: str, trace: Trace) -> Found:
     """One trace compared."""
-    begun = time.process_time()
     scene = chain(links, dict.fromkeys(("linear", "quadratic"), 0.01))
-    laws = compare(prepare(trace, scene, ["b_l", "b_q"], window=WINDOW))
+    laws, times = timed(lambda: compare(prepare(trace, scene, ["b_l", "b_q"], window=WINDOW)))
     by_name = {other: row for row in laws for other in (row.name, *row.equals)}
     truth = by_name[law]
     poorer = [by_name[o] for o in LADDER if set(LADDER[o]) < set(LADDER[law]) and by_name[o].name != truth.name]
@@ -97,7 +95,7 @@ def one(links: int, law: str, trace: Trace) -> Found:
     found = {
         "verdict": verdict(laws), "strong": bool(cost >= STRONG), "cost_of_a_part": float(cost),
         "alone": truth.possible and sum(row.possible for row in laws) == 1, "inside": truth.possible,
-        "refuted": truth.refuted, "seconds": time.process_time() - begun,
+        "refuted": truth.refuted, "seconds": times["processor_s"],
     }  # fmt: skip
     say(found)
     return found

@@ -1,26 +1,23 @@
 """Runs with steps that are too long: are they warned of, and only they?
 
-    python benchmarks/long_steps.py [--scenes NAME ...] [--again] [--out FILE]
+    python benchmarks/long_steps.py [--scenes NAME ...] [--out FILE]
 
 Every packaged scene runs at 3, 10 and 30 times its step, and at its step and half of it, over 5 observed periods and at
 least 200 steps. The truth is a run at a third of the packaged step, over the same time. Errors are those of each line's
 mean tension (limit 5 %) and mean of its maxima in windows of a period (10 %), and of the positions (RMS in time of the
 largest distance of a node, 10 % of the largest travel). Lines with less than 10 % of the largest tension count relative
 to that, as in the check. Where the truth differs from a run at half its own step by a third of the limit, the quantity
-is left out. Each run is checked twice: as a whole, and by stretches as if it were long. `--again` repeats only
-the checks of stored runs, after a change of the check. Writes results/long_steps.json.
+is left out. Each run is checked twice: as a whole, and by stretches as if it were long. Writes
+results/long_steps.json.
 """
 
-from __future__ import annotations
-
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from study import RESULTS, command, say, store, stored
+from study import RESULTS, command, say, store, stored, timed
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
@@ -139,13 +136,6 @@ def checked(scene: Scene, dt: float, until: float) -> tuple[Solution, dict[str, 
     return run, row
 
 
-def judge_again(known: dict[str, Any]) -> dict[str, Any]:
-    """The stored runs of a scene checked again; errors against the truth do not depend on the check."""
-    scene = dj.load_scene(known["scene"])
-    rows = [{**row, **checked(scene, row["dt"], row["duration"])[1]} for row in known["runs"]]
-    return {**known, "runs": rows}
-
-
 def _truth(scene: Scene, span: float, parts: int) -> Solution:
     """A run at a part of the packaged step, at whole packaged steps."""
     many = sum(line.links for line in scene.lines) > MANY_LINKS
@@ -192,12 +182,11 @@ def summary(scenes: list[dict[str, Any]]) -> dict[str, Any]:
 
 def judged(name: str) -> dict[str, Any]:
     """The same, or why the scene is left out, with the processor time [s]."""
-    begun = time.process_time()
     try:
-        found = judge(name)
+        found, times = timed(lambda: judge(name))
     except SceneError as error:
-        found = {"scene": name, "left_out": str(error)}
-    return found | {"seconds": round(time.process_time() - begun, 1)}
+        return {"scene": name, "left_out": str(error)}
+    return found | {"seconds": round(times["processor_s"], 1)}
 
 
 def _write(out: Path, known: dict[str, dict[str, Any]]) -> None:
@@ -206,15 +195,12 @@ def _write(out: Path, known: dict[str, dict[str, Any]]) -> None:
     store(out, {**summary(scenes), "not_run": missing, "scenes": scenes})
 
 
-@command(scenes=list(scene_names()), again=False, out=RESULTS / "long_steps.json")
+@command(scenes=list(scene_names()), out=RESULTS / "long_steps.json")
 def main(args) -> None:
     known = {row["scene"]: row for row in stored(args.out, {"scenes": []})["scenes"]}
     links = {name: sum(line.links for line in dj.load_scene(name).lines) for name in scene_names()}
     for name in sorted(args.scenes, key=links.__getitem__):
-        if args.again:
-            known[name] = judge_again(known[name])
-        else:
-            known[name] = judged(name) | {"links": links[name]}
+        known[name] = judged(name) | {"links": links[name]}
         say(known[name])
         _write(args.out, known)
     _write(args.out, known)  # without scenes: counted again

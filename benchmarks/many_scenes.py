@@ -11,7 +11,6 @@ import itertools
 import resource
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 from study import Found, command, show
 
@@ -55,21 +54,15 @@ def kinds() -> Iterator[Found]:
         yield scene(links, EFFECTS[(links + round_ // 2) % len(EFFECTS)], elastic, scheme)
 
 
-def resident() -> int:
-    """Resident memory [MB]."""
-    fields = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-    return int(fields["VmRSS"].split()[0]) // 1024
-
-
 @command(kinds=80)
 def main(args) -> int:
     count = args.kinds
-    show("kinds", "maps", "resident MB", "peak MB", "processor s", "ok")
+    show("kinds", "maps", "peak MB", "processor s", "ok")
     good, most = 0, 0
     for done, values in enumerate(itertools.islice(kinds(), count), start=1):
         good += dj.simulate(values).status == "ok"
         most = max(most, memory_maps())
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
         if done % 10 == 0 or done == count:
-            show(done, memory_maps(), resident(), peak, f"{time.process_time():.0f}", good)
+            show(done, memory_maps(), peak, f"{time.process_time():.0f}", good)
     return int(good < count or most > MOST_MAPS or peak > MOST_MEMORY)

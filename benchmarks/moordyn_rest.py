@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from study import Found, command, say, store, stored, versions
+from study import Found, command, renew, versions
 
 from dropper_jax import Scene, SceneError, equilibrium, load_scene, scene_names
 from dropper_jax.moordyn.writing.differences import moved_points
@@ -192,15 +192,14 @@ def deck_of(name: str) -> str:
 
 @command({"scenes": list(scene_names())})
 def main(args) -> None:
-    rows = [row for row in stored("moordyn_rest")["rows"] if row["scene"] not in args.scenes]
-    decks: dict[str, str] = {}
-    for name in args.scenes:
-        first = decks.setdefault(deck_of(name), name)
-        if first == name:
-            rows.append(compare(name))
-        else:
-            same = next(row for row in rows if row["scene"] == first)
-            rows.append({**same, "scene": name, "same_deck_as": first})
-        say(rows[-1])
-        found = {"schema": 1, "versions": versions("moordyn", "dropper-jax")}
-        store("moordyn_rest", {**found, "rows": sorted(rows, key=lambda row: row["scene"])})
+    rows: dict[str, Found] = {}
+
+    def row(name: str) -> Found:
+        """That of an earlier scene with the same deck, if there is one."""
+        deck = deck_of(name)
+        if deck in rows:
+            return {**rows[deck], "scene": name, "same_deck_as": rows[deck]["scene"]}
+        rows[deck] = compare(name)
+        return rows[deck]
+
+    renew("moordyn_rest", "rows", map(row, args.scenes), "scene", versions=versions("moordyn", "dropper-jax"))

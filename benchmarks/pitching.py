@@ -11,7 +11,7 @@ spar, which tells how much of the difference is drag.
 from collections.abc import Callable
 
 import numpy as np
-from study import Found, collect, command
+from study import Found, collect, command, spread
 
 import dropper_jax as dj
 from dropper_jax.load.packaged import packaged_scene, pitching
@@ -25,26 +25,14 @@ CENTRES = (0.5, 0.75, 1.0, 1.25, 1.5, 8.865 / 2)
 SKIP = 60.0
 
 
-def spread(values: np.ndarray) -> dict[str, float]:
-    """Mean, standard deviation and extremes of a series."""
-    return {
-        "mean": float(np.mean(values)),
-        "std": float(np.std(values)),
-        "min": float(np.min(values)),
-        "max": float(np.max(values)),
-    }
-
-
 def measured(scene: dj.Scene) -> Found:
     """Tensions at both ends of the chain [N], motion of the base [m] and tilt [deg] after the transient.
 
-    Surge is the way along the waves. The tilt is the angle between the spar's axis and the vertical.
+    The tilt is the angle between the spar's axis and the vertical.
     """
     run = dj.simulate(scene)
     late, late_tension = run.t >= SKIP, run.t_tension >= SKIP
     base = run.point_path("buoy")[late]
-    course = np.ravel(np.asarray(run.scene.sea.table().get("waves", {}).get("direction", 0.0)))[0]
-    along = base[:, 0] * np.cos(course) + base[:, 1] * np.sin(course)
     found = {
         "status": run.status,
         "retried": int(run.retried_steps),
@@ -52,7 +40,6 @@ def measured(scene: dj.Scene) -> Found:
         "buoy_n": spread(run.tension[late_tension, -1]),
         "anchor_99_n": float(np.percentile(run.tension[late_tension, 0], 99)),
         "buoy_99_n": float(np.percentile(run.tension[late_tension, -1], 99)),
-        "surge_m": spread(along),
         "heave_m": spread(base[:, 2]),
         "away_m": spread(np.hypot(base[:, 0], base[:, 1])),
     }

@@ -9,18 +9,17 @@ takes. Each row compares the estimates, standard errors and noise of the default
 results/random_droppers.json.
 """
 
-from __future__ import annotations
-
-import time
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from study import RESULTS, command, say, store, stored
+from study import RESULTS, Found, collect, command, timed
 
 from dropper_jax import load_scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
+from fitting import fit
+from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.traces.synthetic import Camera, Motion, observe, simulate_truth
 from fitting.traces.trace import Trace
 
@@ -38,8 +37,6 @@ KINDS = {
     "still": "held still for 2 s before the release",
 }
 STILL = 2.0
-#: Windows [s], weight of their gaps and iterations of their starts in the bound of the standard errors.
-BOUND_WINDOW, BOUND_GAP, BOUND_ROUNDS = 0.15, 3e-5, 8
 
 
 @dataclass(frozen=True)
@@ -151,14 +148,12 @@ def _with_still_start(trace: Trace, rng: np.random.Generator, noise: float) -> T
 
 def judge(d: Draw, **options: Any) -> dict[str, Any]:
     """A row: the default fit of a draw against its truth."""
-    from fitting.calibration.fit import fit
-
-    begun = time.process_time()
-    result = fit([d.trace], d.scene, start=d.start, **options)
+    result, times = timed(lambda: fit([d.trace], d.scene, start=d.start, **options))
     u, solution = result.uncertainty, result.solution
     known = solution.windows.weight > 0
     moving = d.trace.theta[d.trace.t >= d.held]
-    residual = float(np.sqrt(np.sum(solution.errors**2) / max(residual_freedom(result), 1)))
+    # by leverage: samples less what the fit has used up of them
+    residual = float(np.sqrt(np.sum(solution.errors**2) / max(degrees_of_freedom(solution), 1)))
     return {
         **{"seed": d.seed, "links": d.trace.links, "free_end": d.seed % 4 == 3, "peak": d.peak},
         **{"rate": 1 / d.trace.interval, "noise": d.noise, "truth": d.truth.tolist()},
@@ -171,29 +166,26 @@ def judge(d: Draw, **options: Any) -> dict[str, Any]:
             "gap_weight": solution.gap_weight,
         },
         **{"windows": result.windows.count, "blocks": u.blocks, "warnings": result.warnings},
-        **{"substeps": result.windows.substeps, "seconds": time.process_time() - begun},
+        **{"substeps": result.windows.substeps, "seconds": times["processor_s"]},
     }
-
-
-def residual_freedom(result: Any) -> float:
-    """Samples less what the fit has used up of them, by leverage."""
-    from fitting.estimate.uncertainty import degrees_of_freedom
-
-    return degrees_of_freedom(result.solution)
 
 
 @command(seeds="0:60", kind=tuple(KINDS), window=float, out=RESULTS / "random_droppers.json")
 def main(args) -> None:
     low, colon, high = args.seeds.partition(":")
     seeds = range(int(low), int(high)) if colon else [int(s) for s in args.seeds.split(",")]
-    rows = []
-    for seed in seeds:
+
+    def row(seed: int) -> Found:
         d = draw(seed, args.kind)
         try:
-            row = judge(d, window=args.window)
+            return judge(d, window=args.window)
         except SceneError as error:
-            row = {"seed": seed, "status": "invalid_input", "message": str(error), "noise": d.noise, "printed_noise": 0}
-        rows.append(row)
-        say(row)
-        known = stored(args.out, {})
-        store(args.out, {**known, KINDS[args.kind]: rows})
+            return {
+                "seed": seed,
+                "status": "invalid_input",
+                "message": str(error),
+                "noise": d.noise,
+                "printed_noise": 0,
+            }
+
+    collect(args.out, {KINDS[args.kind]: map(row, seeds)}, KINDS[args.kind])

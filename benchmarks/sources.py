@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from importlib import resources
 
 import numpy as np
+from static_validation import measured
 from study import command, store
 
 import dropper_jax as dj
@@ -94,17 +95,14 @@ def lab_dropper() -> Iterator[Row]:
 
 def release_angles() -> Iterator[Row]:
     """Tables 8.2 and E.2 to E.4, from the angles of runs and model that are printed."""
-    text = (resources.files("dropper_jax") / "data" / "release_angles_rad.csv").read_text().splitlines()
-    rows = {tuple(r.split(",")[:2]): np.array(r.split(",")[2:], float) for r in text[1:]}
-    for scenario, table in (("A", "8.2, E.2"), ("B", "E.3"), ("C", "E.4")):
+    for (scenario, angles), table in zip(measured().items(), ("8.2, E.2", "E.3", "E.4"), strict=True):
         pose = dj.equilibrium(f"dropper-release-{scenario.lower()}")
         link = np.diff(pose.positions, axis=0)
-        angle = np.arctan2(-link[:, 2], link[:, 0])  # the tables' signs differ between scenarios: sizes are compared
-        runs = np.mean([v for k, v in rows.items() if k[0] == scenario and k[1] != "model"], axis=0)
-        off = [rms(np.abs(angle) - np.abs(a)) for a in (runs, rows[scenario, "model"])]
+        angle = np.arctan2(-link[:, 2], link[:, 0])
+        off = [rms(angle - angles[which]) for which in ("mean", "model")]
         yield (
             f"{table} release angles of scenario {scenario}",
-            f"model off the mean run by {rms(rows[scenario, 'model'] - runs):.4f} rad (RMS of 7 links)",
+            f"model off the mean run by {rms(angles['model'] - angles['mean']):.4f} rad (RMS of 7 links)",
             f"pose here off the mean run by {off[0]:.4f} rad, off the model by {off[1]:.4f} rad",
             "the packaged force at the lifted node is fitted to the measured pose; for (E.1) to (E.3) see "
             "[the thesis' releases](validation.md#the-thesis-releases)",

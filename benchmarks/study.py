@@ -55,6 +55,11 @@ def timed(work: Callable[[], Any]) -> tuple[Any, dict[str, float]]:
     return found, {"seconds": time.perf_counter() - clock, "processor_s": time.process_time() - processor}
 
 
+def spread(values: Any) -> dict[str, float]:
+    """Minimum, mean, standard deviation and maximum of a series."""
+    return {name: float(getattr(values, name)()) for name in ("min", "mean", "std", "max")}
+
+
 def describe() -> dict[str, object]:
     """Processor, cores and Python of this machine."""
     return {
@@ -145,6 +150,27 @@ def collect(name: str | Path, parts: Mapping[str, Iterable[Found]], only: str | 
                 found[part].append(row)
                 say(row)
                 store(name, found)
+
+
+def resume(name: str | Path, part: str, cases: Iterable[Found], measure: Callable[..., Found], **head: Any) -> None:
+    """Measure the cases that have no stored row yet, each a row's first values; print and store every new row."""
+    found = {**stored(name, {}), **head}
+    rows = found.setdefault(part, [])
+    for case in cases:
+        if not any(case.items() <= row.items() for row in rows):
+            rows.append({**case, **measure(**case)})
+            say(rows[-1])
+            store(name, found)
+
+
+def renew(name: str | Path, part: str, rows: Iterable[Found], by: str, **head: Any) -> None:
+    """Measure rows that replace stored ones with the same value of `by`; print and store every row."""
+    found = {**stored(name, {}), **head}
+    known = {row[by]: row for row in found.get(part, [])}
+    for row in rows:
+        known[row[by]] = row
+        say(row)
+        store(name, {**found, part: list(known.values())})
 
 
 def show(*cells: object) -> None:

@@ -9,16 +9,15 @@ that start from measured poses, by the default scheme and by the thesis' own. Wr
 
 import numpy as np
 from study import Found, collect, command, describe
+from sweep_truths import PAIRS
 
 import dropper_jax as dj
 
 STEP, DURATION, RELEASE, GAMMA = 0.0065, 65.0, 15.0, 0.51
 #: Dampings b_l [kg/s], b_q [kg/m] of the scenarios: none, and the thesis' choice.
 DAMPINGS = ((0.0, 0.0), (0.002, 0.001))
-#: Table E.1 as printed, and Tables 8.3 and 8.4, which it lacks.
-LINEAR = (0.002, 0.002, 0.05, 0.01, 0.004, 0.004, 0.05, 0.01, 0.001, 0.001, 0.05, 0.01, 0.002, 0.004, 0.001)
-QUADRATIC = (0.5, 0.1, 0.01, 0.01, 0.5, 0.1, 0.03, 0.03, 0.5, 0.1, 0.001, 0.001, 0.01, 0.03, 0.05)
-TABLE_E_1 = tuple(zip(LINEAR, QUADRATIC, strict=True))
+#: Table E.1, and Tables 8.3 and 8.4, which it lacks.
+TABLE_E_1 = tuple(zip(*PAIRS.values(), strict=True))
 OTHERS = (*DAMPINGS, (0.01, 0.0))
 #: Link angles [rad] of the thesis' simulation before the release (Tables E.2 to E.4, signs as those of A).
 MODEL = {

@@ -21,6 +21,7 @@ from jax.flatten_util import ravel_pytree
 import dropper_jax as dj
 from dropper_jax import build
 from dropper_jax.effects import EFFECTS
+from dropper_jax.run.build import build_model
 from dropper_jax.study.cost import model_variants
 from dropper_jax.study.stability import all_cases, scenes
 
@@ -100,16 +101,21 @@ def vessel():
     }
 
 
-@cache
-def model_of(name: str):
-    """A model that has the effect, and where it starts."""
+def scene_of(name: str) -> dj.Scene:
+    """A scene that has the effect."""
     if name in HARD:
         module, function, _ = HARD[name]
         make = getattr(importlib.import_module(f"dropper_jax.study.stability.{module}"), function)
-        return build(make([0.3, 0.2]) if function == "sticky" else make())
+        return dj.load_scene(make([0.3, 0.2]) if function == "sticky" else make())
     scene = {"nodal_force": pushed, "recorded_motion": recorded, "vessel_motion": vessel}.get(name)
     packaged = {"sea_following_end": "platform-longline", "thesis_wave_force": "dropper-north-sea-thesis"}
-    return build(dj.load_scene(packaged[name]) if scene is None else scene())
+    return dj.load_scene(packaged[name] if scene is None else scene())
+
+
+@cache
+def model_of(name: str) -> dj.Model:
+    """Its model; the start, which takes longer, only where it is needed."""
+    return build_model(scene_of(name))
 
 
 def touching(name: str, r: jax.Array) -> jax.Array:
@@ -142,7 +148,7 @@ def answers(model, e, leaves, r, v, a, law, kept):
     "name", [pytest.param(name, marks=[pytest.mark.check] if name in CHECKED else []) for name in ALL]
 )
 def test_its_derivatives_are_those_of_differences(name):
-    model, s = model_of(name)
+    model, s = build(scene_of(name))
     e = next(e for e in model.effects if e.name == name)
     rng = np.random.default_rng(3)
     shaken = lambda x, size: jnp.asarray(x + size * rng.normal(size=np.shape(x)))  # noqa: E731
@@ -177,7 +183,7 @@ def test_its_derivatives_are_those_of_differences(name):
 
 @pytest.mark.parametrize("name", ALL)
 def test_it_has_a_row_of_costs(name):
-    model, _ = model_of(name)
+    model = model_of(name)
     rows = [row.removeprefix("without ") for row, _ in model_variants(model)]
     assert (name in rows) != bool(
         model.constraints and name == model.constraints[0].name
@@ -189,7 +195,7 @@ def test_every_effect_has_a_hard_case_in_the_catalogue():
     assert {*HARD, *TOLD} == set(ALL)
     cases = {case.name for case in all_cases()}
     assert [case for _, _, case in HARD.values() if case not in cases] == []
-    assert [name for name in HARD if name not in {e.name for e in model_of(name)[0].effects}] == []
+    assert [name for name in HARD if name not in {e.name for e in model_of(name).effects}] == []
 
 
 @cache

@@ -9,10 +9,21 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy.integrate import solve_bvp
 
-from dropper_jax import INTEGRATORS, Scene, SceneError, build, equilibrium, integrate, make_stepper, simulate
+from dropper_jax import (
+    INTEGRATORS,
+    Scene,
+    SceneError,
+    build,
+    equilibrium,
+    integrate,
+    load_scene,
+    make_stepper,
+    simulate,
+)
 from dropper_jax.effects import Bending
 from dropper_jax.report.build import report_run
 from dropper_jax.report.vtk import write_vtk
+from dropper_jax.run.build import build_model
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.solvers.dense import residual_matrix
 
@@ -41,7 +52,7 @@ def test_a_pinned_beam_sags_by_5_w_l4_over_384_ei():
 
 def test_energy_of_a_bent_circle_is_ei_over_2_r2_per_length_and_the_force_its_gradient():
     radius, links = 5.0, 100
-    model, _ = build({**beam(links), "effects": {"weight": {}, "bending": {"EI": 200.0}}})
+    model = build_model(load_scene({**beam(links), "effects": {"weight": {}, "bending": {"EI": 200.0}}}))
     turn = np.linspace(0.0, 10.0 / radius, links + 1)
     circle = radius * np.stack([np.sin(turn), 0 * turn, 1 - np.cos(turn)], axis=1)
     model_at = model.kinematics(jnp.asarray(circle[1:-1]), jnp.zeros((links - 1, 3)), jnp.zeros(()))
@@ -85,9 +96,17 @@ def cantilever(links, EI=200.0, load=2e-4, tip=0.0, **more):
     }
 
 
-def test_a_cantilever_has_its_closed_form_deflection_moment_and_curvature():
-    load, tip, EI, length, links = 2e-6, 0.01, 200.0, 10.0, 16
-    solution = simulate(cantilever(links, EI, load, tip))
+LOAD, TIP = 2e-6, 0.01
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    """A cantilever of 16 links with a force at its tip."""
+    return simulate(cantilever(16, load=LOAD, tip=TIP))
+
+
+def test_a_cantilever_has_its_closed_form_deflection_moment_and_curvature(loaded):
+    load, tip, EI, length, links, solution = LOAD, TIP, 200.0, 10.0, 16, loaded
     assert solution.settings["solver"] == "network"
     sag = tip * length**3 / (3 * EI) + load * length**4 / (8 * EI)
     assert -solution.positions[0, -1, 2] == pytest.approx(sag, rel=0.0025)
@@ -183,7 +202,7 @@ def test_the_network_holds_bending_exactly(rigid):
 @pytest.mark.check
 def test_derivatives_by_stiffness_and_clamp_are_those_of_differences_both_ways(both_modes):
     model, s = build(frame(links=3))
-    stepper = make_stepper(model, halvings=0)
+    stepper = make_stepper(model, extra=0, halvings=0)
     assert stepper.solver == "network"
 
     def height(x):
@@ -221,8 +240,8 @@ def test_clamps_that_make_no_sense_are_refused(more, told):
         Scene.from_dict(table)
 
 
-def test_moments_go_to_netcdf_vtk_json_and_the_report(tmp_path):
-    solution = simulate(cantilever(4, tip=0.01))
+def test_moments_go_to_netcdf_vtk_json_and_the_report(tmp_path, loaded):
+    solution = loaded
     data = solution.to_xarray()
     np.testing.assert_array_equal(data["bending_moment"], solution.bending_moment)
     assert data["curvature"].attrs["units"] == "m-1"

@@ -50,7 +50,7 @@ def scalar(stepper, p, steps=200, dt=DT, checkpoint=False):
 
 
 #: More iterations than a run needs, so that differences are not limited by the tolerance of a step.
-EXACT = dj.make_stepper(model_of(PARAMETERS), iterations=24, halvings=0)
+EXACT = dj.make_stepper(model_of(PARAMETERS), iterations=24).plain
 FLAT, UNRAVEL = ravel_pytree(PARAMETERS)
 GROUPS = np.concatenate([[key] * PARAMETERS[key].size for key in sorted(PARAMETERS)])
 
@@ -161,7 +161,7 @@ def check_all_ways(run, step=5e-4):
 
 @pytest.mark.check
 def test_gradients_under_vmap_are_those_of_each_member():
-    stepper = dj.make_stepper(model_of(SMALL), iterations=24, halvings=0)
+    stepper = dj.make_stepper(model_of(SMALL), iterations=24).plain
 
     def one(b):
         return small_end(stepper, SMALL | {"b_l": b[0], "b_q": b[1]})
@@ -175,7 +175,7 @@ def test_gradients_under_vmap_are_those_of_each_member():
 
 @pytest.mark.slow
 def test_checkpointing_changes_no_derivative():
-    stepper = dj.make_stepper(model_of(SMALL), halvings=0)
+    stepper = dj.make_stepper(model_of(SMALL)).plain
     plain, kept = (
         jax.grad(small_flat(partial(small_end, stepper, checkpoint=flag)))(SMALL_FLAT) for flag in (False, True)
     )
@@ -193,7 +193,7 @@ def test_checkpointing_changes_no_derivative():
     ],
 )
 def test_other_schemes_and_solvers_have_equal_forward_and_reverse_derivatives_and_differences(choice, both_modes):
-    stepper = dj.make_stepper(model_of(SMALL), *choice, iterations=16, halvings=0)
+    stepper = dj.make_stepper(model_of(SMALL), *choice, iterations=16).plain
     check_all_ways(both_modes(small_flat(partial(small_end, stepper))))
 
 
@@ -211,7 +211,7 @@ def test_derivatives_through_halved_steps_are_exact_in_both_modes(both_modes):
 def conical_end(b, **choice):
     """Speed squared [m^2/s^2] of the damped conical pendulum after two steps, as a function of its damping."""
     model, s = dj.build("conical-pendulum-damped")
-    stepper = dj.make_stepper(model, halvings=0, track_work=False, **choice)
+    stepper = dj.make_stepper(model, extra=0, halvings=0, track_work=False, **choice)
     changed = Model(model.points, model.lines, (model.effects[0], LinearDamping(b)))
     return jnp.sum(dj.integrate(stepper, changed, s, DT, 2)[0].v ** 2)
 

@@ -1,22 +1,27 @@
-"""The search by gradients beside differential evolution and CMA-ES, at equal processor time on the packaged small site.
+"""The search by gradients, differential evolution and CMA-ES at equal processor time.
 
     python benchmarks/farm_search.py gradient
     python benchmarks/farm_search.py de --seed 1      # SciPy's; likewise `cma --seed 1` with the package `cma`
+    python benchmarks/farm_search.py gradient --site longline-200 --states 2 --storms 1 --duration 300 --limit 900
 
-Every way minimises the material within the same bounds under the same constraints of whole runs. The searches without
+Every search minimises the material within the same bounds under the same constraints of whole runs. The searches without
 gradients have the constraints as a penalty of the same price as the search by gradients and start from the same design;
 sizes of catalogues are left out for all, so that one problem is compared. The processor time counts from when all
-programs are compiled. Writes `results/farm_search.json`.
+programs are compiled. `--states` (the first ones), `--storms` (seeds of each) and `--duration` [s] reduce a site. Writes
+every design to `results/farm_search_SITE.json` as soon as it was run, so that searches may run side by side.
 """
 
 import time
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
-from study import command, say, store, stored
+from filelock import FileLock
+from study import RESULTS, Rows, command, describe, percent, say, store, stored, table_of
 
 from dropper_jax import SceneError
+from fitting.optimise.design import run_parallel
 from fitting.optimise.models import with_design
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import PERMITTED_EXCESS, PRICE, Search, run_search, violation
@@ -24,11 +29,15 @@ from fitting.optimise.storm import full_storm
 from fitting.site import read_site
 
 
-def problem():
-    """The packaged small site without catalogues."""
-    table = dict(read_site("small-longline").table)
+def problem(name, states, **run):
+    """A site without catalogues, with its first sea states and other values of its run."""
+    table = dict(read_site(name).table)
     table["variable"] = [{k: v for k, v in row.items() if k != "catalogue"} for row in table["variable"]]
-    return read_problem(read_site({**table, "name": "small-longline"}))
+    table["sea_state"] = table["sea_state"][:states]
+    table["run"] = {**table["run"], **{key: value for key, value in run.items() if value is not None}}
+    design = read_problem(read_site({**table, "name": name}))
+    design.settings = replace(design.settings, rounds=6)
+    return design
 
 
 class OutOfTimeError(Exception):
@@ -36,14 +45,14 @@ class OutOfTimeError(Exception):
 
 
 class Judge:
-    """Designs by whole runs alone, with the best feasible one over processor time."""
+    """Designs by whole runs alone, each with the processor time at its end."""
 
     def __init__(self, design, limit):
-        self.design, self.limit, self.rows = design, limit, []
-        self.runs, self.best, self.scale = 0, np.inf, 1.0
+        self.design, self.limit, self.rows, self.save = design, limit or np.inf, [], lambda judge: None
         self.low = np.array([v.low for v in design.variables])
         self.span = np.array([v.span for v in design.variables])
         self.start = (design.start - self.low) / self.span
+        self.scale = float(design.scene_constraints(design.start)[0][0])
         self.begun = time.process_time()
 
     @property
@@ -54,39 +63,42 @@ class Judge:
         known = {}
         stands = [self.design.run_start(x, case, known) for case in self.design.cases]
         scene = with_design(self.design.site.scene, self.design.variables, x)
-        full = []
         for case, stand in zip(self.design.cases, stands, strict=True):
-            quantities = self.design.quantities(case, stand.still)
-            full.append(full_storm(self.design.site, scene, case, quantities, stand.rest.state))
-            if full[-1].message:
-                raise SceneError(full[-1].message)
+            self.design.quantities(case, stand.still)
+
+        def run(i):
+            case, stand = self.design.cases[i], stands[i]
+            return full_storm(
+                self.design.site, scene, case, self.design.quantities(case, stand.still), stand.rest.state
+            )
+
+        full = run_parallel(run, range(len(stands)), lambda _: None)
+        for storm in full:
+            if storm.message:
+                raise SceneError(storm.message)
         return self.design.measure_full_runs(x, full)
 
     def seen(self, x, found):
-        self.runs += 1
-        if found.worst <= 1.0 + PERMITTED_EXCESS and found.objective < self.best:
-            self.best = found.objective
-            self.rows.append([round(self.spent, 1), self.runs, found.objective, np.asarray(x).tolist()])
+        """Enter a design; `found` is None if it could not be run."""
+        row = {"cpu_s": self.spent, "objective": None, "worst": None, "values": np.asarray(x).tolist()}
+        self.rows.append(row if found is None else row | {"objective": found.objective, "worst": found.worst})
+        self.save(self)
 
     def __call__(self, u):
         """Merit of a design in shares of the ranges."""
         if self.spent > self.limit:
             raise OutOfTimeError
         x = self.low + np.clip(u, 0.0, 1.0) * self.span
-        try:
+        found = None
+        with suppress(SceneError):
             found = self.values(x)
-        except SceneError:
-            return 1e3
         self.seen(x, found)
-        return found.objective / self.scale + PRICE * violation(found, 1.0)
+        return 1e3 if found is None else found.objective / self.scale + PRICE * violation(found, 1.0)
 
 
 def by_gradient(judge, _):
-    """The package's own search; processor time and best design after every renewal."""
+    """The package's own search; a design at every renewal of its windows."""
     design = judge.design
-    windows, _ = design.renew_windows(design.start, lambda *_: None)
-    design.values(design.start, windows, lambda *_: None)  # compiles the windows
-    judge.begun = time.process_time()
     plain = design.measure_full_runs
 
     def measured(x, full):
@@ -114,19 +126,44 @@ def by_cma(judge, seed):
 WAYS = {"gradient": by_gradient, "de": by_evolution, "cma": by_cma}
 
 
-@command({"way": tuple(WAYS)}, seed=1, limit=float)
-def main(args):
-    kept = stored("farm_search", {})
-    design = problem()
-    design.settings = replace(design.settings, rounds=6)
-    judge = Judge(design, args.limit or kept.get("gradient", {}).get("cpu_s", np.inf))
-    start = judge.values(design.start).objective  # compiles the whole run
-    judge.scale = start
+def compile_programs(judge, way):
+    """Run every program of a search once."""
+    design = judge.design
+    if way == "gradient":
+        windows, _ = design.renew_windows(design.start, lambda *_: None)
+        design.values(design.start, windows, lambda *_: None)
+    else:
+        judge.values(design.start)
     judge.begun = time.process_time()
+
+
+def best_of(rows, limit=np.inf):
+    """Number of designs begun within a processor time, and the least objective of those that meet all constraints."""
+    ends = [0.0, *(row["cpu_s"] for row in rows)]
+    own = [row for begun, row in zip(ends, rows, strict=False) if begun < limit]
+    met = [row["objective"] for row in own if row["worst"] is not None and row["worst"] <= 1.0 + PERMITTED_EXCESS]
+    return len(own), min(met, default=np.inf)
+
+
+@command({"way": tuple(WAYS)}, seed=1, site="small-longline", states=int, storms=int, duration=float, limit=float)
+def main(args):
+    file = RESULTS / f"farm_search_{args.site.replace('-', '_')}.json"
+    judge = Judge(problem(args.site, args.states, seeds=args.storms, duration=args.duration), args.limit)
+    name = args.way if args.way == "gradient" else f"{args.way}-{args.seed}"
+
+    def save(judge, done=False):
+        own = {"cpu_s": judge.spent, "done": done, "rows": judge.rows}
+        with FileLock(f"{file}.lock"):
+            kept = stored(file, {})
+            site = judge.design.site
+            head = {"start": judge.scale, "cases": [f"{c.storm.name}, seed {c.seed}" for c in site.cases]}
+            head |= {"duration": site.run.duration, "machine": describe()}
+            store(file, {**kept, **head, "searches": {**kept.get("searches", {}), name: own}})
+
+    judge.save = save
+    compile_programs(judge, args.way)
     with suppress(OutOfTimeError):
         WAYS[args.way](judge, args.seed)
-    best = min(judge.best, start)
-    own = {"cpu_s": judge.spent, "designs": judge.runs, "start": start, "best": best, "reduction": 1.0 - best / start}
-    say(own)
-    name = args.way if args.way == "gradient" else f"{args.way}-{args.seed}"
-    store("farm_search", {**kept, name: own | {"rows": judge.rows}})
+    save(judge, True)
+    count, best = best_of(judge.rows)
+    say({"search": name, "cpu_s": judge.spent, "designs": count, "start": judge.scale, "best": best})

@@ -51,6 +51,7 @@ class Design:
         self._near: dict[object, State] = {}
         self._quantities: dict[str, tuple[Quantity, ...]] = {}
         self._strength = [strength_of(part, self.site.scene) for part in self.site.parts]
+        self._compiled: set[tuple[str, str]] = set()
         self._scene_cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] = b"", (np.zeros(0), np.zeros(0))
 
     @property
@@ -192,13 +193,15 @@ class Design:
         return replace(window, polished=True)
 
     def _run_parallel(self, one: Callable[[int], Any], what: str, say: Say) -> list[Any]:
-        """`one` of every case; for each kind of program, the first one runs alone."""
+        """`one` of every case; a program that is not yet compiled runs alone the first time."""
         count, found = len(self.cases), {}
         for kind in dict.fromkeys(case.storm.kind for case in self.cases):
             own = [i for i, case in enumerate(self.cases) if case.storm.kind == kind]
             done = len(found)
             tell = lambda k, done=done: say((done + k) / count, f"{what}: {done + k} of {count}")  # noqa: E731
-            found |= dict(zip(own, run_parallel(one, own, tell), strict=True))
+            alone = int((what, kind) not in self._compiled)
+            found |= dict(zip(own, run_parallel(one, own, tell, alone=alone), strict=True))
+            self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
     def _last(self, duration: float) -> float:
@@ -209,7 +212,8 @@ class Design:
         cache: dict[object, RunStart] = {}
         stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
         if len(windows) == len(self.cases):
-            runs = self._run_parallel(lambda i: self.window(x, windows[i], stands[i], slopes), "windows", say)
+            what = "derivatives" if slopes else "windows"
+            runs = self._run_parallel(lambda i: self.window(x, windows[i], stands[i], slopes), what, say)
         else:
             runs = [self.window(x, window, start, slopes) for window, start in zip(windows, stands, strict=True)]
         size = next(iter(cache.values())).rest.dr.shape[0]
@@ -312,21 +316,22 @@ B = TypeVar("B")
 
 
 def run_parallel(
-    one: Callable[[A], B], items: Sequence[A], say: Callable[[int], None], workers: int | None = None
+    one: Callable[[A], B], items: Sequence[A], say: Callable[[int], None], workers: int | None = None, alone: int = 1
 ) -> list[B]:
     """`one` of each item, in order.
 
     Args:
         say: called with the number of finished items, on the calling thread.
         workers: number of threads; default: one per core.
+        alone: number of items that run before the others start.
 
     Raises:
         The first exception of `one`, in the order of the items; items that have not started are cancelled.
     """
     found: list[B] = []
     with ThreadPoolExecutor(workers or available_cores()) as pool:
-        head = [one(item) for item in items[:1]]
-        futures = [pool.submit(one, item) for item in items[1:]]
+        head = [one(item) for item in items[:alone]]
+        futures = [pool.submit(one, item) for item in items[alone:]]
         try:
             for i, value in enumerate([*head, *futures]):
                 found.append(value if i < len(head) else value.result())

@@ -54,6 +54,11 @@ def test_runs_abreast_keep_their_order_and_the_first_is_alone():
     assert run_parallel(one, [], seen.append) == []
 
 
+def test_runs_of_compiled_programs_start_together():
+    both = threading.Barrier(2, timeout=10.0)  # broken unless two wait at the same time
+    run_parallel(lambda _: both.wait(), [0, 1], lambda _: None, workers=2, alone=0)
+
+
 def test_what_a_run_abreast_raises_is_raised():
     def one(i):
         if i == 2:

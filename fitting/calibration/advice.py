@@ -159,8 +159,10 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
     S, g, data = joint_information(prepared, solution, simulator, [p for _, _, found in asked for p in found])
     free_rows = np.flatnonzero(~problem.held_mask)
     ends = np.cumsum([len(found) for _, _, found in asked])
-    own = [len(problem.parameters) + np.arange(end - len(row[2]), end) for row, end in zip(asked, ends, strict=True)]
-    tests = [(*row, mine, score_change(S, g, data, free_rows, mine)) for row, mine in zip(asked, own, strict=True)]
+    indices = [
+        len(problem.parameters) + np.arange(end - len(row[2]), end) for row, end in zip(asked, ends, strict=True)
+    ]
+    tests = [(*row, mine, score_change(S, g, data, free_rows, mine)) for row, mine in zip(asked, indices, strict=True)]
     known = sorted((test for test in tests if test[-1]), key=lambda test: test[-1][-1])  # by p, for Holm's correction
     price = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
     rows: list[Candidate] = []

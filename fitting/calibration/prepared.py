@@ -183,9 +183,9 @@ class Prepared:
 
     def cut(self, length: float, pieces: Sequence[tuple[int, float, float]]) -> Windows:
         """Windows of `length` [s] of these (run, from, to), of the same substeps and noise."""
-        return self._like_own(cut(self.traces, length, self.windows.dt, self.sigma, pieces))
+        return self._as_fitted(cut(self.traces, length, self.windows.dt, self.sigma, pieces))
 
-    def _like_own(self, windows: Windows) -> Windows:
+    def _as_fitted(self, windows: Windows) -> Windows:
         windows = replace(windows, substeps=self.windows.substeps)
         return windows if self.noise is None else self.noise.apply_to(windows, self.traces)
 
@@ -194,7 +194,7 @@ class Prepared:
         windows = fill(self.traces, pieces, self.windows.dt, self.sigma)
         if self.simulator.release is not None:
             windows = self.simulator.release.mark(windows, self.traces)
-        found = replace(self, windows=self._like_own(windows))
+        found = replace(self, windows=self._as_fitted(windows))
         return replace(found, starts=found.starts_from_samples())
 
     def with_parameters(

@@ -63,8 +63,8 @@ def march(
         # permitted step error relative to the shortest link for schemes with error control: on the lab dropper angles
         # are then within 5e-5 rad after 3 s, 1 % of the noise
         allowed = jax.lax.stop_gradient(1e-4 * jnp.min(model.line.length) * finer)
-        begun = start_controlled(stepper, model, s, allowed)
-        end, (found, _) = advance_controlled(stepper, model, begun, dt, allowed, capacity)
+        start = start_controlled(stepper, model, s, allowed)
+        end, (found, _) = advance_controlled(stepper, model, start, dt, allowed, capacity)
         return *jax.vmap(partial(planar.from_nodes, model))(found.r, found.v), end.bad
 
     def full_interval(carry: tuple[State, jax.Array], i: jax.Array) -> tuple[tuple[State, jax.Array], tuple[Any, ...]]:

@@ -145,10 +145,10 @@ def _late(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
     return b, 1 / (root * (1 + root))  # the same, without the division by b'b
 
 
-def mean_by_run(values: np.ndarray, known: np.ndarray, run: np.ndarray, runs: int) -> np.ndarray:
-    """Means (runs, n) of the known values (K, S, n) of windows of these runs (K,); 0 for runs without any."""
+def mean_by_run(values: np.ndarray, mask: np.ndarray, run: np.ndarray, runs: int) -> np.ndarray:
+    """Means (runs, n) of the values (K, S, n) in a mask, of windows of these runs (K,); 0 for runs without any."""
     mine = run == np.arange(runs)[:, None]
-    return mine @ np.sum(values, axis=1, where=known) / np.maximum(mine @ known.sum(axis=1), 1)
+    return mine @ np.sum(values, axis=1, where=mask) / np.maximum(mine @ mask.sum(axis=1), 1)
 
 
 #: Maximum correlation of neighbouring innovations of a noise model that is accepted.

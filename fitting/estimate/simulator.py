@@ -115,8 +115,8 @@ class Simulator:
     def knows(self, parameters: Sequence[Parameter]) -> bool:
         """Whether its programs know all of these."""
         names = {p.name for p in self.compiled}
-        room = len(losses(parameters)) <= len(losses(self.compiled))
-        return room and all(p.is_lost or p.name in names for p in parameters)
+        enough_slots = len(losses(parameters)) <= len(losses(self.compiled))
+        return enough_slots and all(p.is_lost or p.name in names for p in parameters)
 
     def _where(self) -> np.ndarray:
         """Numbers (k,) of the parameters among the compiled ones; lost frames use any of their slots."""

@@ -237,15 +237,15 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     # a free end has no joint and no fixed node
     of_joints = section == "effects" and field.metadata["shape"] == "joint"
     entries = entries or range(min(len(flat), _joints(model)) if of_joints else len(flat))
-    places = [(i, ModelPlace(section, index, field.name, i)) for i in entries]
-    return [_parameter(f"{stem}.{i}", place, float(flat[i]), field.metadata) for i, place in places]
+    targets = [(i, ModelPlace(section, index, field.name, i)) for i in entries]
+    return [_parameter(f"{stem}.{i}", target, float(flat[i]), field.metadata) for i, target in targets]
 
 
 def _observers(model: Model) -> list[Parameter]:
     """Parameters of the camera, the clock and all markers."""
     links = [Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad") for i in range(model.line.links)]
-    places = [NodeMarkerPlace(i, axis) for i in range(_joints(model)) for axis in (0, 1)]
-    nodes = [Parameter(f"{NODE}.{at.node}.{at.axis}", at, 0.0, unit="m") for at in places]
+    markers = [NodeMarkerPlace(i, axis) for i in range(_joints(model)) for axis in (0, 1)]
+    nodes = [Parameter(f"{NODE}.{at.node}.{at.axis}", at, 0.0, unit="m") for at in markers]
     camera = Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")
     return [camera, Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s"), *links, *nodes]
 

@@ -16,7 +16,7 @@ from fitting import FitResult, prepare
 from fitting.calibration.fit import estimate, summarise
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import Solution
-from fitting.estimate.shooting import fit_shooting, joined_step
+from fitting.estimate.shooting import fit_shooting, level_of
 from fitting.estimate.windows import Windows, cut, first_starts
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
@@ -224,9 +224,9 @@ class Linear:
         return (noisy.theta - self.windows.theta) * self.windows.weight
 
     def _joined_step(self, draw: np.ndarray) -> np.ndarray:
-        free = np.full(len(self.own), np.inf)
-        at = replace(self.found, evaluation=self.found.evaluation._replace(residual=-draw))
-        return joined_step(at, -free, free).dp
+        level = level_of(self.found.problem, self.found.gap_weight)
+        evaluation = self.found.evaluation._replace(residual=-draw)
+        return level.undamped_step(evaluation, self.found.values, np.inf).dp
 
 
 def linearise(twin, noise: float) -> Linear:

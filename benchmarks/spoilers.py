@@ -25,7 +25,7 @@ from fitting.calibration.freeing import free_by_advice, with_freed
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel
-from fitting.estimate.shooting import joined_step
+from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import uncertainty
 
@@ -195,8 +195,7 @@ def bound(prepared: Prepared, d: Draw, simulator: Simulator) -> np.ndarray:
     claimed = np.array(prepared.sigma)
     noise = Noise(NOISE / claimed, np.full(claimed.shape, decay), np.array([d.jitter]))
     point = ResidualNoiseModel(solution, prepared.windows, prepared.traces, prepared.floor).at(noise)
-    wide = np.full(len(point.values), np.inf)
-    step = joined_step(replace(point, gap_weight=CLOSED), -wide, wide)
+    step = level_of(point.problem, CLOSED).undamped_step(point.evaluation, point.values, np.inf)
     try:
         return np.sqrt(np.diag(np.linalg.inv(step.information)))[:2]
     except np.linalg.LinAlgError:  # the model with the true error did not fit: no bound

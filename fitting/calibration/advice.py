@@ -15,7 +15,7 @@ from the free parameters is not tested, which the report states. Example: the cl
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -42,6 +42,8 @@ SHARE, TURNED, CLOCKS = 0.1, 0.05, 0.01
 
 #: Gain in log likelihood below which a candidate is not suggested.
 WORTH = 6.0
+#: Separator of the names of indistinguishable candidates in reports.
+OR = " or "
 #: Parameters whose derivatives are taken together with those of the starts; windows that programs reserve space for.
 BESIDE, SLACK = 4, 2
 
@@ -92,50 +94,38 @@ class Candidate:
         return {**{key: getattr(self, key) for key in keys}, "named": self.worth_naming, "told": self.identifiable}
 
     def __str__(self) -> str:
-        if not self.changes and not self.gain:
-            return self.name
         if not self.changes:
-            return f"{self.name}: gains {self.gain:.0f} in log likelihood"
+            return self.name + (f": gains {self.gain:.0f} in log likelihood" if self.gain else "")
         largest = max(self.changes, key=lambda name: abs(self.changes[name] / self.errors[name]))
         change = f"{largest} by {self.changes[largest]:+.3g} +- {self.errors[largest]:.2g}"
-        alike = "".join(f" or {name}" for name in self.alike)
-        free = ",".join(self.free)
-        return f"{self.name}{alike}: --free ...,{free} would gain {self.gain:.0f} in log likelihood ({change})"
-
-
-def kinds(model: Model) -> Iterator[tuple[str, list[str]]]:
-    """Candidates of a model: their names and the paths that free them."""
-    line = model.line
-    yield "lengths of links", ["line.0.length"]
-    if model.end_held:
-        index = int(model.geometry.held_points[-1])
-        yield "position of the second end", [f"point.{index}.position.0", f"point.{index}.position.2"]
-    yield "roll of the camera", [CAMERA]
-    if line.links > 1:
-        for j in range(line.links):
-            yield f"marker of link {j}", [f"{MARKER}.{j}"]
-        for i in range(line.links + (1 if model.end_held else 0)):
-            yield f"marker of node {i}", [f"{NODE}.{i}"]
-    yield "rate of the clock", [CLOCK]
-    yield "scale of the rig", [SCALE]
-    yield "gravity", ["effects.weight.gravity"]
-    if line.compound:
-        yield "centres of mass", ["line.0.centre_of_mass"]
-        yield "moments of inertia", ["line.0.inertia"]
-    elif line.links > 1:
-        yield "masses", ["line.0.mass"]
+        gain = f"--free ...,{','.join(self.free)} would gain {self.gain:.0f} in log likelihood ({change})"
+        return f"{OR.join([self.name, *self.alike])}: {gain}"
 
 
 def candidates(model: Model, release: Release | None) -> list[tuple[str, list[str], list[Parameter]]]:
-    """Names of the candidates, the paths that free them, and the numbers at these paths."""
-    found = []
-    more = [] if release is None else [(f"start of run {i}", [f"{TIME}.{i}"]) for i in range(release.runs)]
-    for name, paths in [*kinds(model), *more]:
-        try:
-            found.append((name, paths, list(resolve(model, paths, release=release))))
-        except SceneError:
-            continue  # the scene has no such number
-    return found
+    """Names of the candidates, the paths that free them, and the numbers at these paths, which the scene has."""
+    several = range(model.line.links) if model.line.links > 1 else ()
+    named = [
+        ("lengths of links", ["line.0.length"]),
+        ("position of the second end", _second_end(model)),
+        ("roll of the camera", [CAMERA]),
+        *((f"marker of link {j}", [f"{MARKER}.{j}"]) for j in several),
+        *((f"marker of node {i}", [f"{NODE}.{i}"]) for i in range(len(several) + 1 if several else 0)),
+        ("rate of the clock", [CLOCK]),
+        ("scale of the rig", [SCALE]),
+        ("gravity", ["effects.weight.gravity"]),
+        ("centres of mass", ["line.0.centre_of_mass"]),
+        ("moments of inertia", ["line.0.inertia"]),
+        ("masses", ["line.0.mass"] if several and not model.line.compound else []),
+        *((f"start of run {i}", [f"{TIME}.{i}"]) for i in range(0 if release is None else release.runs)),
+    ]
+    every = [(name, paths, _existing(model, paths, release)) for name, paths in named]
+    return [row for row in every if row[2]]
+
+
+def _second_end(model: Model) -> list[str]:
+    point = int(model.geometry.held_points[-1])
+    return [f"point.{point}.position.0", f"point.{point}.position.2"] if model.end_held else []
 
 
 def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
@@ -149,9 +139,8 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(2)]
     if own.knows([*prepared.parameters, *more]):
         return own
-    release = None if own.release is None else replace(own.release)  # its poses belong to one list of parameters
     every = [p for p in prepared.parameters if not p.is_lost]
-    simulator = Simulator(model, [*every, *more, *lost], own.stepper, release, tangents=own.freedoms + BESIDE)
+    simulator = Simulator(model, [*every, *more, *lost], own.stepper, own.release, tangents=own.freedoms + BESIDE)
     simulator.capacity = SLACK * prepared.windows.steps, SLACK * prepared.windows.theta.shape[1]
     return simulator
 
@@ -161,43 +150,39 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
     problem, model = solution.problem, prepared.simulator.model
     simulator = simulator or wide(prepared)
     free = {p.name for p in problem.parameters}
-    asked = []
-    for name, paths, every in candidates(model, prepared.simulator.release):
-        found = [p for p in every if p.name not in free]
-        if found and not any(known.startswith(tuple(paths)) for known in free):
-            asked.append((name, paths, found))
+    asked = [
+        (name, paths, [p for p in every if p.name not in free])
+        for name, paths, every in candidates(model, prepared.simulator.release)
+        if not any(known.startswith(tuple(paths)) for known in free)
+    ]
+    asked = [row for row in asked if row[2]]
     S, g, data = joint_information(prepared, solution, simulator, [p for _, _, found in asked for p in found])
-    k, tests, untold = len(problem.parameters), [], []
-    at, offsets = k, {}
     free_rows = np.flatnonzero(~problem.held_mask)
-    for name, paths, found in asked:
-        mine = np.arange(at, at + len(found))
-        at += len(found)
-        offsets[name] = mine
-        test = score_change(S, g, data, free_rows, mine)
-        if test is None:
-            untold.append(Candidate(name, tuple(paths), {}, {}, 0.0, 1.0))
-        else:
-            tests.append((name, paths, found, *test))
-    order = sorted(tests, key=lambda t: t[-1])  # by p, for Holm's correction
+    ends = np.cumsum([len(found) for _, _, found in asked])
+    indices = [
+        len(problem.parameters) + np.arange(end - len(row[2]), end) for row, end in zip(asked, ends, strict=True)
+    ]
+    tests = [(*row, mine, score_change(S, g, data, free_rows, mine)) for row, mine in zip(asked, indices, strict=True)]
+    known = sorted((test for test in tests if test[-1]), key=lambda test: test[-1][-1])  # by p, for Holm's correction
     price = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
-    rows = []
+    rows: list[Candidate] = []
     worst = 0.0
     free_names = [problem.parameters[i].name for i in free_rows]
-    for i, (name, paths, found, change, error, along, gain, p) in enumerate(order):
-        worst = max(worst, min(1.0, p * (len(order) - i)))
+    for i, (name, paths, found, mine, (change, error, along, gain, p)) in enumerate(known):
+        worst = max(worst, min(1.0, p * (len(known) - i)))
         names = [parameter.name for parameter in found]
         changes, errors = (dict(zip(names, map(float, x), strict=True)) for x in (change, error))
         moves = {**dict(zip(free_names, map(float, along), strict=True)), **changes}
         row = Candidate(name, tuple(paths), changes, errors, gain, worst, gain - price * len(found), moves=moves)
         if row.worth_naming:
-            mine = offsets[name]
             beside = np.concatenate([free_rows, mine])
-            others = [other for other, rows_of in offsets.items() if other != name and len(rows_of) == len(mine)]
-            row = replace(row, alike=tuple(o for o in others if score_change(S, g, data, beside, offsets[o]) is None))
+            others = [test for test in tests if test[0] != name and len(test[3]) == len(mine)]
+            alike = (test[0] for test in others if score_change(S, g, data, beside, test[3]) is None)
+            row = replace(row, alike=tuple(alike))
         rows.append(row)
     # indistinguishable candidates keep their order
-    return sorted(rows, key=lambda row: -round(row.worth, 1)) + untold
+    rows.sort(key=lambda row: -round(row.worth, 1))
+    return rows + [Candidate(name, tuple(paths), {}, {}, 0.0, 1.0) for name, paths, *_, test in tests if test is None]
 
 
 def joint_information(
@@ -209,9 +194,7 @@ def joint_information(
     values = np.concatenate([solution.values, [p.value for p in more]])
     extended = replace(problem, simulator=simulator.view_of(every), parameters=every, frozen=None, known=known)
     evaluation = extended.evaluate(values, solution.starts)
-    level = level_of(extended, solution.gap_weight)
-    nowhere = np.zeros(len(values))
-    step = level.solve(level.system(evaluation, values), values, 0.0, nowhere, nowhere)
+    step = level_of(extended, solution.gap_weight).undamped_step(evaluation, values, 0.0)
     prior = prior_of(every, values, known.common)
     data, slope = step.information - prior.curvature, step.gradient - prior.gradient
     return data / problem.memory + prior.curvature, slope / problem.memory + prior.gradient, data
@@ -236,10 +219,6 @@ def score_change(
     gain = float(-0.5 * u @ change)
     error = np.sqrt(np.diag(solve_spd(A, np.eye(len(A)))))
     return change, error, -inner @ np.append(change, 1.0), gain, float(chdtrc(len(A), max(2 * gain, 0.0)))
-
-
-#: Separator of the names of indistinguishable candidates in reports.
-OR = " or "
 
 
 def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
@@ -268,15 +247,14 @@ def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter])
         free: parameters that are already free.
         shared: friction that was free as one number for all joints; separate joints replace it.
     """
-    line, point = model.line, int(model.geometry.held_points[-1])
-    end = [f"point.{point}.position.0", f"point.{point}.position.2"] if model.end_held else []
+    line = model.line
     # for one link the inertia represents both
     body = ["line.0.inertia", "line.0.centre_of_mass"] if line.compound else ["line.0.mass"] if line.links > 1 else []
     # lengths before the end that they replace: the end has too few numbers to replace them
     named = [
         ("rate of the clock", [CLOCK]),
         ("lengths of links", ["line.0.length"]),
-        ("position of the second end", end),
+        ("position of the second end", _second_end(model)),
         ("markers", [MARKER] if line.links > 1 else []),
         ("roll of the camera", [CAMERA]),
         ("inertia", body),
@@ -285,18 +263,19 @@ def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter])
     ]
     known, found = {p.name for p in free} - {p.name for p in shared}, []
     for name, paths in named:
-        own = [q for path in paths for q in _existing(model, path) if q.name not in known]
+        own = [q for path in paths for q in _existing(model, [path]) if q.name not in known]
         instead = tuple(p for p in shared if p.name in paths)
         if own and (len(own) > 1 or not instead):
             found.append(Group(name, tuple(_with_width(model, q) for q in own), instead))
     return found
 
 
-def _existing(model: Model, path: str) -> tuple[Parameter, ...]:
+def _existing(model: Model, paths: Sequence[str], release: Release | None = None) -> list[Parameter]:
+    """The numbers at these paths; empty if the scene lacks one."""
     try:
-        return resolve(model, [path])
+        return list(resolve(model, paths, release=release))
     except SceneError:
-        return ()  # the scene has no such number
+        return []
 
 
 def _with_width(model: Model, p: Parameter) -> Parameter:

@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 
@@ -76,11 +77,9 @@ def join_laws(
     found: dict[str, Solution] = {}
     for law in order:
         progress(0.95, f"law {law}, joined")
-        inner = [one for name, one in found.items() if contains(law, name)]
+        inner = sorted((one for name, one in found.items() if contains(law, name)), key=lambda one: one.cost)
         tries = [widest] if law == most else []
-        tries += (
-            [_onward(min(inner, key=lambda one: one.cost), ~family.free_mask(law), widest.gap_weight)] if inner else []
-        )
+        tries += [_onward(best, ~family.free_mask(law), widest.gap_weight) for best in inner[:1]]
         if not any(one.status == "ok" for one in tries):
             begin = fit_law(prepared, family, law, [laws[law]], ITERATIONS)
             tries.append(fit_shooting(begin, continuity="tight", schedule=schedule))
@@ -188,13 +187,14 @@ def _from_larger(
     """
     found, costs = dict(found), {law: one.cost / one.problem.memory for law, one in found.items()}
     for law in reversed(near):
-        more = {name: len(LADDER[name]) - len(LADDER[law]) for name in found if contains(name, law)}
+        more = [name for name in found if contains(name, law)]
         for _ in range(TRIES):
-            against = {name: chance(costs[law] - costs[name], extra) for name, extra in more.items()}
-            if min(against.values(), default=1.0) >= LACKS:
+            against = [(chance(costs[law] - costs[name], len(LADDER[name]) - len(LADDER[law])), name) for name in more]
+            p, larger = min(against, key=lambda pair: pair[0], default=(1.0, ""))
+            if p >= LACKS:
                 break
-            larger, one = min(against, key=against.__getitem__), found[law]
-            del more[larger]
+            more.remove(larger)
+            one = found[law]
             inside = fit_inside(found[larger], families["dry" in LADDER[larger]].owner, law, NEAR)
             if inside.cost < one.cost:
                 again = fit_again(one, inside, iterations)
@@ -211,20 +211,29 @@ def _rows(
     scores: Sequence[Scores],
 ) -> list[Law]:
     """The laws' rows before any decision; costs are in units of independent samples."""
+    rows: list[Law] = []
     windows = prepared.windows
     kinds = (last_third(windows.begin, windows.run), other_runs(windows.run))
-    ahead, beside = (fair(each, windows.released) for each in kinds)
-    rows = [
-        replace(
-            _row(law, one, families["dry" in LADDER[law]]),
+    folds = [fair(each, windows.released) for each in kinds]
+    for (law, one), scored in zip(found.items(), scores, strict=True):
+        family = families["dry" in LADDER[law]]
+        used = family.free_mask(law)
+        ahead, beside = (score(one, each).rms if each else np.nan for each in folds)
+        row = Law(
+            name=law,
+            coefficients=sum(on and part is not None for on, part in zip(used.tolist(), family.owner, strict=True)),
+            rms=one.rms,
+            held_out=scored.rms,
+            held_out_error=0.0,
+            status=one.status,
+            values={name: value for (name, value), on in zip(one.by_name.items(), used, strict=True) if on},
+            free=int(used.sum()),
             cost=costs[law],
             unreached=remaining_decrease(one) / one.problem.memory,
-            held_out=scored.rms,
-            extrapolated=score(one, ahead).rms if ahead else np.nan,
-            other_run=score(one, beside).rms if beside else np.nan,
+            extrapolated=ahead,
+            other_run=beside,
         )
-        for (law, one), scored in zip(found.items(), scores, strict=True)
-    ]
+        rows.append(row)
     # a law contains itself with further parts at zero, so its cost is at most theirs for any error of its scheme's step
     inner = [[one.cost for one in rows if contains(row.name, one.name)] for row in rows]
     rows = [replace(row, cost=min([row.cost, *less])) for row, less in zip(rows, inner, strict=True)]
@@ -252,12 +261,11 @@ def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dic
     unit = columns / np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
     found: dict[str, str] = {}
     parts = sorted(wanted, key=lambda part: (part not in asked, list(PARTS).index(part)))
-    for i, kept in enumerate(parts):
-        for other in parts[i + 1 :]:
-            # cosine of two coefficients' derivatives above which they count as one; drag is weighted within a step,
-            # joints not
-            if kept not in found and abs(unit[:, owner.index(kept)] @ unit[:, owner.index(other)]) >= (1 - 1e-4):
-                found[other] = kept
+    for kept, other in combinations(parts, 2):
+        # cosine of two coefficients' derivatives above which they count as one; drag is weighted within a step, joints
+        # not
+        if kept not in found and abs(unit[:, owner.index(kept)] @ unit[:, owner.index(other)]) >= (1 - 1e-4):
+            found[other] = kept
     return found
 
 
@@ -267,31 +275,12 @@ def _equals(law: str, same: dict[str, str], laws: Sequence[str]) -> tuple[str, .
     return tuple(other for other in laws if other != law and means(other) == set(LADDER[law]))
 
 
-def _row(law: str, solution: Solution, family: Family) -> Law:
-    used = family.free_mask(law)
-    return Law(
-        name=law,
-        coefficients=int(sum(on and part is not None for on, part in zip(used, family.owner, strict=True))),
-        rms=solution.rms,
-        held_out=np.nan,
-        held_out_error=0.0,
-        free=int(used.sum()),
-        status=solution.status,
-        values={
-            p.name: float(v) for p, v, on in zip(solution.problem.parameters, solution.values, used, strict=True) if on
-        },
-    )
-
-
 def remaining_decrease(solution: Solution) -> float:
     """Decrease of the cost by a Gauss-Newton step of the movable parameters: g' S^-1 g / 2."""
     g, (low, high) = solution.gradient, solution.problem.bounds(solution.values)
     free = ~solution.problem.held_mask
     free &= ~((solution.values <= low) & (g > 0)) & ~((solution.values >= high) & (g < 0))
-    if not free.any():
-        return 0.0
-    some = np.ix_(free, free)
-    return 0.5 * float(g[free] @ solve_spd(solution.information[some], g[free]))
+    return 0.5 * float(g[free] @ solve_spd(solution.information[np.ix_(free, free)], g[free])) if free.any() else 0.0
 
 
 def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> list[Law]:

@@ -23,6 +23,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.problem import Solution
+from fitting.estimate.sandwich import scores
 
 #: Maximum number of blocks, minimum number of windows per block, windows dropped on either side of it.
 BLOCKS, SMALLEST, GAP = 5, 3, 1
@@ -61,23 +62,16 @@ def blocks(run: np.ndarray) -> list[Fold]:
     count = len(run)
     folds = min(BLOCKS, max(count // SMALLEST, 2 if count > 1 else 1))
     gap = GAP if count >= 2 * SMALLEST else 0
-    found = []
-    for part in np.array_split(np.arange(count), folds):
-        scored = np.zeros(count, bool)
-        scored[part] = True
-        near = np.zeros(count, bool)
-        for i in part:
-            beside = np.arange(max(i - gap, 0), min(i + gap + 1, count))
-            near[beside[run[beside] == run[i]]] = True
-        if (~near).any():
-            found.append((scored, ~near))
-    return found
+    index = np.arange(count)
+    near = (np.abs(index[:, None] - index) <= gap) & (run[:, None] == run)
+    parts = np.array_split(index, folds)
+    found = [(np.isin(index, part), ~near[part].any(axis=0)) for part in parts]
+    return [(scored, used) for scored, used in found if used.any()]
 
 
 def last_third(begin: np.ndarray, run: np.ndarray) -> list[Fold]:
     """Folds that score the last third of every run, predicted from all before it."""
-    scored = np.zeros(len(run), bool)
-    used = np.zeros(len(run), bool)
+    scored, used = np.zeros((2, len(run)), bool)
     for r in np.unique(run):
         mine = np.flatnonzero(run == r)
         mine = mine[np.argsort(begin[mine])]
@@ -106,9 +100,7 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
     low, high = (b - solution.values for b in solution.problem.bounds(solution.values))
     columns = np.concatenate([np.arange(m2), m2 + free])
     jacobian = e.jacobian[..., columns]
-    along = jacobian[..., m2:] + np.einsum(
-        "ksnj,kjp->ksnp", jacobian[..., :m2], solution.eliminated[..., free], optimize=True
-    )
+    along = scores(e, solution)[..., free]
     information = np.einsum("ksni,ksnj->kij", along, along, optimize=True)
     gradient = np.einsum("ksni,ksn->ki", along, e.residual, optimize=True)
     # fraction of a window that determines its start
@@ -139,13 +131,12 @@ def score_window(
     precision = A.T @ A
     precision[m2:, m2:] += S
     size = 1 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    scale = np.outer(size, size)
-    ridge = 1e-12 * np.eye(len(size))
-    before = cho_factor(precision * scale + ridge, lower=True)
-    step = -cho_solve(before, (A.T @ r) * size) * size
-    W, left = jacobian[late], moved[late]
-    left = left + W @ step
-    after = cho_factor((precision + W.T @ W) * scale + ridge, lower=True)
+    W = jacobian[late]
+    before, after = (
+        cho_factor(each * np.outer(size, size) + 1e-12 * np.eye(len(size)), lower=True)
+        for each in (precision, precision + W.T @ W)
+    )
+    left = moved[late] - W @ (cho_solve(before, (A.T @ r) * size) * size)
     slope = (W.T @ left) * size
     square = left @ left - slope @ cho_solve(after, slope)
     volume = 2 * float(np.sum(np.log(np.diag(after[0])) - np.log(np.diag(before[0]))))

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from math import comb
 
 import jax
@@ -58,9 +59,7 @@ def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
     taken = jnp.zeros(())
     for effect in model.without_slot(Potential).effects:
-        if effect.name not in DAMPING:
-            continue
-        force = effect.force(k)
+        force = effect.force(k) if effect.name in DAMPING else None
         if force is not None:
             taken = taken - jnp.sum(force * k.v)
         if isinstance(effect, JointFriction) and effect.dry is not None:
@@ -77,9 +76,8 @@ def smooth_stretch(
     # minimum number of samples of a run
     if len(part.t) < 120:
         return None
-    step = part.interval
-    t = np.arange(part.t[0], part.t[-1] + 0.5 * step, step)
-    return t, *smooth(part.at(t), _width(part, reach), step)
+    t = np.arange(part.t[0], part.t[-1] + 0.5 * part.interval, part.interval)
+    return t, *smooth(part.at(t), _width(part, reach), part.interval)
 
 
 def smoothed_noise(trace: Trace, reach: float, phi: float) -> tuple[float, float]:
@@ -121,7 +119,7 @@ def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | No
     """Energy dissipated in the measured motions by a unit of every coefficient (k,) [J per unit]; otherwise 0."""
     found = np.zeros(len(owner))
     whole = np.array([p.value for p in simulator.parameters])
-    mine = [i for i, part in enumerate(owner) if part is not None]
+    others = np.array([part is None for part in owner])
 
     @jax.jit
     def power(values: jax.Array, theta: jax.Array, omega: jax.Array) -> jax.Array:
@@ -138,9 +136,8 @@ def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | No
         if motion is None:
             continue
         t, theta, omega = motion
-        for i in mine:
-            values = np.where([part is None for part in owner], whole, 0.0)
-            values[i] = 1.0
+        for i in np.flatnonzero(~others):
+            values = np.where(others, whole, np.arange(len(owner)) == i)
             found[i] += float(np.mean(power(jnp.asarray(values), theta, omega))) * float(t[-1] - t[0])
     return found
 
@@ -156,14 +153,9 @@ def unseen(law: Solution, owner: Sequence[str | None], per_unit: np.ndarray) -> 
     covariance = solve_spd(information, np.eye(len(free)))
     centre = law.values[free] - covariance @ law.gradient[free] / memory
     lost = float(per_unit @ law.values)
-    open_parts = []
-    for part in dict.fromkeys(owner[i] for i in free):
-        if part is None:
-            continue
-        w = np.where([owner[i] == part for i in free], per_unit[free], 0.0)
-        if float(w @ centre) + LIMIT * np.sqrt(w @ covariance @ w) >= SHARE * lost:
-            open_parts.append(part)
-    return tuple(open_parts)
+    work = {owner[i]: np.where([owner[j] == owner[i] for j in free], per_unit[free], 0.0) for i in free}
+    highest = {part: float(w @ centre) + LIMIT * np.sqrt(w @ covariance @ w) for part, w in work.items()}
+    return tuple(part for part, most in highest.items() if part is not None and most >= SHARE * lost)
 
 
 #: Probability below which a missing coefficient counts as shown (0.01 over some ten laws), and above which an
@@ -186,17 +178,12 @@ def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
     """The laws with scores relative to the best, weights and reasons of refutation; the simplest possible is chosen."""
     logs = np.array([s.log_score for s in scores])
     best = int(np.argmax(logs.sum(1)))
-    spread = deviation(logs - logs[best]) * np.sqrt(logs.shape[1])
-    rows = [
-        replace(row, score=float(total), score_error=float(error), share=float(share))
-        for row, total, error, share in zip(
-            rows, (logs - logs[best]).sum(1), spread, shares(logs, np.random.default_rng(0)), strict=True
-        )
-    ]
+    apart, share = logs - logs[best], shares(logs, np.random.default_rng(0))
+    columns = np.array([apart.sum(1), deviation(apart) * np.sqrt(logs.shape[1]), share]).T.tolist()
+    rows = [replace(row, score=a, score_error=b, share=c) for row, (a, b, c) in zip(rows, columns, strict=True)]
     # the cost of a fit that did not converge is an upper limit: a law that passes with it passes
-    reasons = ["" if np.isfinite(row.cost) else row.status for row in rows]
-    if all(reasons):
-        reasons = [""] * len(rows)
+    none_finite = not any(np.isfinite(row.cost) for row in rows)
+    reasons = ["" if none_finite or np.isfinite(row.cost) else row.status for row in rows]
     alive = [i for i, reason in enumerate(reasons) if not reason]
     reasons = _by_prediction(rows, _by_likelihood(rows, reasons), logs, alive)
     reasons = [
@@ -214,19 +201,15 @@ def decide_joined(rows: list[Law], costs: Mapping[str, float], unseen: Mapping[s
         unseen: their parts that may dissipate 10 % of the energy as far as joined windows show.
     """
     rows = [replace(row, joined=costs[row.name], unseen=unseen[row.name]) if row.name in costs else row for row in rows]
-    left = [i for i, row in enumerate(rows) if row.name in costs]
-    some = [replace(rows[i], cost=rows[i].joined) for i in left]
+    some = [replace(row, cost=row.joined) for row in rows if row.name in costs]
     reasons = _by_likelihood(some, [""] * len(some))
-    for i, a in enumerate(some):
-        for b in some:
-            apart = a.cost - b.cost
-            # difference of log likelihood with joined windows at which a law is refuted by another of no more
-            # coefficients
-            if not reasons[i] and a.coefficients >= b.coefficients and not contains(a.name, b.name) and apart > 4.0:
-                reasons[i] = f"is less likely than {b.name}, by {apart:.1f} in log likelihood"
-    for i, reason in zip(left, reasons, strict=True):
-        rows[i] = replace(rows[i], refuted=reason)
-    return _chosen(rows)
+    for (i, a), b in product(enumerate(some), some):
+        apart = a.cost - b.cost
+        # difference of log likelihood with joined windows at which a law is refuted by another of no more coefficients
+        if not reasons[i] and a.coefficients >= b.coefficients and not contains(a.name, b.name) and apart > 4.0:
+            reasons[i] = f"is less likely than {b.name}, by {apart:.1f} in log likelihood"
+    refuted = {row.name: reason for row, reason in zip(some, reasons, strict=True)}
+    return _chosen([replace(row, refuted=refuted.get(row.name, row.refuted)) for row in rows])
 
 
 def _chosen(rows: list[Law]) -> list[Law]:
@@ -240,41 +223,36 @@ def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
     """Reasons to reject laws that others contain, or that contain others."""
     reasons = list(reasons)
     alive = [i for i, reason in enumerate(reasons) if not reason]
-    for i in alive:
-        for j in alive:
-            if contains(rows[j].name, rows[i].name):
-                gain = rows[i].cost - rows[i].unreached - rows[j].cost
-                p = chance(gain, rows[j].coefficients - rows[i].coefficients)
-                if p < LACKS:
-                    reasons[i] = f"lacks what {rows[j].name} has (p = {p:.1g})"
-                    break
+    for i, j in product(alive, alive):
+        if not reasons[i] and contains(rows[j].name, rows[i].name):
+            gain = rows[i].cost - rows[i].unreached - rows[j].cost
+            p = chance(gain, rows[j].coefficients - rows[i].coefficients)
+            reasons[i] = f"lacks what {rows[j].name} has (p = {p:.1g})" if p < LACKS else ""
     # from the simplest law on: a law is needless only if a simpler law that it contains remains
-    for j in sorted(alive, key=lambda j: rows[j].coefficients):
-        for i in alive:
-            if not reasons[j] and not reasons[i] and contains(rows[j].name, rows[i].name):
-                p = chance(rows[i].cost - rows[j].cost, rows[j].coefficients - rows[i].coefficients)
-                more = set(LADDER[rows[j].name]) - set(LADDER[rows[i].name])
-                # if a law has several more parts, one of them alone must be undecided
-                between = [k for k in alive if contains(rows[k].name, rows[i].name)]
-                between = [k for k in between if contains(rows[j].name, rows[k].name)]
-                open_parts = any(not reasons[k] for k in between) if between else more & set(rows[j].unseen)
-                if p > NEEDLESS and not open_parts:
-                    reasons[j] = f"needs no more than {rows[i].name} (p = {p:.1g})"
+    for j, i in product(sorted(alive, key=lambda j: rows[j].coefficients), alive):
+        if not reasons[j] and not reasons[i] and contains(rows[j].name, rows[i].name):
+            p = chance(rows[i].cost - rows[j].cost, rows[j].coefficients - rows[i].coefficients)
+            more = set(LADDER[rows[j].name]) - set(LADDER[rows[i].name])
+            # if a law has several more parts, one of them alone must be undecided
+            between = [k for k in alive if contains(rows[k].name, rows[i].name)]
+            between = [k for k in between if contains(rows[j].name, rows[k].name)]
+            open_parts = any(not reasons[k] for k in between) if between else more & set(rows[j].unseen)
+            if p > NEEDLESS and not open_parts:
+                reasons[j] = f"needs no more than {rows[i].name} (p = {p:.1g})"
     return reasons
 
 
 def _by_prediction(rows: list[Law], reasons: list[str], logs: np.ndarray, alive: list[int]) -> list[str]:
     """Reasons to reject laws that predict worse than others of no more coefficients."""
     reasons = list(reasons)
-    for i in alive:
-        for j in alive:
-            if not reasons[i] and not reasons[j] and i != j and rows[i].coefficients >= rows[j].coefficients:
-                apart = logs[j] - logs[i]
-                error = np.sqrt(len(apart)) * np.std(apart) if len(apart) else 0.0
-                predicts = apart.sum() > max(STANDARD_ERRORS * error, WORSE)
-                likelier = rows[i].cost - rows[j].cost > WORSE and apart.sum() > 0
-                if not contains(rows[i].name, rows[j].name) and (predicts or likelier):
-                    reasons[i] = f"predicts worse than {rows[j].name}, by {apart.sum():.1f} +- {error:.1f}"
+    for i, j in product(alive, alive):
+        if not reasons[i] and not reasons[j] and i != j and rows[i].coefficients >= rows[j].coefficients:
+            apart = logs[j] - logs[i]
+            error = np.sqrt(len(apart)) * np.std(apart) if len(apart) else 0.0
+            predicts = apart.sum() > max(STANDARD_ERRORS * error, WORSE)
+            likelier = rows[i].cost - rows[j].cost > WORSE and apart.sum() > 0
+            if not contains(rows[i].name, rows[j].name) and (predicts or likelier):
+                reasons[i] = f"predicts worse than {rows[j].name}, by {apart.sum():.1f} +- {error:.1f}"
     return reasons
 
 

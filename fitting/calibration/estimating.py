@@ -26,9 +26,9 @@ from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.kicks import lost_frames, starts_from_previous_windows
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gaps import gaps
-from fitting.estimate.gauss_newton import continue_windows, fit_starts, fit_windows
+from fitting.estimate.gauss_newton import continue_windows, fit_starts, fit_windows, window_costs
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
-from fitting.estimate.noise import Noise
+from fitting.estimate.noise import Noise, mean_by_run
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.residual_noise import pose_again, with_residual_noise
 from fitting.estimate.sandwich import start_covariances
@@ -51,9 +51,9 @@ ROUNDS, ITERATIONS = 4, 12
 
 def lost_windows(solution: Solution) -> np.ndarray:
     """Windows (K,) bool that miss their samples by far more than the noise and than the other windows."""
-    windows, m2 = solution.windows, solution.problem.freedoms
+    windows = solution.windows
     known = (windows.weight > 0).sum(axis=(1, 2))
-    freedom = np.maximum(known - np.where(windows.released, 0, m2), 1)
+    freedom = np.maximum(known - np.where(windows.released, 0, solution.problem.freedoms), 1)
     square = solution.evaluation.residual.reshape(windows.count, -1) ** 2
     usual = lambda size: max(1.0, float(np.median(size[known > 0]))) if known.any() else 1.0  # noqa: E731
     unit = usual(square.sum(axis=1) / freedom)
@@ -68,11 +68,6 @@ def lost_windows(solution: Solution) -> np.ndarray:
     assumed = 1.0 if noise is None else float(np.mean(noise.factor**2))
     explained = typical * assumed < FAR / 2
     return (known > 0) & (size > limit) & ~(rms < (SMALLEST if explained else BRANCH))
-
-
-def costs(problem: Problem, residual: np.ndarray) -> np.ndarray:
-    """Loss of each window (K,)."""
-    return np.array([problem.loss.cost(one) if np.isfinite(one).all() else np.inf for one in residual])
 
 
 def recover_windows(
@@ -93,7 +88,8 @@ def recover_windows(
     """
     jump: tuple[int, float] | None = None
     for last in (False,) * ROUNDS + (True,):
-        solution = refit_starts(solution) if solution.status != "ok" else solution
+        if solution.status != "ok":
+            solution = refit_starts(solution)
         lost = lost_windows(solution) & ~_windows_at(solution.windows, jump)
         if not lost.any():
             break
@@ -112,68 +108,55 @@ def recover_windows(
 
 def _jump(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[int, float] | None:
     """Run and time [s] at which frames are missing, if any; lost windows (K,) bool start at the end of the previous."""
-    windows = solution.windows
-    seen = replace(windows, weight=np.where(lost[:, None, None], 0.0, windows.weight))
-    found = lost_frames(prepared, replace(solution, problem=replace(solution.problem, windows=seen)))
+    problem = replace(solution.problem, windows=solution.windows.without_samples(lost))
+    found = lost_frames(prepared, replace(solution, problem=problem))
     return None if found is None else (found.run, float(prepared.traces[found.run].t[found.frame]))
 
 
 def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
     """The windows (K,) bool that contain a given time of a run, and those that start or end there."""
-    if jump is None:
-        return np.zeros(windows.count, bool)
-    run, time = jump
+    run, time = jump or (-1, 0.0)
     return (windows.run == run) & (windows.begin - windows.dt <= time) & (time <= windows.ends + windows.dt)
 
 
-def refit_starts(solution: Solution, which: np.ndarray | None = None) -> Solution:
-    """The solution with the start of each window, or of some (K,) bool, fitted alone with fixed parameters."""
-    which = np.ones(solution.windows.count, bool) if which is None else which
-    starts = Starts(*(part[which] for part in solution.starts))
-    return _with_starts(solution, which, starts)
+def refit_starts(solution: Solution) -> Solution:
+    """The solution with the start of each window fitted alone with fixed parameters."""
+    return _with_starts(solution, np.ones(solution.windows.count, bool), solution.starts)
 
 
 def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solution:
     """The solution with better starts of lost windows (K,) bool, if any are found."""
-    windows, traces = solution.windows.pick(lost), prepared.traces
-    model = solution.problem.simulator.model_at(solution.values)
-    tried = [Starts(*(part[lost] for part in starts_from_previous_windows(solution, lost)))]
+    windows, model = solution.windows.pick(lost), solution.problem.simulator.model_at(solution.values)
+    ahead = Starts(*(part[lost] for part in starts_from_previous_windows(solution, lost)))
     # noise assumed for the starts of lost windows relative to the true one: polynomials of short reach, of the reach
     # that the noise allows, and of long reach
-    for share in (0.2, 1.0, 5.0):
-        tried.append(first_starts(model, traces, windows, [share * s for s in prepared.sigma]))
-    for starts in tried:
+    sigmas = [[share * s for s in prepared.sigma] for share in (0.2, 1.0, 5.0)]
+    for starts in [ahead, *(first_starts(model, prepared.traces, windows, sigma) for sigma in sigmas)]:
         solution = _with_starts(solution, lost, starts)
     return solution
 
 
 def _with_starts(solution: Solution, which: np.ndarray, starts: Starts) -> Solution:
     """The solution with other starts of some windows, fitted alone first, if these are better."""
-    problem, windows = solution.problem, solution.windows
-    few = replace(problem, windows=windows.pick(which))
+    problem = solution.problem
+    few = replace(problem, windows=solution.windows.pick(which))
     starts, evaluation = fit_starts(few, solution.values, starts, ITERATIONS)
-    index = np.flatnonzero(which)
-    better = costs(problem, evaluation.residual) < costs(problem, solution.evaluation.residual[index])
+    better = window_costs(problem, evaluation.residual) < window_costs(problem, solution.evaluation.residual[which])
     if not better.any():
         return solution
-    old = Starts(*(part.copy() for part in solution.starts))
-    for part, new in zip(old, starts, strict=True):
-        part[index[better]] = new[better]
-    whole = type(evaluation)(*(part.copy() for part in solution.evaluation))
-    for part, new in zip(whole, evaluation, strict=True):
-        part[index[better]] = new[better]
-    return replace(solution, starts=old, evaluation=whole, weights=problem.weights(whole))
+    replaced = np.flatnonzero(which)[better]
+    whole, every = (type(old)(*(part.copy() for part in old)) for old in (solution.evaluation, solution.starts))
+    for part, new in zip((*whole, *every), (*evaluation, *starts), strict=True):
+        part[replaced] = new[better]
+    return replace(solution, starts=every, evaluation=whole, weights=problem.weights(whole))
 
 
 def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
     """The solution with lost windows cut in two if enough frames remain; the halves start from the samples."""
     windows = solution.windows
     pieces: list[Piece] = []
-    old: list[int] = []
     for k in range(windows.count):
-        halves = _halves(prepared, windows, k) if lost[k] and not windows.released[k] else [windows.piece(k)]
-        pieces += halves
-        old += [k if len(halves) == 1 else -1] * len(halves)
+        pieces += _halves(prepared, windows, k) if lost[k] and not windows.released[k] else [windows.piece(k)]
     if len(pieces) == windows.count:
         return prepared, solution
     prepared = prepared.with_pieces(pieces)
@@ -188,7 +171,7 @@ def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Pr
     problem = replace(solution.problem, windows=replace(prepared.first_windows, substeps=windows.substeps))
     evaluation = problem.evaluate(solution.values, starts)
     found = replace(solution, problem=problem, starts=starts, evaluation=evaluation, status="not_converged")
-    found = replace(found, weights=problem.weights(evaluation))
+    found.weights = problem.weights(evaluation)
     return prepared, restart(prepared, found, ~same) if (~same).any() else found
 
 
@@ -200,10 +183,8 @@ def _halves(prepared: Prepared, windows: Windows, k: int) -> list[Piece]:
     if frames < 2 * fewest_frames(prepared.traces[piece.run].links, prepared.simulator.freedoms):
         return [piece]
     first = (frames // 2) * frame
-    return [
-        piece._replace(steps=first),
-        Piece(piece.run, piece.begin + first * windows.dt, piece.steps - first, True),
-    ]
+    second = Piece(piece.run, piece.begin + first * windows.dt, piece.steps - first, True)
+    return [piece._replace(steps=first), second]
 
 
 def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
@@ -215,29 +196,27 @@ def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
     covariance, _ = start_covariances(solution)
     spread = found.before @ covariance[found.left] @ np.swapaxes(found.before, 1, 2)
     spread += found.after @ covariance[found.left + 1] @ np.swapaxes(found.after, 1, 2)
-    distance = np.einsum("gi,gi->g", found.value, np.linalg.solve(spread, found.value[..., None])[..., 0])
-    distance, size = distance / found.value.shape[1], np.linalg.norm(found.value, axis=1)
+    distance = np.mean(found.value * np.linalg.solve(spread, found.value[..., None])[..., 0], axis=1)
+    size = np.linalg.norm(found.value, axis=1)
     far = (distance > FAR_GAP * max(1.0, np.median(distance))) & (size > LARGE_GAP * np.median(size))
     if not 0 < far.sum() <= max(1, MOST_BREAKS * len(far)):
         return prepared
-    follows = prepared.windows.follows.copy()
     right = found.left[far] + 1
+    follows = prepared.windows.follows.copy()
     follows[right] = False
-    breaks = tuple((int(windows.run[k]), float(windows.begin[k])) for k in right)
+    breaks = zip(windows.run[right].tolist(), windows.begin[right].tolist(), strict=True)
     return replace(prepared, windows=replace(prepared.windows, follows=follows), breaks=(*prepared.breaks, *breaks))
 
 
 def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
     """The preparation without the lost windows, whose times and samples are recorded."""
     windows = solution.windows
-    removed = tuple(
-        (int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k])) for k in np.flatnonzero(lost)
-    )
+    removed = zip(*(a[lost].tolist() for a in (windows.run, windows.begin, windows.ends)), strict=True)
     prepared = replace(prepared, windows=prepared.windows.exclude(lost), left_out=(*prepared.left_out, *removed))
     problem = replace(solution.problem, windows=windows.exclude(lost))
-    pick = lambda parts: type(parts)(*(part[~lost] for part in parts))  # noqa: E731
-    found = replace(solution, problem=problem, starts=pick(solution.starts), evaluation=pick(solution.evaluation))
-    return prepared, replace(found, weights=solution.weights[~lost], status="not_converged")
+    starts, evaluation = (type(all_)(*(a[~lost] for a in all_)) for all_ in (solution.starts, solution.evaluation))
+    found = replace(solution, problem=problem, starts=starts, evaluation=evaluation, status="not_converged")
+    return prepared, replace(found, weights=solution.weights[~lost])
 
 
 #: Maximum iterations of a first fit before links are weighted by their misfit and windows are inspected one by one.
@@ -281,15 +260,13 @@ def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
     The claimed noise of an encoder is 1 % of the model error caused by its bearing. With the claimed noise alone, one
     link would have many times the weight of another.
     """
-    weight = prepared.windows.weight
-    square, known = (solution.errors * weight) ** 2, weight > 0
-    noise = Noise.as_claimed(len(prepared.traces), weight.shape[2])
-    for run in np.unique(prepared.windows.run):
-        mine = prepared.windows.run == run
-        mean = square[mine].sum(axis=(0, 1)) / np.maximum(known[mine].sum(axis=(0, 1)), 1)
-        noise.factor[run] = np.sqrt(np.maximum(mean, 1.0))
+    windows = prepared.windows
+    square = (solution.errors * windows.weight) ** 2
+    square = mean_by_run(square, windows.weight > 0, windows.run, len(prepared.traces))
+    factor = np.sqrt(np.maximum(square, 1.0))
     # ratio of two links' misfits, in units of their noise, above which links are weighted by misfit
-    return noise if (noise.factor.max(axis=1) > 3.0 * noise.factor.min(axis=1)).any() else None
+    uneven = (factor.max(axis=1) > 3.0 * factor.min(axis=1)).any()
+    return replace(Noise.as_claimed(*factor.shape), factor=factor) if uneven else None
 
 
 def estimate(
@@ -311,8 +288,7 @@ def estimate(
         values, starts, history = descent.first_stages(problem, prepared.values, prepared.starts)
         started = replace(prepared, descent=descent, begin=values, starts=starts)
         found = estimate(started, "shooting", loss, continuity, iterations, progress, frozen=frozen)
-        posed_again = replace(found.problem, descent=None)
-        return replace(found, problem=posed_again, history=[*history, *found.history])
+        return replace(found, problem=replace(found.problem, descent=None), history=[*history, *found.history])
     share = 0.5 if method == "shooting" else 0.9
     solution = fit_windows(
         prepared.problem(initial_loss(loss), frozen),

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from fitting.calibration.freeing import free_by_advice
 from fitting.calibration.kicks import without_kicks
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
-from fitting.calibration.result import FitResult, score_held_out
+from fitting.calibration.result import FitResult, direction_text, score_held_out
 from fitting.calibration.wrong_files import SUSPECT, name_wrong_file
 from fitting.estimate.gaps import lyapunov
 from fitting.estimate.loss import loss_of
@@ -44,22 +45,23 @@ NAMED = {
 
 def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
     """One line each: active bounds, parameters that are not identifiable, correlated residuals, failed steps."""
-    names = [p.name for p in prepared.parameters]
-    found = [
-        f"{name} is at its bound {value:g}"
-        for name, value, on in zip(names, solution.values, u.at_bound, strict=True)
-        if on
+    values = solution.by_name
+    names = list(values)
+    found = [f"{name} is at its bound {values[name]:g}" for name in compress(names, u.at_bound)]
+    found += [
+        f"not identifiable from the data: direction ({direction_text(direction)}) in relative changes"
+        for direction in u.undetermined
     ]
-    for direction in u.undetermined:
-        text = ", ".join(f"{share:+.2g} {name}" for name, share in direction.items())
-        found.append(f"not identifiable from the data: direction ({text}) in relative changes")
-    correlation = np.abs(np.triu(u.correlation, 1))
     # absolute correlation of two estimates above which they are reported as hard to distinguish
-    for i, j in zip(*np.nonzero(correlation > 0.98), strict=True):
-        found.append(f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})")
-    for name, value, error, on in zip(names, solution.values, u.std_error, u.at_bound, strict=True):
-        if not on and error > abs(value) and name.startswith("effects."):
-            found.append(f"{name} is not determined: {value:.3g} with standard error {error:.2g}")
+    close = np.argwhere(np.abs(np.triu(u.correlation, 1)) > 0.98)
+    found += [
+        f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})" for i, j in close
+    ]
+    found += [
+        f"{name} is not determined: {values[name]:.3g} with standard error {error:.2g}"
+        for name, error, on in zip(names, u.std_error, u.at_bound, strict=True)
+        if not on and error > abs(values[name]) and name.startswith("effects.")
+    ]
     found += [
         f"left out: {prepared.traces[run].name} {low:.3f} to {high:.3f} s, no start of this window explains its samples"
         for run, low, high in prepared.left_out
@@ -90,9 +92,11 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
         found.append(f"chi-square per degree of freedom is {chi2:.3g}: the stated standard errors are too large")
     found += outliers(prepared, solution)
     if solution.step_bias is not None:
-        for name, bias in zip(names, solution.step_bias, strict=True):
-            if abs(bias) > LARGEST_BIAS:
-                found.append(f"the time step shifts {name} by {bias:+.2g} standard errors. Use a smaller dt")
+        found += [
+            f"the time step shifts {name} by {bias:+.2g} standard errors. Use a smaller dt"
+            for name, bias in zip(names, solution.step_bias, strict=True)
+            if abs(bias) > LARGEST_BIAS
+        ]
     failed = int(solution.evaluation.failed.sum())
     if failed:
         found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")
@@ -106,24 +110,21 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
 def outliers(prepared: Prepared, solution: Solution) -> list[str]:
     """A line on outlying samples, with run, link and time, if there are any."""
     windows = solution.windows
-    size = np.where(windows.weight > 0, np.abs(solution.evaluation.residual), 0.0)
+    size = np.ma.array(np.abs(solution.evaluation.residual), mask=windows.weight == 0)
     # relative to the residuals' own spread, which outliers do not widen
-    scale = np.array(
-        [max(np.median(size[..., j][windows.weight[..., j] > 0]) / 0.6745, 1e-300) for j in range(size.shape[2])]
-    )
-    window, slot, link = np.nonzero(size > STANDS_OUT * scale)
-    if not len(window):
+    size = np.ma.filled(size / np.maximum(np.ma.median(size, axis=(0, 1)) / 0.6745, 1e-300), 0.0)
+    out = np.argwhere(size > STANDS_OUT)
+    if not len(out):
         return []
-    largest = np.argsort(-(size / scale)[window, slot, link])[:NAMED_SAMPLES]
-    times = windows.times()
+    largest = out[np.argsort(-size[tuple(out.T)])[:NAMED_SAMPLES]]
     positions = [
-        f"{prepared.traces[windows.run[window[i]]].name} link {link[i]} at {times[window[i], slot[i]]:.3f} s"
-        for i in largest
+        f"{prepared.traces[windows.run[window]].name} link {link} at {windows.times()[window, slot]:.3f} s"
+        for window, slot, link in largest
     ]
-    more = f" and {len(window) - len(positions)} more" if len(window) > len(positions) else ""
+    more = f" and {len(out) - len(positions)} more" if len(out) > len(positions) else ""
     advice = "" if solution.problem.loss.redescends else ". Use --student to reduce their weight"
     return [
-        f"{len(window)} samples stand out by more than {STANDS_OUT:g} standard deviations: "
+        f"{len(out)} samples stand out by more than {STANDS_OUT:g} standard deviations: "
         f"{', '.join(positions)}{more}{advice}"
     ]
 
@@ -139,8 +140,6 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     claimed = float(np.sqrt(np.mean(1 / expected[expected > 0] ** 2)))
     chi2 = float(np.sum(solution.weights * (solution.errors * expected) ** 2)) / degrees_of_freedom(solution)
     scored = prepared.noisy(solution.problem.noise)
-    held = [score_held_out(scored, solution.values, span) for span in prepared.held_out]
-    warnings = list(prepared.warnings) + warnings_of(prepared, solution, u, chi2)
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(
         scene=prepared.scene,
@@ -153,8 +152,8 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
         traces=prepared.traces,
         lyapunov=rate,
         left_out=prepared.left_out,
-        held_out=held,
-        warnings=warnings,
+        held_out=[score_held_out(scored, solution.values, span) for span in prepared.held_out],
+        warnings=[*prepared.warnings, *warnings_of(prepared, solution, u, chi2)],
     )
 
 
@@ -239,7 +238,7 @@ def fit(
     if method not in METHODS:
         raise SceneError(f"method: {method!r} is unknown; {nearest(method, METHODS)}")
     if settings and method != "gradient":
-        name = sorted(settings)[0]
+        name = min(settings)
         raise SceneError(f"{name}: {settings[name]!r} is not a setting of method {method!r}. Use method gradient")
     if method == "gradient":
         from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
@@ -271,29 +270,26 @@ def fit(
     if method == "gradient" and not auto_free:  # the descent is separate: it only takes the windows of the other fit
         sound = replace(sound, begin=prepared.begin, starts=sound.starts_from_samples())
     whole, prepared = prepared, sound
+    again = partial(estimate, continuity=continuity, iterations=iterations, progress=progress)
+    found, freed = [], []
     if auto_free:
-        again = partial(estimate, continuity=continuity, iterations=iterations, progress=progress)
-        kicked = []
         if sound.left_out or sound.windows.count > whole.windows.count:  # some windows were lost
-            whole, kicked = without_kicks(whole, again, loss)
-        if kicked:
+            whole, freed = without_kicks(whole, again, loss)
+        if freed:
             prepared = with_sound_windows(whole, loss, iterations, progress, keep_jumps=True)
         at = free_by_advice(prepared, again, "shooting" if method == "gradient" else method, loss, progress=progress)
-        prepared, solution, found, freed = at.prepared, at.solution, at.found, [*kicked, *at.names]
+        prepared, solution, found, freed = at.prepared, at.solution, at.found, [*freed, *at.names]
         if method == "gradient":
-            solution = estimate(prepared, method, at.loss, continuity, iterations, progress, settings)
+            solution = again(prepared, method, at.loss, settings=settings)
     else:
         left = iterations if method == "gradient" else max(iterations - sound.iterations, min(iterations - 1, FIRST), 1)
-        solution = estimate(prepared, method, loss, continuity, left, progress, settings)
-        found = advise(prepared, solution) if advice and solution.status == "ok" else []
-        freed = []
-    prepared = replace(
-        prepared,
-        started=started,
-        known=replace(prepared.known, doubt=omitted_parameter_bias(freed, prepared.parameters)),
-    )
-    solution.problem = replace(solution.problem, known=prepared.known)
+        solution = again(prepared, method, loss, iterations=left, settings=settings)
+        if advice and solution.status == "ok":
+            found = advise(prepared, solution)
+    known = replace(prepared.known, doubt=omitted_parameter_bias(freed, prepared.parameters))
+    solution.problem = replace(solution.problem, known=known)
     solution.iterations += prepared.iterations
+    prepared = replace(prepared, started=started, known=known)
     result = summarise(prepared, method, solution)
     if result.status != "ok" or result.chi2_per_dof > SUSPECT:
         result.wrong_file = name_wrong_file(whole)
@@ -304,6 +300,6 @@ def fit(
     asked.add_to(result, progress)
     if compare_models:
         result.comparison = compare(prepared.noisy(solution.problem.noise), progress=progress)
-        result.seconds["run"] = time.perf_counter() - prepared.started - result.seconds["compile"]
+        result.seconds["run"] = time.perf_counter() - started - result.seconds["compile"]
     progress(1.0, result.status)
     return result

@@ -15,14 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.advice import OR, WORTH, Candidate, advise, wide
-from fitting.calibration.kicks import SEVERAL, alone, far_off, lost_frames, starts_from_previous_windows
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.kicks import SEVERAL, Fit, alone, far_off, lost_frames, starts_from_previous_windows
+from fitting.calibration.prepared import Prepared, at_frames
 from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
@@ -30,9 +29,8 @@ from fitting.estimate.noise import log_volume
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
-from fitting.parameters.of_scene import rig_priors
-from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.target import LOST, LostPlace
+from fitting.parameters.parameter import resolve
+from fitting.parameters.target import LOST
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED, TRIED = 6, 4
@@ -41,14 +39,6 @@ MARGIN = 3.0
 #: Log of the number of jumps searched, which one gains by chance; minimum size of a jump in frames, below which the
 #: misfit is of another kind.
 CHANCE, LEAST_LOST = 9.0, 0.7
-
-
-class Fit(Protocol):
-    """Fits a preparation by a method with a loss; `frozen` parameters (k,) stay at their start values."""
-
-    def __call__(
-        self, prepared: Prepared, method: str, loss: Loss, *, frozen: np.ndarray | None = None
-    ) -> Solution: ...
 
 
 @dataclass
@@ -78,28 +68,12 @@ def with_freed(
     value: float | None = None,
 ) -> Prepared:
     """The preparation with more free parameters, starting at the end of a solution with fewer."""
-    model, release = prepared.simulator.model, prepared.simulator.release
     old = {p.name for p in prepared.parameters}
-    more = [p for p in resolve(model, paths, release=release) if p.name not in old]
-    more = [_in_time(p, prepared) for p in more]
-    parameters, known = rig_priors(prepared.scene, model, [*prepared.parameters, *more])
-    values = prepared.values if solution is None else solution.values
+    more = resolve(prepared.simulator.model, paths, release=prepared.simulator.release)
+    more = [p for p in at_frames(more, prepared.traces) if p.name not in old]
+    values, starts = (prepared.values, prepared.starts) if solution is None else (solution.values, solution.starts)
     begin = np.concatenate([values, [p.value if value is None else value for p in more]])
-    return replace(
-        prepared,
-        parameters=parameters,
-        known=known,
-        simulator=simulator.view_of(parameters),
-        begin=begin,
-        starts=prepared.starts if solution is None else solution.starts,
-    )
-
-
-def _in_time(p: Parameter, prepared: Prepared) -> Parameter:
-    """A lost stretch and the time of its frame."""
-    if not isinstance(p.where, LostPlace):
-        return p
-    return replace(p, where=replace(p.where, time=float(prepared.traces[p.where.run].t[p.where.frame])))
+    return replace(prepared.with_parameters([*prepared.parameters, *more], begin, simulator), starts=starts)
 
 
 def free_by_advice(
@@ -201,25 +175,16 @@ def _reconsider(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator)
     if not mine or candidate not in at.names or not any(c.changes for c in rest):
         return at
     keep = [i for i, p in enumerate(at.prepared.parameters) if p.name not in mine]
-    parameters, known = rig_priors(at.prepared.scene, simulator.model, [at.prepared.parameters[i] for i in keep])
-    prepared = replace(
-        at.prepared,
-        parameters=parameters,
-        known=known,
-        simulator=simulator.view_of(parameters),
-        begin=at.solution.values[keep],
-        starts=at.solution.starts,
-    )
+    fewer = [at.prepared.parameters[i] for i in keep]
+    prepared = at.prepared.with_parameters(fewer, at.solution.values[keep], simulator)
+    prepared = replace(prepared, starts=at.solution.starts)
     without = Freed(prepared, fit(prepared, "windows", at.loss), at.loss, rest)
     if without.solution.status != "ok":
         return at
     if _score(without) > _score(at):
         return without
-    found = [
-        c for c in advise(prepared, without.solution, simulator) if c.worth_naming and c.name not in candidate.name
-    ]
-    if not found:
-        return at
+    found = advise(prepared, without.solution, simulator)
+    found = [c for c in found if c.worth_naming and c.name not in candidate.name]
     _choose(without, fit, simulator, found[:TRIED], set())
     return without if _score(without) > _score(at) else at
 
@@ -248,18 +213,19 @@ def _continue_with(
             continue
         near = [c for c in at.found if c.worth_naming and (c.name in best.alike or 0 <= best.worth - c.worth < MARGIN)]
         back = _back(prepared, solution, list(best.changes))
-        apart = {
-            c.name: {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} for c in near if c is not best
+        doubt = {
+            c.name: {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} | back
+            for c in near
+            if c is not best
         }
-        best = replace(best, doubt={name: {**move, **back} for name, move in apart.items()})
+        best = replace(best, doubt=doubt)
         at = replace(at, prepared=prepared, solution=solution, names=[*at.names, best])
     return at
 
 
 def _back(prepared: Prepared, solution: Solution, mine: Sequence[str]) -> dict[str, float]:
     """Moves that return some parameters to their start values."""
-    rows = zip(prepared.parameters, solution.values, strict=True)
-    return {p.name: float(p.value - value) for p, value in rows if p.name in mine}
+    return {p.name: p.value - solution.by_name[p.name] for p in prepared.parameters if p.name in mine}
 
 
 def likelihood(solution: Solution) -> float:
@@ -269,17 +235,16 @@ def likelihood(solution: Solution) -> float:
 
 def _choose(at: Freed, fit: Fit, simulator: Simulator, tries: Sequence[Candidate], refused: set[str]) -> None:
     """Free the best of several candidates, by fitting them."""
-    price = 0.5 * np.log(max(at.solution.windows.samples, 2))
-    before, fits = likelihood(at.solution), []
+    price, before = 0.5 * np.log(max(at.solution.windows.samples, 2)), likelihood(at.solution)
+    fits = []
     for candidate in tries:
         prepared = with_freed(at.prepared, candidate.free, at.solution, simulator)
         solution = fit(prepared, "windows", at.loss)
-        gain = likelihood(solution) - before
-        if solution.status != "ok" or gain < WORTH:
+        gain, numbers = likelihood(solution) - before, len(prepared.parameters) - len(at.prepared.parameters)
+        if solution.status == "ok" and gain >= WORTH:
+            fits.append((gain - price * numbers, numbers, replace(candidate, gain=gain), prepared, solution))
+        else:
             refused.add(candidate.name)
-            continue
-        numbers = len(prepared.parameters) - len(at.prepared.parameters)
-        fits.append((gain - price * numbers, numbers, replace(candidate, gain=gain), prepared, solution))
     if not fits:
         return
     most = max(row[0] for row in fits)
@@ -302,12 +267,10 @@ def _outliers(at: Freed, fit: Fit) -> None:
     if at.loss != LEAST_SQUARES or alone(at.solution) < SEVERAL:
         return
     prepared = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
-    solution = fit(prepared, "windows", StudentT())
-    if solution.status != "ok":
-        return
-    count = alone(at.solution)
-    at.loss, at.prepared, at.solution = StudentT(), prepared, solution
-    at.names.append(Candidate(f"outliers ({count} samples)", ("--student",), {}, {}, float(count), 0.0))
+    count, solution = alone(at.solution), fit(prepared, "windows", StudentT())
+    if solution.status == "ok":
+        at.loss, at.prepared, at.solution = StudentT(), prepared, solution
+        at.names.append(Candidate(f"outliers ({count} samples)", ("--student",), {}, {}, float(count), 0.0))
 
 
 def _without_far_off(at: Freed, fit: Fit) -> Solution:
@@ -315,9 +278,7 @@ def _without_far_off(at: Freed, fit: Fit) -> Solution:
     off = far_off(at.solution)
     if not off.any():
         return at.solution
-    windows = at.prepared.windows
-    fewer = replace(windows, weight=np.where(off[:, None, None], 0.0, windows.weight))
-    prepared = replace(at.prepared, windows=fewer)
+    prepared = replace(at.prepared, windows=at.prepared.windows.without_samples(off))
     # a jump that only shows in these windows
     slopes = at.solution.evaluation.jacobian[~off][..., at.solution.problem.freedoms :]
     unseen = ~np.any(slopes, axis=(0, 1, 2))
@@ -353,20 +314,17 @@ def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
         starting = windows.begin <= trace.t[lost.frame] + 1e-6 * trace.interval
         own = np.flatnonzero(starting & (windows.run == lost.run))[-1:]
         clean = replace(clean, starts=starts_from_previous_windows(clean, np.isin(np.arange(windows.count), own)))
-        if (
-            len(own)
-            and windows.follows[own[0]]
-            and abs(windows.begin[own[0]] - trace.t[lost.frame]) < 0.5 * trace.interval
-        ):
-            clean = _join_before(at, fit, clean, int(own[0]))
+        near = np.abs(windows.begin - trace.t[lost.frame]) < 0.5 * trace.interval
+        for k in own[(windows.follows & near)[own]]:
+            clean = _join_before(at, fit, clean, int(k))
         prepared = with_freed(at.prepared, [name], clean, simulator, lost.frames * trace.interval)
         solution = fit(prepared, "windows", at.loss)
         gain = likelihood(solution) - likelihood(at.solution)
         k, seconds = len(solution.values) - 1, float(solution.values[-1])
         if solution.status != "ok" or gain < WORTH + CHANCE or abs(seconds) < LEAST_LOST * trace.interval:
             return
-        error = float(solution.information[k, k]) ** -0.5
+        at.prepared, at.solution = prepared, solution
         words = f"{seconds / trace.interval:.1f} lost frames before frame {lost.frame} of {trace.name}"
         words += f" ({trace.t[lost.frame]:.3f} s)"
-        at.prepared, at.solution = prepared, solution
-        at.names.append(Candidate(words, (name,), {name: seconds}, {name: error}, gain, 0.0))
+        errors = {name: float(solution.information[k, k]) ** -0.5}
+        at.names.append(Candidate(words, (name,), {name: seconds}, errors, gain, 0.0))

@@ -18,7 +18,7 @@ by which the samples after f fit better (rho is bounded, so that no single sampl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple, Protocol
 
@@ -84,18 +84,17 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     if not np.isfinite(found).all():
         return None
     best, where = SHOWN, None
-    times = both.times()
-    for pair in range(len(right)):
-        slots = np.flatnonzero(np.r_[True, np.diff(times[pair]) > 0] & (np.arange(times.shape[1]) >= 0))
-        slots = slots[np.argsort(times[pair, slots])]
-        angle, measured, weight = found[pair, slots], both.theta[pair, slots], both.weight[pair, slots]
+    half = (windows.weight > 0).any(axis=2).sum(axis=1) // 2  # none of windows that were not fitted
+    for pair, times in enumerate(both.times()):
+        slots = np.flatnonzero(np.r_[True, np.diff(times) > 0])
+        slots = slots[np.argsort(times[slots])]
         left = right[pair] - 1
-        seen = (windows.weight[left] > 0).any(axis=1).sum() // 2 if fitted[left] else 0
-        gain, at, lag = best_jump(angle, measured, weight, seen)
+        measured = both.theta[pair, slots], both.weight[pair, slots]
+        gain, at, lag = best_jump(found[pair, slots], *measured, half[left] * fitted[left])
         if gain > best:
             run = int(both.run[pair])
-            t = prepared.traces[run].t
-            best, where = gain, Lost(run, int(np.argmin(np.abs(t - times[pair, slots[at]]))), lag)
+            frame = int(np.argmin(np.abs(prepared.traces[run].t - times[slots[at]])))
+            best, where = gain, Lost(run, frame, lag)
     return where
 
 
@@ -120,38 +119,31 @@ def far_off(solution: Solution) -> np.ndarray:
 
 def _extend_windows(windows: Windows, right: np.ndarray) -> Windows:
     """Windows continued through the next ones, `right` being the first of these, up to twice the longest window."""
-    longest, rows = 2 * windows.steps, []
+    rows: list[slice] = []
+    longest = 2 * windows.steps
     for first in right - 1:
-        members, total = [first], int(windows.step_counts[first])
-        while members[-1] + 1 < windows.count and windows.follows[members[-1] + 1]:
-            total += int(windows.step_counts[members[-1] + 1])
-            if total > longest and len(members) > 1:
-                break
-            members.append(members[-1] + 1)
-        rows.append(members)
+        stop = first + 2  # at least the next one, then as long as windows follow and fit
+        while stop < windows.count and windows.follows[stop] and windows.step_counts[first : stop + 1].sum() <= longest:
+            stop += 1
+        rows.append(slice(first, stop))
     real = (windows.index + windows.fraction > 0) | (np.arange(windows.theta.shape[1]) == 0)
-    before = [np.concatenate([[0], np.cumsum(windows.step_counts[members])]) for members in rows]
-    most = max(int(real[members].sum()) for members in rows)
-
-    def join(parts: list[np.ndarray]) -> np.ndarray:
-        found = np.concatenate(parts)
-        return np.concatenate([found, np.zeros((most - len(found), *found.shape[1:]), found.dtype)])
-
-    def along(field: str, shifts: Sequence[np.ndarray]) -> np.ndarray:
-        whole = getattr(windows, field)
-        each = zip(rows, shifts, strict=True)
-        return np.stack([join([whole[k][real[k]] + s for k, s in zip(m, more, strict=True)]) for m, more in each])
-
-    nothing = [np.zeros(len(members), int) for members in rows]
-    joined = {field: along(field, nothing) for field in ("theta", "weight", "fraction")}
-    joined["index"] = along("index", [shifts[:-1] for shifts in before]).astype(windows.index.dtype)
+    most = max(int(real[row].sum()) for row in rows)
+    offset = np.cumsum(windows.step_counts) - windows.step_counts
+    whole = replace(windows, index=windows.index + offset[:, None])
+    fields = ("theta", "weight", "index", "fraction")
+    parts = {field: np.zeros((len(rows), most, *getattr(windows, field).shape[2:])) for field in fields}
+    for field, part in parts.items():
+        for i, row in enumerate(rows):
+            samples = getattr(whole, field)[row][real[row]]
+            part[i, : len(samples)] = samples
+    parts["index"] = np.maximum(parts["index"] - offset[right - 1, None], 0).astype(windows.index.dtype)
     return replace(
         windows,
         **{name: getattr(windows, name)[right - 1] for name in ("begin", "run", "released")},
-        **joined,
+        **parts,
         follows=np.zeros(len(right), bool),
         steps=longest,
-        step_counts=np.array([int(shifts[-1]) for shifts in before]),
+        step_counts=np.array([windows.step_counts[row].sum() for row in rows]),
         decay=None,
         jitter=None,
     )
@@ -160,6 +152,7 @@ def _extend_windows(windows: Windows, right: np.ndarray) -> Windows:
 def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first: int) -> tuple[float, int, int]:
     """Gain, first frame and lost frames of the best jump from slot `first` on; angles (S, n)."""
     rho = lambda r: np.minimum(0.5 * r**2, BOUND).sum(axis=1)  # noqa: E731
+    after = lambda x: np.cumsum(x[::-1])[::-1]  # noqa: E731
     plain, count, best = rho(wrap(angle - measured) * weight), len(angle), (0.0, 0, 0)
     known = (weight > 0).sum(axis=1)
     for lag in LAGS:
@@ -167,9 +160,8 @@ def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first
         if high - max(low, first) < AFTER:
             continue
         later = rho(wrap(angle[low + lag : high + lag] - measured[low:high]) * weight[low:high])
-        better = np.cumsum((plain[low:high] - later)[::-1])[::-1]
-        left = np.cumsum(later[::-1])[::-1] / np.maximum(np.cumsum(known[low:high][::-1])[::-1], 1)
-        gain = better / np.maximum(2 * left, 1.0)
+        left = after(later) / np.maximum(after(known[low:high]), 1)
+        gain = after(plain[low:high] - later) / np.maximum(2 * left, 1.0)
         begin = max(first - low, 0)
         at = begin + int(np.argmax(gain[begin : high - low - AFTER + 1]))
         if gain[at] > best[0]:
@@ -200,9 +192,11 @@ class Kick(NamedTuple):
 
 
 class Fit(Protocol):
-    """Fits a preparation by a method with a loss."""
+    """Fits a preparation by a method with a loss; `frozen` parameters (k,) stay at their start values."""
 
-    def __call__(self, prepared: Prepared, method: str, loss: Loss) -> Solution: ...
+    def __call__(
+        self, prepared: Prepared, method: str, loss: Loss, *, frozen: np.ndarray | None = None
+    ) -> Solution: ...
 
 
 def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> tuple[Prepared, list[Candidate]]:
@@ -214,7 +208,7 @@ def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> t
     """
 
     def fit_some(off: np.ndarray, begin: Solution) -> Solution:
-        seen = replace(prepared.windows, weight=np.where(off[:, None, None], 0.0, prepared.windows.weight))
+        seen = prepared.windows.without_samples(off)
         return fit(replace(prepared, windows=seen, begin=begin.values, starts=begin.starts), "windows", loss)
 
     windows = prepared.windows

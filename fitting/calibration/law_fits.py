@@ -18,7 +18,7 @@ from fitting.estimate.marching import choose_stepper
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import Starts, first_starts
+from fitting.estimate.windows import first_starts
 from fitting.parameters.parameter import resolve, with_effects
 
 
@@ -113,12 +113,8 @@ PARTS = {
 OF_JOINTS = ("joint viscous", "dry")
 
 
-def _join_names(parts: tuple[str, ...]) -> str:
-    return " + ".join(parts) or "none"
-
-
 #: Every law: name and parts, the simplest first, each after all laws that it contains.
-LADDER = {_join_names(parts): parts for size in range(len(PARTS) + 1) for parts in combinations(PARTS, size)}
+LADDER = {" + ".join(parts) or "none": parts for size in range(len(PARTS) + 1) for parts in combinations(PARTS, size)}
 
 
 def contains(law: str, other: str) -> bool:
@@ -162,7 +158,6 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     ]
     model, _ = build(scene_with_law(prepared.scene, dry, dict.fromkeys(OF_JOINTS, 0.0), each))
     release = prepared.simulator.release
-    release = None if release is None else replace(release)  # its poses belong to one model
     same = {p.name: p for p in prepared.parameters if p.name in others}
     parameters = [same.get(p.name, p) for p in resolve(model, [*others, *names], release=release)]
     owner = tuple(next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters)
@@ -221,18 +216,15 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
     initial = [known.get(p.name, size) for p, size in zip(parameters, sizes, strict=True)]
     windows = replace(prepared.windows, substeps=family.rough)
     problem = replace(
-        prepared.problem(), simulator=family.simulator, windows=windows, parameters=tuple(parameters), frozen=~used
+        prepared.problem(), simulator=family.simulator, windows=windows, parameters=parameters, frozen=~used
     )
-    starts: Starts | None = None
     tries = [np.where(used, initial, 0.0)]
-    if inner:
-        best = min(inner, key=lambda one: one.cost)
-        own = {p.name: v for p, v in zip(best.problem.parameters, best.values, strict=True)}
-        starts = best.starts
+    best = min(inner, key=lambda one: one.cost, default=None)
+    if best is None:
+        starts = first_starts(family.simulator.model_at(tries[0]), prepared.traces, prepared.windows, prepared.sigma)
+    else:
+        starts, own = best.starts, best.by_name
         tries.insert(0, np.where(used, [own.get(p.name, 0.0) for p in parameters], 0.0))
-    starts = starts or first_starts(
-        family.simulator.model_at(tries[0]), prepared.traces, prepared.windows, prepared.sigma
-    )
     found: list[Solution] = []
     for values in tries:
         one = fit_windows(problem, values, starts, iterations=iterations)
@@ -241,7 +233,7 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
             one = fit_windows(finer, one.values, one.starts, iterations=iterations)
         found.append(one)
         # started from a law that it contains it cannot end worse; if it does, other starts are tried
-        if one.status == "ok" and (not inner or one.cost <= best.cost * (1 + 1e-6)):
+        if one.status == "ok" and (best is None or one.cost <= best.cost * (1 + 1e-6)):
             break
     return min(found, key=lambda one: (one.status != "ok", one.cost))
 
@@ -251,10 +243,8 @@ def least_loss(full: Solution, owner: tuple[str | None, ...], law: str) -> float
     free = np.flatnonzero(~full.problem.held_mask)
     lacks = np.array([owner[i] is not None and owner[i] not in LADDER[law] for i in free])
     c, s = full.values[free][lacks], full.information[np.ix_(free, free)]
-    if not lacks.any():
-        return 0.0
     left = s[np.ix_(lacks, lacks)]
-    if not lacks.all():
+    if lacks.any() and not lacks.all():
         kept = s[np.ix_(~lacks, ~lacks)]
         left = left - s[np.ix_(lacks, ~lacks)] @ solve_spd(kept, s[np.ix_(~lacks, lacks)])
     return 0.5 * float(c @ left @ c) / full.problem.memory
@@ -263,12 +253,11 @@ def least_loss(full: Solution, owner: tuple[str | None, ...], law: str) -> float
 def fit_inside(near: Solution, owner: tuple[str | None, ...], law: str, iterations: int) -> Solution:
     """A law fitted with the simulator and step of a larger law, from the end of that fit, without its other parts."""
     used = np.array([part is None or part in LADDER[law] for part in owner])
-    values = np.where(used, near.values, 0.0)
-    return fit_windows(replace(near.problem, frozen=~used), values, near.starts, iterations=iterations)
+    problem = replace(near.problem, frozen=~used)
+    return fit_windows(problem, np.where(used, near.values, 0.0), near.starts, iterations=iterations)
 
 
 def fit_again(law: Solution, inside: Solution, iterations: int) -> Solution:
     """A law's fit repeated from its end inside a larger law, whose simulator may have further parameters."""
-    own = {p.name: v for p, v in zip(inside.problem.parameters, inside.values, strict=True)}
-    values = np.array([own[p.name] for p in law.problem.parameters])
+    values = np.array([inside.by_name[p.name] for p in law.problem.parameters])
     return fit_windows(law.problem, values, inside.starts, iterations=iterations)

@@ -26,7 +26,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.model import Model
 from fitting.calibration.decision import smooth_stretch, smoothed_noise, without_noise
 from fitting.calibration.result import EnergyCheck, FitResult
 from fitting.estimate.marching import march
@@ -52,14 +51,12 @@ def energy_check(result: FitResult) -> EnergyCheck | None:
     """The common slope of all runs; None if the law takes no energy or the motion does not determine it."""
     simulator, parameters = result.solution.problem.simulator, result.parameters
     model = simulator.model
-    taking = [e for e in model.effects if e.name in DAMPING]
-    if not taking or result.solution.problem.simulator.release is not None:
+    if simulator.release is not None or not any(e.name in DAMPING for e in model.effects):
         return None
-    reach = _reach(model)
+    # half width of the smoother as a fraction of the shortest link's period: its cubics lose 1e-4 of a swing's energy
+    reach = 0.06 * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
     runs = [(i, smooth_stretch(trace, _covered_span(result, i), reach)) for i, trace in enumerate(result.traces)]
     runs = [(*run, *_noise(result, i, run[2], reach)) for i, run in runs if run is not None]
-    if not runs:
-        return None
 
     @jax.jit
     def energies_at(
@@ -82,28 +79,22 @@ def energy_check(result: FitResult) -> EnergyCheck | None:
     slope = _slope(rows, None)
     parts = np.array([_slope(rows, b) for b in range(BLOCKS)])
     square = (BLOCKS - 1) / BLOCKS * float(np.sum((parts - parts.mean()) ** 2))
-    se, step = result.uncertainty.std_error, []
-    for i, size in enumerate(se):
-        moved = np.array(result.values)
-        moved[i] += 0.1 * size
-        step.append((_slope(find_stretches(moved), None) - slope) / (0.1 * size) if size > 0 else 0.0)
-    square += float(np.array(step) @ result.uncertainty.covariance @ np.array(step))
+    step = np.zeros(len(result.values))
+    for i in np.flatnonzero(result.uncertainty.std_error > 0):
+        moved, size = np.array(result.values), 0.1 * result.uncertainty.std_error[i]
+        moved[i] += size
+        step[i] = (_slope(find_stretches(moved), None) - slope) / size
+    square += float(step @ result.uncertainty.covariance @ step)
     return EnergyCheck(slope, float(np.sqrt(max(square, 1e-300))))
 
 
 def _noise(result: FitResult, run: int, omega: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations (n,) of a run's smoothed angles [rad] and rates [rad/s]."""
-    table = result.noise_table()
-    size, links = table["sigma_rad"][run], omega.shape[1]
-    late = table["delay_s"][run] * np.sqrt(np.mean(omega**2, axis=0)) if "delay_s" in table else np.zeros(links)
-    kept = table["kept"][run] if "kept" in table else np.zeros(links)
-    gains = np.array([smoothed_noise(result.traces[run], reach, float(k)) for k in kept])
-    return tuple((np.hypot(size, late)[:, None] * gains).T)
-
-
-def _reach(model: Model) -> float:
-    # half width of the smoother as a fraction of the shortest link's period: its cubics lose 1e-4 of a swing's energy
-    return 0.06 * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
+    none = np.zeros((len(result.traces), omega.shape[1]))
+    table = {"delay_s": none, "kept": none} | result.noise_table()
+    late = table["delay_s"][run] * np.sqrt(np.mean(omega**2, axis=0))
+    gains = np.array([smoothed_noise(result.traces[run], reach, float(k)) for k in table["kept"][run]])
+    return tuple((np.hypot(table["sigma_rad"][run], late)[:, None] * gains).T)
 
 
 def _covered_span(result: FitResult, run: int) -> tuple[float, float]:
@@ -112,10 +103,8 @@ def _covered_span(result: FitResult, run: int) -> tuple[float, float]:
     mine = np.flatnonzero(windows.run == run)
     if not len(mine):
         return 0.0, 0.0
-    end = mine[0] + 1
-    while end < windows.count and windows.follows[end] and windows.run[end] == run:
-        end += 1
-    return float(windows.begin[mine[0]]), float(windows.ends[end - 1])
+    apart = [*(np.flatnonzero(~windows.follows[mine[1:]]) + 1), len(mine)]
+    return float(windows.begin[mine[0]]), float(windows.ends[mine[apart[0] - 1]])
 
 
 def _stretches(t: np.ndarray, energy: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -178,7 +167,9 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
         return None
     first = mine[np.argmin(windows.begin[mine])]
     trace, begin = result.traces[run], float(windows.begin[first])
-    end = min([trace.t[-1], *_lost_times(result, run)])
+    # the clock changes at lost frames
+    lost = (result.parameters[i].where for i in losses(result.parameters))
+    end = min([trace.t[-1], *(frame.time for frame in lost if frame.run == run)])
     inside = (trace.t >= begin - 1e-9) & (trace.t <= end + 1e-9)
     t = trace.t[inside]
     steps = int(np.ceil((t[-1] - begin) / windows.dt + 1e-9)) if len(t) > 1 else 0
@@ -201,12 +192,6 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
     return OneRun(t, measured, near, _parting(t, other - near), _parting(t, measured - near))
 
 
-def _lost_times(result: FitResult, run: int) -> list[float]:
-    """Times of lost frames of a run: its clock changes there."""
-    frames = (result.parameters[i].where for i in losses(result.parameters))
-    return [frame.time for frame in frames if frame.run == run]
-
-
 def _runs(
     result: FitResult, values: np.ndarray, theta: np.ndarray, omega: np.ndarray, steps: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -220,20 +205,11 @@ def _runs(
         rate = clock_rate(parameters, values)
         h = windows.dt if rate is None else windows.dt * rate
         start = planar.close_chain(model, theta, omega)
-        angles, rates, _ = march(
-            simulator.stepper,
-            model,
-            planar.to_state(model, *start),
-            h,
-            steps,
-            jnp.int32(windows.substeps),
-            steps,
-            steps,
-        )
-        angles, rates = (jnp.concatenate([a[None], b]) for a, b in zip(start, (angles, rates), strict=True))
+        state = planar.to_state(model, *start)
+        moved = march(simulator.stepper, model, state, h, steps, jnp.int32(windows.substeps), steps, steps)
+        angles, rates = (jnp.concatenate([a[None], b]) for a, b in zip(start, moved[:2], strict=True))
         look = lambda angles: camera_angles(model, parameters, values, angles)  # noqa: E731
-        angles, rates = jax.jvp(look, (angles,), (rates * (1.0 if rate is None else rate),))
-        return angles, rates
+        return jax.jvp(look, (angles,), (rates * (1.0 if rate is None else rate),))
 
     found = [run(*map(jnp.asarray, one)) for one in zip(values, theta, omega, strict=True)]
     return [(np.unwrap(np.asarray(a), axis=0), np.asarray(b)) for a, b in found]
@@ -245,10 +221,9 @@ def _parting(t: np.ndarray, difference: np.ndarray) -> float:
     The RMS is averaged over 0.05 s to either side, so that a single wrong sample does not count.
     """
     difference = difference - 2 * np.pi * np.round(np.nan_to_num(difference) / (2 * np.pi))
-    known = np.isfinite(difference)
-    square = np.where(known, difference, 0.0) ** 2
     width = max(1, round(0.1 / max(float(np.median(np.diff(t))), 1e-9)))
     smooth = lambda x: np.convolve(x.sum(axis=1), np.ones(width), "same")  # noqa: E731
-    rms = np.sqrt(smooth(square) / np.maximum(smooth(known.astype(float)), 1))
+    known = np.isfinite(difference)
+    rms = np.sqrt(smooth(np.where(known, difference, 0.0) ** 2) / np.maximum(smooth(known), 1))
     beyond = np.flatnonzero(rms > PARTED)
     return float(t[beyond[0]]) if len(beyond) else np.inf

@@ -148,9 +148,7 @@ def _errors(
 
 def at_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray, weight: float) -> Step:
     """The Gauss-Newton step of joined windows at one weight of the gaps; its information is the inverse covariance."""
-    level = JoinedWindows(problem, weight)
-    nowhere = np.zeros(len(values))
-    step = level.solve(level.system(evaluation, values), values, 0.0, nowhere, nowhere)
+    step = JoinedWindows(problem, weight).undamped_step(evaluation, values, 0.0)
     if step is None:
         raise SceneError("free: the parameters are not identifiable from these traces. Use fewer of them, or priors")
     return step
@@ -165,10 +163,9 @@ def _expected_weight(problem: Problem, evaluation: Evaluation, values: np.ndarra
         step = at_weight(problem, evaluation, values, weight)
         return step.log_determinant + np.array([0.0, np.linalg.slogdet(step.information)[1]])
 
-    evidence = []
-    for weight in SCHEDULE:
-        slope = (logs(weight * (1 + NEAR))[1] - logs(weight / (1 + NEAR))[1]) / (2 * np.log(1 + NEAR))
-        evidence.append(-gaps * np.log(weight) - 0.5 * logs(weight)[0] + 0.25 * slope)
+    nearby = np.array([[logs(weight * share) for share in (1 / (1 + NEAR), 1.0, 1 + NEAR)] for weight in SCHEDULE])
+    slope = (nearby[:, 2, 1] - nearby[:, 0, 1]) / (2 * np.log(1 + NEAR))
+    evidence = -gaps * np.log(SCHEDULE) - 0.5 * nearby[:, 1, 0] + 0.25 * slope
     return next(w for w, each in zip(SCHEDULE, evidence, strict=True) if each >= max(evidence) - SAME_EVIDENCE)
 
 
@@ -180,21 +177,16 @@ def first(windows: Windows, count: int) -> Windows:
 
 def rows(found: Sequence[Planned]) -> list[tuple[str, ...]]:
     """The table as text, with a heading."""
-    names = list(found[0].std_error)
+    errors = {f"standard error of {name.removeprefix('effects.')}": name for name in found[0].std_error}
     table = [
         (
-            "release",
-            "duration [s]",
-            "noise [rad]",
-            *(f"standard error of {name.removeprefix('effects.')}" for name in names),
-            "gap weight",
-            "times the best",
+            row.scene,
+            f"{row.duration:g}",
+            f"{row.noise:g}",
+            *(f"{row.std_error[name]:.3g}" for name in errors.values()),
+            f"{row.gap_weight:.2g}",
+            f"{np.exp(row.score - found[0].score):.2f}",
         )
+        for row in found
     ]
-    for row in found:
-        errors = (f"{row.std_error[name]:.3g}" for name in names)
-        worse = np.exp(row.score - found[0].score)
-        table.append(
-            (row.scene, f"{row.duration:g}", f"{row.noise:g}", *errors, f"{row.gap_weight:.2g}", f"{worse:.2f}")
-        )
-    return table
+    return [("release", "duration [s]", "noise [rad]", *errors, "gap weight", "times the best"), *table]

@@ -15,6 +15,7 @@ from dropper_jax.run.build import SceneLike, build
 from fitting.calibration.prepared import (
     STEPS_PER_PERIOD,
     Prepared,
+    at_frames,
     check_spans,
     fitted_parts,
     fitted_spans,
@@ -26,10 +27,9 @@ from fitting.estimate.marching import choose_stepper
 from fitting.estimate.release import release_of
 from fitting.estimate.rest import advice_on_rest, rests
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import Starts, check_step, cut, fewest_frames, fill, first_starts, time_step
+from fitting.estimate.windows import check_step, cut, fewest_frames, fill, first_starts, time_step
 from fitting.parameters.of_scene import default_free, full_names, rig_priors
-from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
-from fitting.parameters.target import LostPlace
+from fitting.parameters.parameter import Bounds, Priors, StartValues, resolve, with_effects
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, as_trace, noise
@@ -74,7 +74,10 @@ def prepare(
     scene = with_effects(scene, names)
     model, state = build(scene)
     check_planar(model, state)
-    read, notes = _as_traces(traces, model.line.links), []
+    given = [traces] if isinstance(traces, str | Path | Trace) else list(traces)
+    if not given:
+        raise SceneError("traces: none given. Use one or more CSV files")
+    read, notes = [as_trace(item, model.line.links) for item in given], []
     for trace in read:
         check_sampling(trace, model)
         check_unit(trace, model, asked.over(trace.convention))
@@ -84,9 +87,9 @@ def prepare(
     if dt is not None:
         check_step(runs, dt)
     release = release_of(scene, state, names, len(runs), static_start)
-    given = (("start", start), ("bounds", bounds), ("prior", priors))
     by_path = [
-        {full_names(scene, [name], which)[0]: value for name, value in (one or {}).items()} for which, one in given
+        {full_names(scene, [name], which)[0]: value for name, value in (given or {}).items()}
+        for which, given in (("start", start), ("bounds", bounds), ("prior", priors))
     ]
     parameters = at_frames(resolve(model, names, *by_path, release=release), runs)
     parameters, known = rig_priors(scene, model, parameters)
@@ -143,7 +146,9 @@ def prepare(
     if release is not None:
         windows = release.mark(windows, runs)
     starts = first_starts(model, seen, windows, sigma)
-    windows = replace(windows, substeps=_substeps(starts, dt))
+    # subdivisions of a step in which the fastest link of nearly all windows turns by at most `TURN`
+    fastest = float(np.quantile(np.abs(starts.omega).max(axis=1), FASTEST))
+    windows = replace(windows, substeps=2 ** max(0, int(np.ceil(np.log2(max(dt * fastest / TURN, 1e-9))))))
     evaluation = simulator(values, starts, windows)
     rate = lyapunov(simulator, windows, evaluation, values)
     move = transitions(simulator, windows, evaluation, values)
@@ -153,7 +158,10 @@ def prepare(
         windows = release.mark(windows, runs)
         simulator.parameters = release.bound_times(simulator.parameters, windows)
     starts = first_starts(model, seen, windows, sigma)
-    _check_effective(parameters, simulator(values, starts, windows).jacobian, simulator.freedoms)
+    slopes = simulator(values, starts, windows).jacobian[..., simulator.freedoms :]
+    for p, effective in zip(parameters, slopes.any(axis=(0, 1, 2)), strict=True):
+        if not effective:
+            raise SceneError(f"free: {p.name!r} does not affect the traced angles. Use a parameter that does")
     if release is not None:
         residuals = lambda *at: simulator(*at).residual  # noqa: E731
         values = release.guess(residuals, simulator.parameters, windows, starts, values)
@@ -175,43 +183,3 @@ def prepare(
         known=known,
         rest=poses,
     )
-
-
-def _substeps(starts: Starts, dt: float) -> int:
-    """Subdivisions of a step in which the fastest link of nearly all windows turns by at most `TURN`."""
-    fastest = float(np.quantile(np.abs(starts.omega).max(axis=1), FASTEST))
-    return 2 ** max(0, int(np.ceil(np.log2(max(dt * fastest / TURN, 1e-9)))))
-
-
-def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple[Parameter, ...]:
-    """The parameters with the times of the frames that they refer to.
-
-    Raises:
-        SceneError: an unknown run, or a frame without a predecessor.
-    """
-    found = []
-    for p in parameters:
-        if isinstance(p.where, LostPlace):
-            if p.where.run >= len(traces):
-                raise SceneError(f"free: {p.name!r}: unknown run; allowed: 0 to {len(traces) - 1}")
-            t = traces[p.where.run].t
-            if not 0 < p.where.frame < len(t):
-                raise SceneError(f"free: {p.name!r}: unknown frame; allowed: 1 to {len(t) - 1}")
-            p = replace(p, where=replace(p.where, time=float(t[p.where.frame])))
-        found.append(p)
-    return tuple(found)
-
-
-def _as_traces(traces: TracesLike, links: int) -> list[Trace]:
-    items = [traces] if isinstance(traces, str | Path | Trace) else list(traces)
-    if not items:
-        raise SceneError("traces: none given. Use one or more CSV files")
-    return [as_trace(item, links) for item in items]
-
-
-def _check_effective(parameters: Sequence[Parameter], jacobian: np.ndarray, freedoms: int) -> None:
-    """Reject a parameter that changes no residual."""
-    size = np.abs(jacobian[..., freedoms:]).max(axis=(0, 1, 2), initial=0.0)
-    for p, found in zip(parameters, size, strict=True):
-        if found == 0.0:
-            raise SceneError(f"free: {p.name!r} does not affect the traced angles. Use a parameter that does")

@@ -15,8 +15,9 @@ from fitting.estimate.problem import Descent, Problem
 from fitting.estimate.rest import Rest, held_start
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Piece, Starts, Windows, cut, fill, first_starts
-from fitting.parameters.of_scene import JointPrior
+from fitting.parameters.of_scene import JointPrior, rig_priors
 from fitting.parameters.parameter import Parameter
+from fitting.parameters.target import LostPlace
 from fitting.traces.trace import Trace
 
 
@@ -40,6 +41,24 @@ def check_spans(
     return tuple(found)
 
 
+def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple[Parameter, ...]:
+    """The parameters with the times of the frames that they refer to.
+
+    Raises:
+        SceneError: an unknown run, or a frame without a predecessor.
+    """
+    found = list(parameters)
+    for i, p in enumerate(found):
+        if isinstance(p.where, LostPlace):
+            if p.where.run >= len(traces):
+                raise SceneError(f"free: {p.name!r}: unknown run; allowed: 0 to {len(traces) - 1}")
+            t = traces[p.where.run].t
+            if not 0 < p.where.frame < len(t):
+                raise SceneError(f"free: {p.name!r}: unknown frame; allowed: 1 to {len(t) - 1}")
+            found[i] = replace(p, where=replace(p.where, time=float(t[p.where.frame])))
+    return tuple(found)
+
+
 def fitted_spans(
     traces: Sequence[Trace], until: float | None, held_out: Sequence[tuple[float, float]]
 ) -> list[tuple[int, float, float]]:
@@ -50,14 +69,11 @@ def fitted_spans(
     """
     found = []
     for i, trace in enumerate(traces):
-        low, last = float(trace.t[0]), float(trace.t[-1]) + trace.interval
-        last = last if until is None else min(last, until)
-        for begin, end in held_out:
+        low, last = float(trace.t[0]), min(float(trace.t[-1]) + trace.interval, np.inf if until is None else until)
+        for begin, end in [*held_out, (last, last)]:
             if low < min(begin, last):
                 found.append((i, low, min(begin, last)))
             low = max(low, end)
-        if low < last:
-            found.append((i, low, last))
     if not found:
         raise SceneError("until, held-out: nothing remains to fit. Use spans that leave part of the trace")
     return found
@@ -91,16 +107,13 @@ def without_held_starts(
     """
     found, notes = list(spans), []
     for i, trace in enumerate(traces):
-        begin = held_start(trace, sigma[i], slowest, pose)
-        if begin is None:
-            continue
-        left = [(run, max(low, begin) if run == i else low, high) for run, low, high in found]
-        found = [(run, low, high) for run, low, high in left if low < high]
-        notes.append(
-            f"{trace.name} is held still until {begin:.3g} s, in a pose that its own ends do not hold: the fit starts "
-            "there"
-        )
-    return found, notes
+        if (begin := held_start(trace, sigma[i], slowest, pose)) is not None:
+            found = [(run, max(low, begin) if run == i else low, high) for run, low, high in found]
+            notes.append(
+                f"{trace.name} is held still until {begin:.3g} s, in a pose that its own ends do not hold: the fit "
+                "starts there"
+            )
+    return [(run, low, high) for run, low, high in found if low < high], notes
 
 
 #: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
@@ -166,13 +179,14 @@ class Prepared:
 
     def noisy(self, noise: Noise | None) -> Prepared:
         """The preparation with the noise estimated by a fit, if any: in the windows and in all that are cut later."""
-        if noise is None:
-            return self
-        return replace(self, windows=noise.apply_to(self.windows, self.traces), noise=noise)
+        return self if noise is None else replace(self, windows=noise.apply_to(self.windows, self.traces), noise=noise)
 
     def cut(self, length: float, pieces: Sequence[tuple[int, float, float]]) -> Windows:
-        """Windows of `length` [s] of these (run, from, to)."""
-        windows = cut(self.traces, length, self.windows.dt, self.sigma, pieces)
+        """Windows of `length` [s] of these (run, from, to), of the same substeps and noise."""
+        return self._as_fitted(cut(self.traces, length, self.windows.dt, self.sigma, pieces))
+
+    def _as_fitted(self, windows: Windows) -> Windows:
+        windows = replace(windows, substeps=self.windows.substeps)
         return windows if self.noise is None else self.noise.apply_to(windows, self.traces)
 
     def with_pieces(self, pieces: Sequence[Piece]) -> Prepared:
@@ -180,10 +194,16 @@ class Prepared:
         windows = fill(self.traces, pieces, self.windows.dt, self.sigma)
         if self.simulator.release is not None:
             windows = self.simulator.release.mark(windows, self.traces)
-        windows = replace(windows, substeps=self.windows.substeps)
-        windows = windows if self.noise is None else self.noise.apply_to(windows, self.traces)
-        found = replace(self, windows=windows)
+        found = replace(self, windows=self._as_fitted(windows))
         return replace(found, starts=found.starts_from_samples())
+
+    def with_parameters(
+        self, parameters: Sequence[Parameter], begin: np.ndarray, simulator: Simulator | None = None
+    ) -> Prepared:
+        """The preparation with other free parameters, from values (k,); the simulator's programs must know them."""
+        simulator = simulator or self.simulator
+        every, known = rig_priors(self.scene, simulator.model, parameters)
+        return replace(self, parameters=every, known=known, simulator=simulator.view_of(every), begin=begin)
 
     def starts_from_samples(self) -> Starts:
         """Starts of the windows from their samples alone."""

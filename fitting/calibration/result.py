@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from fitting.calibration.law_fits import Law
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gaps import HELD_GROWTH
 from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.noise import mean_by_run
 from fitting.estimate.problem import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.windows import Windows, first_starts
@@ -27,17 +28,20 @@ def score_held_out(
     """RMS angle error [rad] on a span of some runs, by default of all; starts are fitted on the span's own angles, the
     parameters are fixed."""
     low, high = span
-    pieces = []
-    for i, trace in enumerate(prepared.traces):
-        if runs is not None and i not in runs:
-            continue
-        part = trace.between(low, high)
-        if len(part.t) > 2:
-            pieces.append((i, max(low, float(part.t[0])), min(high, float(part.t[-1]) + trace.interval)))
+    parts = [(i, trace.between(low, high)) for i, trace in enumerate(prepared.traces) if runs is None or i in runs]
+    pieces = [
+        (i, max(low, float(part.t[0])), min(high, float(part.t[-1]) + prepared.traces[i].interval))
+        for i, part in parts
+        if len(part.t) > 2
+    ]
     length = min(window_length(prepared, span), *(end - begin for _, begin, end in pieces))
-    windows = prepared.cut(length, pieces)
-    windows = replace(windows.pad_to(*_shape(prepared)), substeps=prepared.windows.substeps)
+    windows = prepared.cut(length, pieces).pad_to(*_shape(prepared))
     return HeldOut(low, high, fit_starts(prepared, windows, values))
+
+
+def direction_text(direction: Mapping[str, float]) -> str:
+    """A direction of parameters in words."""
+    return ", ".join(f"{share:+.2g} {name}" for name, share in direction.items())
 
 
 def window_length(prepared: Prepared, span: tuple[float, float]) -> float:
@@ -61,9 +65,11 @@ def _shape(prepared: Prepared) -> tuple[int, int]:
 
 def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterations: int = 30) -> Solution:
     """Fit only the starts of windows, on a growing fraction of each."""
-    starts = first_starts(
-        prepared.simulator.model_at(values), _from_first_window(prepared.traces, windows), windows, prepared.sigma
-    )
+    # earlier fitted samples must not affect the smoothing of a held-out start
+    begin = [np.min(windows.begin[windows.run == i], initial=np.inf) for i in range(len(prepared.traces))]
+    later = zip(prepared.traces, begin, strict=True)
+    traces = [trace.between(t0, np.inf) if np.isfinite(t0) else trace for trace, t0 in later]
+    starts = first_starts(prepared.simulator.model_at(values), traces, windows, prepared.sigma)
     problem = prepared.problem(frozen=np.ones(len(values), bool))
     problem = replace(problem, windows=windows, simulator=problem.simulator.view_of_starts())
     # fractions of a held-out window whose angles are used in turn to find its start
@@ -71,15 +77,6 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterati
         solution = fit_windows(replace(problem, windows=windows.early(part)), values, starts, iterations=iterations)
         starts = solution.starts
     return solution
-
-
-def _from_first_window(traces: Sequence[Trace], windows: Windows) -> list[Trace]:
-    """The traces from the first window on: earlier fitted samples must not affect the smoothing of a held-out start."""
-    found = []
-    for i, trace in enumerate(traces):
-        mine = windows.begin[windows.run == i]
-        found.append(trace.between(float(mine.min()), np.inf) if len(mine) else trace)
-    return found
 
 
 if TYPE_CHECKING:
@@ -132,10 +129,9 @@ class EnergyCheck:
     @property
     def warning(self) -> str | None:
         """One line if the law is contradicted."""
+        text = f"{self.text}: {abs(self.off):.1f} combined errors from 1; the law or the rig's numbers are wrong"
         # deviation of the energy's slope from 1, in combined errors, above which a warning is given
-        if abs(self.off) <= 3.0:
-            return None
-        return f"{self.text}: {abs(self.off):.1f} combined errors from 1; the law or the rig's numbers are wrong"
+        return text if abs(self.off) > 3.0 else None
 
 
 @dataclass(kw_only=True)
@@ -193,9 +189,8 @@ class FitResult(SceneFit):
     @property
     def left_out_share(self) -> float:
         """Fraction of the samples in windows that were left out."""
-        removed = 0
-        for run, low, high in self.left_out:
-            removed += int(np.isfinite(self.traces[run].between(low, high).theta).sum())
+        parts = [self.traces[run].between(low, high).theta for run, low, high in self.left_out]
+        removed = sum(int(np.isfinite(part).sum()) for part in parts)
         return removed / max(removed + self.windows.samples, 1)
 
     @property
@@ -235,16 +230,9 @@ class FitResult(SceneFit):
     @property
     def descent(self) -> list[dict[str, Any]]:
         """Loss per sample, parameters and gap weight of every step of the method `gradient`; otherwise empty."""
-        if self.method != "gradient":
-            return []
-        return [
-            {
-                "loss": point["loss"],
-                "values": point["values"],
-                "gap_weight": point.get("gap_weight"),
-            }
-            for point in self.solution.history
-        ]
+        keys = ("loss", "values", "gap_weight")
+        points = self.solution.history if self.method == "gradient" else []
+        return [{key: point.get(key) for key in keys} for point in points]
 
     @property
     def model(self) -> Model:
@@ -276,25 +264,20 @@ class FitResult(SceneFit):
             "warnings": self.warnings,
         }
         found |= {"noise": self.noise_table(), **self.intervals()}
-        if self.descent:
-            found["descent"] = self.descent
-        if self.energy is not None:
-            found["energy"] = {"slope": self.energy.slope, "std_error": self.energy.error}
         if self.advice or self.freed:
-            found["advice"] = [row.to_json() for row in self.advice]
-            found["freed"] = [row.to_json() for row in self.freed]
-        if self.comparison:
-            found["comparison"] = [row.to_json() for row in self.comparison]
-            found["law"] = verdict(self.comparison)
-        if self.left_out:
-            found["left_out"] = [
+            found |= {key: [row.to_json() for row in getattr(self, key)] for key in ("advice", "freed")}
+        requested = {
+            "descent": self.descent,
+            "energy": self.energy and {"slope": self.energy.slope, "std_error": self.energy.error},
+            "comparison": [row.to_json() for row in self.comparison],
+            "law": self.comparison and verdict(self.comparison),
+            "left_out": [
                 {"trace": self.traces[run].name, "from_s": low, "to_s": high} for run, low, high in self.left_out
-            ]
-        if (best := self.best_combination) is not None:
-            found["best_determined"] = best
-        if self.status != "ok":
-            found["error"] = f"{self.status}: {self.message}"
-        return jsonable(found)
+            ],
+            "best_determined": self.best_combination,
+            "error": self.status != "ok" and self.outcome,
+        }
+        return jsonable(found | {key: value for key, value in requested.items() if value})
 
     @property
     def best_combination(self) -> dict[str, Any] | None:
@@ -303,20 +286,16 @@ class FitResult(SceneFit):
         Linear and quadratic damping have similar effects at the speed of the motion, so that each alone is much less
         certain. With covariance C, `v = -C_lq/C_qq` has the minimum variance.
         """
-        names = [p.name for p in self.parameters]
-        if not all(name in names for name in DAMPING):
+        mine = [i for name in DAMPING for i, p in enumerate(self.parameters) if p.name == name]
+        C = self.uncertainty.covariance[np.ix_(mine, mine)]
+        if len(mine) < 2 or not (np.diag(C) > 0).all():
             return None
-        i, j = (names.index(name) for name in DAMPING)
-        C = self.uncertainty.covariance
-        if not (C[i, i] > 0 and C[j, j] > 0):
-            return None
-        speed = -C[i, j] / C[j, j]
-        variance = C[i, i] - C[i, j] ** 2 / C[j, j]
+        speed = -C[0, 1] / C[1, 1]
         return {
             "of": list(DAMPING),
             "speed_m_per_s": speed,
-            "value": self.values[i] + speed * self.values[j],
-            "std_error": np.sqrt(max(variance, 0.0)),
+            "value": self.values[mine[0]] + speed * self.values[mine[1]],
+            "std_error": np.sqrt(max(C[0, 0] + speed * C[0, 1], 0.0)),
             "unit": "kg/s",
         }
 
@@ -326,16 +305,13 @@ class FitResult(SceneFit):
         `kept` is the fraction of its noise that a sample passes to the next one.
         """
         windows, noise = self.windows, self.solution.problem.noise
-        sizes = []
-        for run in range(len(self.traces)):
-            weight = windows.weight[windows.run == run]
-            known = weight > 0
-            square = np.where(known, 1 / np.where(known, weight, 1.0) ** 2, 0.0).sum(axis=(0, 1))
-            sizes.append(np.sqrt(square / np.maximum(known.sum(axis=(0, 1)), 1)))
-        found: dict[str, Any] = {"kind": "white" if noise is None else noise.kind, "sigma_rad": np.array(sizes)}
-        if noise is not None and noise.kind == "correlated":
+        known = windows.weight > 0
+        square = mean_by_run(1 / np.where(known, windows.weight, 1.0) ** 2, known, windows.run, len(self.traces))
+        kind = "white" if noise is None else noise.kind
+        found: dict[str, Any] = {"kind": kind, "sigma_rad": np.sqrt(square)}
+        if kind == "correlated":
             interval = np.array([trace.interval for trace in self.traces])[:, None]
             found["kept"] = np.exp(-noise.decay * interval)
-        if noise is not None and noise.kind == "jitter":
+        if kind == "jitter":
             found["delay_s"] = noise.delay
         return found

@@ -60,8 +60,8 @@ class TraceLoss:
         self.starts = Starts(*(jnp.asarray(part) for part in prepared.starts))
         self.samples = windows.samples
         self._samples = tuple(jnp.asarray(a) for a in (windows.theta, windows.weight, windows.index, windows.fraction))
-        basis = planar.chart(prepared.simulator.model_at(prepared.values), prepared.starts.theta)
-        self._basis = jnp.asarray(basis)
+        model = prepared.simulator.model_at(prepared.values)
+        self._basis = jnp.asarray(planar.chart(model, prepared.starts.theta))
         self._cost = jax.custom_jvp(self._half_square)
         self._cost.defjvp(self._half_square_jvp)
         self.loss = jax.jit(self._loss)
@@ -91,14 +91,13 @@ class TraceLoss:
 
     def best_starts(self, params: jax.Array, starts: Starts | None = None) -> Starts:
         """The starts at their optimum for these parameters, for example for the next call of `value_and_grad`."""
-        return self._moved_starts(params, self.starts if starts is None else starts)
+        return self._moved_starts(params, starts or self.starts)
 
     def _move_starts(self, params: jax.Array, first: Starts) -> Starts:
         model = apply(self.prepared.simulator.model, self.prepared.parameters, params)
         z = self._best(params, first).z
-        m = z.shape[1] // 2
-        shift = lambda part: jnp.einsum("kij,kj->ki", self._basis, part)  # noqa: E731
-        moved = first.theta + shift(z[:, :m]), first.omega + shift(z[:, m:])
+        moves = jnp.einsum("kij,ksj->ski", self._basis, z.reshape(len(z), 2, -1))  # of angles and of rates
+        moved = (start + move for start, move in zip(first, moves, strict=True))
         return Starts(*jax.vmap(partial(planar.close_chain, model))(*moved))
 
     def _residual(
@@ -138,14 +137,14 @@ class TraceLoss:
 
     def _prior(self, params: jax.Array) -> jax.Array:
         """Half of the squared distances from the priors."""
-        rows = [(i, *p.prior) for i, p in enumerate(self.prepared.parameters) if p.prior is not None]
-        known = [((params[i] - mean) / sigma) for i, mean, sigma in rows]
+        priors = [(i, *p.prior) for i, p in enumerate(self.prepared.parameters) if p.prior is not None]
+        known = [(params[i] - mean) / sigma for i, mean, sigma in priors]
         known += [(each.share @ params - 1) / each.sigma for each in self.prepared.known.common]
         return 0.5 * sum((one**2 for one in known), jnp.zeros((), params.dtype))
 
     def _best(self, params: jax.Array, starts: Starts | None) -> Blocks:
         """Every window at the best start found, beginning at `starts`."""
-        starts = self.starts if starts is None else starts
+        starts = starts or self.starts
         return jax.vmap(partial(self._best_start, params))(*starts, self._basis, *self._samples)
 
     def _best_start(
@@ -176,8 +175,7 @@ class TraceLoss:
             return (best, best.z - step, damping), None
 
         z = jnp.zeros(2 * m, params.dtype)
-        shapes = jax.eval_shape(blocks, z)
-        nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)._replace(cost=jnp.asarray(jnp.inf))
+        nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(blocks, z))._replace(cost=jnp.asarray(jnp.inf))
         # damping of the first step of a start
         return jax.lax.scan(trial, (nothing, z, jnp.asarray(10 * 1e-3)), None, length=INNER)[0][0]
 

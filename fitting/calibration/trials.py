@@ -26,13 +26,12 @@ from fitting.estimate.gaps import LONGEST
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.marching import choose_stepper
-from fitting.estimate.noise import Noise, lag_one
+from fitting.estimate.noise import Noise, lag_one, mean_by_run
 from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import memory_of
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Starts
-from fitting.parameters.of_scene import rig_priors
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.target import all_joints
 
@@ -74,11 +73,6 @@ class Trials:
         self.prepared = replace(prepared, traces=inside, held_out=tuple(span for _, *span in self.spans))
         self.windows = self.prepared.windows.pick(self.used)
 
-    @property
-    def possible(self) -> bool:
-        """Whether there are windows to fit and windows to score."""
-        return bool(self.spans) and bool(self.used.any())
-
     def weigh(self, errors: np.ndarray, weight: np.ndarray, run: np.ndarray, memory: float) -> None:
         """Weight each link by its misfit and each sample by the memory of the noise, so that priors count.
 
@@ -87,24 +81,16 @@ class Trials:
             run: of these windows (K,).
             memory: number of samples that carry as much information as one of white noise.
         """
-        noise = Noise.as_claimed(len(self.prepared.traces), errors.shape[2])
-        for i in np.unique(run):
-            mine, count = run == i, (weight[run == i] > 0).sum(axis=(0, 1))
-            noise.factor[i] = np.sqrt(np.sum((errors[mine] * weight[mine]) ** 2, axis=(0, 1)) / np.maximum(count, 1))
-        noise = replace(noise, factor=np.maximum(noise.factor, self.prepared.floor) * np.sqrt(memory))
+        square = mean_by_run((errors * weight) ** 2, weight > 0, run, len(self.prepared.traces))
+        factor = np.maximum(np.sqrt(square), self.prepared.floor) * np.sqrt(memory)
+        noise = replace(Noise.as_claimed(*factor.shape), factor=factor)
         self.claimed = self.prepared.windows.pick(self.used)
         self.windows = noise.apply_to(self.claimed, self.prepared.traces)
         self.prepared = replace(self.prepared, noise=noise)
 
-    def with_parameters(self, parameters: Sequence[Parameter], values: np.ndarray) -> Prepared:
-        """The prepared trial with these parameters free."""
-        every, known = rig_priors(self.prepared.scene, self.prepared.simulator.model, parameters)
-        simulator = self.prepared.simulator.view_of(every)
-        return replace(self.prepared, parameters=every, known=known, simulator=simulator, begin=values)
-
     def fit(self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts) -> Solution:
         """A short fit of the windows that are not scored."""
-        at = self.with_parameters(parameters, values)
+        at = self.prepared.with_parameters(parameters, values)
         problem = replace(at.problem(self.loss), windows=self.windows)
         if problem.rest is not None:
             problem = replace(problem, rest=problem.rest.with_noise(at.noise, at.simulator, values))
@@ -113,25 +99,21 @@ class Trials:
 
     def score(self, solution: Solution) -> np.ndarray:
         """Logarithms of the RMS errors [rad] of the windows of all scored stretches."""
-        at = self.with_parameters(solution.problem.parameters, solution.values)
-        found = []
-        for run, low, high in self.spans:
-            held = score_held_out(at, solution.values, (low, high), [run]).solution
-            known = (held.windows.weight > 0).sum(axis=(1, 2))
-            found.append(np.sum(held.errors**2, axis=(1, 2))[known > 0] / known[known > 0])
-        return 0.5 * np.log(np.maximum(np.concatenate(found), 1e-24))
+        at = self.prepared.with_parameters(solution.problem.parameters, solution.values)
+        held = [score_held_out(at, solution.values, span, [run]).solution for run, *span in self.spans]
+        known = np.concatenate([(one.windows.weight > 0).sum(axis=(1, 2)) for one in held])
+        square = np.concatenate([np.sum(one.errors**2, axis=(1, 2)) for one in held])
+        return 0.5 * np.log(np.maximum(square[known > 0] / known[known > 0], 1e-24))
 
 
 def scored_windows(prepared: Prepared) -> np.ndarray:
     """Windows (K,) in the scored parts of their runs; none of runs with too few windows."""
     windows, scored = prepared.windows, np.zeros(prepared.windows.count, bool)
     for i in np.unique(windows.run):
-        mine = np.flatnonzero(windows.run == i)
-        if len(mine) < PARTS_OF_RUN:
-            continue
-        low, high = windows.begin[mine].min(), windows.ends[mine].max()
-        middle = 0.5 * (windows.begin[mine] + windows.ends[mine])
-        scored[mine] = np.isin(np.floor(PARTS_OF_RUN * (middle - low) / (high - low)), SCORED)
+        mine = windows.run == i
+        begin, ends = windows.begin[mine], windows.ends[mine]
+        share = (0.5 * (begin + ends) - begin.min()) / (ends.max() - begin.min())
+        scored[mine] = np.isin(np.floor(PARTS_OF_RUN * share), SCORED) & (len(begin) >= PARTS_OF_RUN)
     return scored & ~windows.released
 
 
@@ -159,17 +141,17 @@ def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, lis
     free = {p.name for p in prepared.parameters}
     zero = {part: 0.0 for part in OF_JOINTS if PARTS[part] in free}
     dry = given.get("dry") is not None or own.model.line.compound
-    model, _ = build(scene := scene_with_law(scene, dry, zero, OF_JOINTS))
-    release = None if own.release is None else replace(own.release)  # its poses belong to one model
+    scene = scene_with_law(scene, dry, zero, OF_JOINTS)
+    model, _ = build(scene)
     parameters, shared = [], []
     for p in prepared.parameters:
-        new = (p,) if p.is_lost else resolve(model, [p.name], release=release)
-        if len(new) == 1 and new[0].name == p.name:
+        new = (p,) if p.is_lost else resolve(model, [p.name], release=own.release)
+        if new[0].name == p.name:
             parameters.append(replace(p, where=new[0].where))
         else:  # joints now have separate numbers
             parameters.append(replace(p, where=all_joints(model, ScenePath(p.name).key)))
             shared.append(parameters[-1])
-    simulator = Simulator(model, parameters, choose_stepper(model), release)
+    simulator = Simulator(model, parameters, choose_stepper(model), own.release)
     substeps = substeps_of(replace(prepared, windows=solution.windows), simulator)
     windows = replace(prepared.windows, substeps=substeps)
     return replace(prepared, scene=scene, parameters=tuple(parameters), simulator=simulator, windows=windows), shared
@@ -189,11 +171,11 @@ def free_groups(
     simulator = wide(prepared, [*(p for group in found for p in group.parameters), *zero])
     prepared = replace(prepared, simulator=simulator)
     trials = Trials(prepared, loss)
-    if not trials.possible:
+    if not (trials.spans and trials.used.any()):  # no windows to score, or none to fit
         return None
-    steps, slots = simulator.capacity
-    longest = max(window_length(prepared, (low, high)) for _, low, high in trials.spans)
+    longest = max(window_length(prepared, span) for _, *span in trials.spans)
     frames = int(longest / min(trace.interval for trace in prepared.traces) + 1.5)
+    steps, slots = simulator.capacity
     simulator.capacity = max(steps, int(longest / prepared.windows.dt + 1e-6)), max(slots, frames)
     trials.weigh(solution.errors, before.windows.weight, before.windows.run, memory_of(solution))
     starts = Starts(*(part[trials.used] for part in solution.starts))
@@ -202,7 +184,7 @@ def free_groups(
     first = float(np.mean(trials.score(base)))
     found = effective(trials, base, found)
     names = [p.name for p in shared]
-    values = dict(zip((p.name for p in base.problem.parameters), base.values, strict=True))
+    values = base.by_name
     start = {
         p.name: values.get(ScenePath(p.name).stem, values.get(p.name, p.value)) for g in found for p in g.parameters
     }
@@ -219,7 +201,7 @@ def free_groups(
     progress(0.55, "testing what may be wrong: everything free")
     best = try_free(found, base.starts)
     for _ in range(2):  # weighted by its own misfit, which is smaller
-        values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
+        values |= best.by_name
         trials.weigh(best.errors, trials.claimed.weight, trials.claimed.run, memory_of(best))
         best = try_free(found, best.starts)
     score = least = float(np.mean(trials.score(best)))
@@ -228,9 +210,8 @@ def free_groups(
     free, needed, fixed = list(found), {}, {}
     for group in found:
         progress(0.6, f"testing what may be wrong: without {group.name}")
-        values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
-        for p in group.instead:
-            values[p.name] = float(np.mean([values[q.name] for q in group.parameters]))
+        values |= best.by_name
+        values |= {p.name: float(np.mean([values[q.name] for q in group.parameters])) for p in group.instead}
         less = try_free([other for other in free if other is not group], best.starts)
         now = float(np.mean(trials.score(less)))
         if now < least + np.log1p(NEEDED):
@@ -242,15 +223,11 @@ def free_groups(
     # what was fixed while others held the fit far from its minimum is tried once more, the best first
     late = [group for group, then in fixed.items() if least < then - np.log1p(NEEDED)]
     while late:
-        values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
-        values |= {p.name: start[p.name] for group in late for p in group.parameters}
-        scores = {}
-        for group in late:
-            progress(0.7, f"testing what may be wrong: with {group.name}")
-            more = try_free([*free, group], best.starts)
-            scores[group] = float(np.mean(trials.score(more))), more
-        group = min(late, key=lambda group: scores[group][0])
-        now, more = scores[group]
+        values |= best.by_name | {p.name: start[p.name] for group in late for p in group.parameters}
+        progress(0.7, f"testing what may be wrong: with {', '.join(group.name for group in late)}")
+        tries = [try_free([*free, group], best.starts) for group in late]
+        scores = [float(np.mean(trials.score(one))) for one in tries]
+        now, group, more = min(zip(scores, late, tries, strict=True), key=lambda row: row[0])
         if not now < least - np.log1p(NEEDED):
             break
         needed[group.name] = float(np.exp(least - now))
@@ -261,7 +238,7 @@ def free_groups(
     whole = Starts(*(part.copy() for part in solution.starts))
     for part, own in zip(whole, best.starts, strict=True):
         part[trials.used] = own
-    at = trials.with_parameters(best.problem.parameters, best.values)
+    at = trials.prepared.with_parameters(best.problem.parameters, best.values)
     freed = [_candidate(group, needed[group.name], best) for group in free]
     scene = without_unused_parts(at.scene, before.scene, [p.name for p in at.parameters])
     at = replace(at, scene=scene, traces=before.traces, held_out=before.held_out, noise=before.noise, starts=whole)
@@ -274,10 +251,11 @@ def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Gr
     For coefficients of damping, all known earlier ones count, including those of other groups.
     """
     every = [p for group in found for p in group.parameters]
-    at = trials.with_parameters(base.problem.parameters, base.values)
+    at = trials.prepared.with_parameters(base.problem.parameters, base.values)
     _, _, data = joint_information(at, base, trials.prepared.simulator, every)
     size = np.sqrt(np.maximum(np.diag(data), 0.0))
-    scaled = data / np.outer(np.where(size > 0, size, 1.0), np.where(size > 0, size, 1.0))
+    size = np.where(size > 0, size, 1.0)
+    scaled = data / np.outer(size, size)
     replaced = {p.name for group in found for p in group.instead}
     free = [i for i, p in enumerate(base.problem.parameters) if p.name not in replaced]
     row, left = len(base.problem.parameters), []
@@ -285,8 +263,8 @@ def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Gr
         known, own = list(free), []
         for p in group.parameters:
             inner = scaled[np.ix_(known, known)] + RIDGE * np.eye(len(known))
-            alike = scaled[row, known] @ np.linalg.solve(inner, scaled[known, row]) if known else 0.0
-            if size[row] > 0 and 1.0 - alike > MODEL_ERROR:
+            alike = scaled[row, known] @ np.linalg.solve(inner, scaled[known, row])
+            if data[row, row] > 0 and 1.0 - alike > MODEL_ERROR:
                 known.append(row)
                 own.append(p)
             row += 1
@@ -298,10 +276,9 @@ def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Gr
 
 def _candidate(group: Group, factor: float, solution: Solution) -> Candidate:
     """A group that was freed, with the changes of its numbers."""
-    at = {p.name: i for i, p in enumerate(solution.problem.parameters)}
-    rows = [at[p.name] for p in group.parameters]
-    error = np.sqrt(np.maximum(np.diag(np.linalg.pinv(solution.information, hermitian=True)), 0.0))
-    changes = {p.name: float(solution.values[i] - p.value) for p, i in zip(group.parameters, rows, strict=True)}
-    errors = {p.name: float(max(error[i], 1e-300)) for p, i in zip(group.parameters, rows, strict=True)}
+    variance = np.diag(np.linalg.pinv(solution.information, hermitian=True))
+    error = dict(zip(solution.by_name, np.sqrt(np.maximum(variance, 0.0)), strict=True))
+    changes = {p.name: solution.by_name[p.name] - p.value for p in group.parameters}
+    errors = {name: float(max(error[name], 1e-300)) for name in changes}
     name = f"{group.name} (held-out error {factor:.2f} times larger without)"
-    return Candidate(name, tuple(p.name for p in group.parameters), changes, errors, float(np.log(factor)), 0.0)
+    return Candidate(name, tuple(changes), changes, errors, float(np.log(factor)), 0.0)

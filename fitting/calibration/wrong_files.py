@@ -26,7 +26,17 @@ from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import first_starts
 from fitting.parameters.of_scene import DAMPING
-from fitting.traces.conventions import Change, changes, in_model, late_columns, resting_angles, shift, units
+from fitting.traces.conventions import (
+    Change,
+    changes,
+    in_model,
+    late_columns,
+    missing_reach,
+    off_rest,
+    resting_angles,
+    shift,
+    units,
+)
 from fitting.traces.planar import wrap
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, without_spikes
 
@@ -79,24 +89,21 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     if given <= OPEN:
         return []
     moves = any(part in name for name in free for part in GEOMETRY)
-    tried, late = [], list(late_columns(trace.links, range(1, LATE + 1)))
-    for at in allowed:
-        # free parameters may cause the shift of the angles
-        shifts = [] if moves else _closing_shifts(model, rows, at)
-        for change in [*changes(trace.links), *shifts, *late, *units(named)]:
-            tried.append((_opening(model, in_model(change.apply(rows), at)), change, at))
-    for at in every:
-        if at not in allowed:
-            fix = f"--zero {at.zero} --sign={at.sign}"
-            change = Change(f"angles count as zero={at.zero}, sign={at.sign}", fix, lambda theta: theta)
-            tried.append((_opening(model, in_model(rows, at)), change, at))
+    plain = [*changes(trace.links), *late_columns(trace.links, range(1, LATE + 1)), *units(named)]
+    tried = [(change, at) for at in allowed for change in plain]
+    if not moves:  # free parameters may cause the shift of the angles
+        tried += [(change, at) for at in allowed for change in _closing_shifts(model, rows, at)]
+    for at in (at for at in every if at not in allowed):
+        words = f"angles count as zero={at.zero}, sign={at.sign}"
+        tried.append((Change(words, f"--zero {at.zero} --sign={at.sign}", lambda theta: theta), at))
+    tried = [(_opening(model, in_model(change.apply(rows), at)), change, at) for change, at in tried]
     best = min(left for left, _, _ in tried)
     apart = f"the links at their angles end {_distance(model, given)} m from the second hook"
     if best < min(OPEN, CLOSES * given):
         # of changes that close equally well, the one with links that hang as at rest
         alike = [one for one in tried if one[0] < 1.5 * best + 1e-3]
         rest = resting_angles(model)
-        off = [round(_off_rest(in_model(change.apply(rows), at), rest), 2) for _, change, at in alike]
+        off = [round(off_rest(in_model(change.apply(rows), at), rest), 2) for _, change, at in alike]
         left, change, _ = alike[int(np.argmin(off))]
         words = f"{change.mistake}, as it seems: {apart} as given, {_distance(model, left)} m without this mistake"
         if given <= TOO_OPEN:  # a camera rolled by 2 degrees opens them as far, and a fit may free its roll
@@ -115,39 +122,23 @@ def _opening(model: Model, theta: np.ndarray) -> float:
     theta = theta[np.isfinite(theta).all(axis=1)]
     if len(theta) < FEWEST:
         return np.inf
-    size = np.abs(_missing_reach(model, theta[:: max(1, len(theta) // MOST)]))
+    size = np.abs(missing_reach(model, theta[:: max(1, len(theta) // MOST)]))
     # the median of a squared deviation in two directions is log(2) of its mean
     return float(np.median(size) / np.sqrt(np.log(2) * np.sum(np.asarray(model.line.length) ** 2)))
-
-
-def _missing_reach(model: Model, theta: np.ndarray) -> np.ndarray:
-    """From the end of the links to the second hook (k,) [m], x + i z with z downwards."""
-    ends = model.ends(0.0)
-    span = np.asarray(ends.end) - np.asarray(ends.start)
-    return span[0] - 1j * span[2] - np.exp(1j * theta) @ np.asarray(model.line.length)
 
 
 def _distance(model: Model, opening: float) -> str:
     return f"{opening * np.sqrt(np.log(2) * np.sum(np.asarray(model.line.length) ** 2)):.2g}"
 
 
-def _off_rest(theta: np.ndarray, rest: np.ndarray) -> float:
-    """RMS departure [rad] of the links' mean directions from those at rest."""
-    mean = np.angle(np.nanmean(np.exp(1j * theta), axis=0))
-    return float(np.sqrt(np.mean(wrap(mean - rest) ** 2)))
-
-
 def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator[Change]:
     """Shifts of one column, or of all, that close the frames best."""
     angle = in_model(theta, at)
     angle = angle[np.isfinite(angle).all(axis=1)]
-    missing, length = _missing_reach(model, angle), np.asarray(model.line.length)
+    missing, link = missing_reach(model, angle), np.asarray(model.line.length) * np.exp(1j * angle)
     turn = -at.sign if at.zero == "down" else at.sign
-    for j in range(angle.shape[1]):
-        own = length[j] * np.exp(1j * angle[:, j])
-        yield shift(j, turn * float(np.angle(np.sum((missing + own) * own.conj()))))
-    reach = np.exp(1j * angle) @ length
-    yield shift(None, turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
+    for j, reach in [*enumerate(link.T), (None, link.sum(axis=1))]:
+        yield shift(j, turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
 
 
 def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float, float]], period: float) -> None:
@@ -168,11 +159,8 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
     motion = smooth_stretch(trace.between(low, high), (low, high), 0.06 * period)
     if motion is None:
         return
-    t, theta, omega = motion
-    energy = _energy(model, theta, omega)
-    inside = np.zeros(len(t), bool)
-    for begin, end in spans:
-        inside |= (t >= begin) & (t < end)
+    t, energy = motion[0], _energy(model, *motion[1:])
+    inside = np.any([(t >= begin) & (t < end) for begin, end in spans], axis=0)
     t, energy = t[inside], energy[inside]
     for at in _breaks(trace):
         before, after = (energy[(t > a) & (t < b)] for a, b in ((at - period, at), (at, at + period)))
@@ -229,29 +217,23 @@ def name_wrong_file(prepared: Prepared) -> str:
     The compiled programs of the fit are used again. Of its parameters only the damping is fitted, starting from zero: a
     wrong file makes all parameters of a fit arbitrary.
     """
-    pieces = _moving_pieces(prepared)
+    pieces, links = _moving_pieces(prepared), prepared.traces[0].links
     given, part = _misfit(prepared, prepared.traces, pieces)
     if not given > WRONG:
         return ""
-    links = prepared.traces[0].links
-    groups = [*changes(links), *_resting_shifts(prepared)], late_columns(links, SOME_LATE)
-    left, change = np.inf, None
-    for group in groups:  # the second one is large, and its mistakes are rare
-        tried = [
-            (_misfit(prepared, [_apply_change(trace, one) for trace in prepared.traces], pieces)[0], i, one)
-            for i, one in enumerate(group)
-        ]
-        left, _, change = min(tried, key=lambda one: one[:2])
-        # maximum chi-square per sample of a reported change: right ones give 0.5 to 4
-        if left < (most := min(LOWERS * given, 9.0)):
-            break
     name = ", ".join(trace.name for trace in prepared.traces)
     size = f"short windows miss the angles by {np.sqrt(given):.0f} times their noise as given"
-    if left < most:
-        return (
-            f"{name}: {change.mistake}, as it seems: {size}, {np.sqrt(left):.2g} times without this mistake; "
-            f"to correct it: {change.fix}"
-        )
+    groups = [*changes(links), *_resting_shifts(prepared)], [*late_columns(links, SOME_LATE)]
+    for group in groups:  # the second one is large, and its mistakes are rare
+        changed = ([_apply_change(trace, change) for trace in prepared.traces] for change in group)
+        tried = [_misfit(prepared, traces, pieces)[0] for traces in changed]
+        left, change = min(tried), group[int(np.argmin(tried))]
+        # maximum chi-square per sample of a reported change: right ones give 0.5 to 4
+        if left < min(LOWERS * given, 9.0):
+            return (
+                f"{name}: {change.mistake}, as it seems: {size}, {np.sqrt(left):.2g} times without this mistake; "
+                f"to correct it: {change.fix}"
+            )
     if not part > OTHER_RIG:
         return ""
     return (
@@ -282,7 +264,6 @@ def _misfit(prepared: Prepared, traces: list[Trace], pieces: Sequence[tuple[int,
         windows = at.cut(min(end - begin for _, begin, end in pieces), pieces)
     except SceneError:
         return np.inf, np.inf
-    windows = replace(windows, substeps=prepared.windows.substeps)
     damping = np.array([any(f".{part}." in p.name for part in DAMPING) for p in prepared.parameters])
     values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
     starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.sigma)
@@ -290,18 +271,14 @@ def _misfit(prepared: Prepared, traces: list[Trace], pieces: Sequence[tuple[int,
     solution = fit_windows(problem, values, starts, iterations=EVALUATIONS)
     weight = windows.weight
     mean = np.sum(weight * windows.theta, axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
-    chi2, moved = (
-        np.array([_mean_without_outliers(one[w > 0] ** 2) for one, w in zip(size * weight, weight, strict=True)])
+    samples = [
+        [np.sort(one[w > 0] ** 2) for one, w in zip(size * weight, weight, strict=True)]
         for size in (solution.errors, windows.theta - mean[:, None])
-    )
+    ]
+    # fraction of a window's samples that count; the others have the largest residuals and may be outliers
+    chi2, moved = np.array([[x[: int(np.ceil(0.95 * len(x)))].mean() for x in row] for row in samples])
     chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
     return float(np.median(chi2)), float(np.median(np.sqrt(chi2 / np.maximum(moved, 1e-300))))
-
-
-def _mean_without_outliers(square: np.ndarray) -> float:
-    """Mean of squares (k,) without the largest, which may be outliers."""
-    # fraction of a window's samples that count; the others have the largest residuals and may be outliers
-    return float(np.sort(square)[: int(np.ceil(0.95 * len(square)))].mean())
 
 
 def _apply_change(trace: Trace, change: Change) -> Trace:

@@ -33,25 +33,18 @@ class Gaps(NamedTuple):
 
 def gaps(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> Gaps:
     """Scaled gaps between consecutive windows."""
-    left = np.flatnonzero(windows.follows) - 1
-    right = left + 1
-    n, m2 = evaluation.start.shape[1] // 2, simulator.freedoms
-    basis = chart(simulator.model_at(values), evaluation.start[right, :n])
-    m = basis.shape[2]
+    right = np.flatnonzero(windows.follows)
+    left, n, m2 = right - 1, evaluation.start.shape[1] // 2, simulator.freedoms
+    turn = np.swapaxes(chart(simulator.model_at(values), evaluation.start[right, :n]), 1, 2)
     rows = np.zeros((len(left), m2, 2 * n))
-    rows[:, :m, :n] = np.swapaxes(basis, 1, 2) / GAP_SCALE[0]
-    rows[:, m:, n:] = np.swapaxes(basis, 1, 2) / GAP_SCALE[1]
-    difference = evaluation.end[left] - evaluation.start[right]
-    difference[:, :n] = np.asarray(wrap(difference[:, :n]))
+    rows[:, : m2 // 2, :n] = turn / GAP_SCALE[0]
+    rows[:, m2 // 2 :, n:] = turn / GAP_SCALE[1]
     rows /= windows.gap_shares[:, None, None]
+    difference = evaluation.end[left] - evaluation.start[right]
+    difference[:, :n] = wrap(difference[:, :n])
     end, start = rows @ evaluation.end_jacobian[left], rows @ evaluation.start_jacobian[right]
-    return Gaps(
-        left,
-        np.einsum("gij,gj->gi", rows, difference),
-        end[..., :m2],
-        -start[..., :m2],
-        end[..., m2:] - start[..., m2:],
-    )
+    value = np.einsum("gij,gj->gi", rows, difference)
+    return Gaps(left, value, end[..., :m2], -start[..., :m2], end[..., m2:] - start[..., m2:])
 
 
 class Joined(NamedTuple):
@@ -76,8 +69,7 @@ def join(normal: Normal, g: Gaps, weight: float, offset: np.ndarray) -> Joined:
     gz[g.left] += np.einsum("gij,gi->gj", before, value)
     gz[right] += np.einsum("gij,gi->gj", after, value)
     C = normal.C + (turn(shared) @ shared).sum(0)
-    gp = normal.gp + np.einsum("gij,gi->j", shared, value)
-    return Joined(Normal(A, B, C, gz, gp), below)
+    return Joined(Normal(A, B, C, gz, normal.gp + np.einsum("gij,gi->j", shared, value)), below)
 
 
 def eliminate_joined(system: Joined, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray) -> Step:
@@ -127,25 +119,21 @@ def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, val
     m2 = simulator.freedoms
     move = transitions(simulator, windows, evaluation, values)
     frame, total, time = np.eye(m2), 0.0, 0.0
+    known = np.isfinite(move).all(axis=(1, 2))
     for k, matrix in enumerate(move):
-        if windows.released[k]:  # has no start of its own, hence no error
+        if windows.released[k] or (known[k] and not windows.follows[k]):
             frame = np.eye(m2)
-            continue
-        if not np.isfinite(matrix).all():
-            continue
-        frame = np.eye(m2) if not windows.follows[k] else frame
-        frame, upper = np.linalg.qr(matrix @ frame)
-        total += float(np.log(max(abs(upper[0, 0]), 1e-300)))
-        time += float(windows.lengths[k])
+        if known[k] and not windows.released[k]:  # a released one has no start of its own, hence no error
+            frame, upper = np.linalg.qr(matrix @ frame)
+            total += float(np.log(max(abs(upper[0, 0]), 1e-300)))
+            time += float(windows.lengths[k])
     return total / time if time else 0.0
 
 
 def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
     """Longest window [s]: one second per 0.1 m link of a chain; long where chaos is impossible."""
-    longest = max(shortest, min(LONGEST, LONGEST_PART * span))
-    if freedoms < 2:  # one angle cannot be chaotic
-        return longest
-    return min(longest, max(shortest, float(np.sqrt(length / 0.1))))
+    chaotic = float(np.sqrt(length / 0.1)) if freedoms > 1 else np.inf  # one angle cannot be chaotic
+    return max(shortest, min(LONGEST, LONGEST_PART * span, chaotic))
 
 
 def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]:
@@ -157,17 +145,16 @@ def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]
         steps: maximum steps of a window.
     """
     found: list[Piece] = []
-    product = np.eye(move.shape[1])
+    one = np.eye(move.shape[1])
+    move = np.where(windows.released[:, None, None], one, move)  # the start of a released window comes from the model
+    product = one
     for k, matrix in enumerate(move):
-        piece = windows.piece(k)
-        if windows.released[k]:  # its start comes from the model
-            matrix = np.eye(len(matrix))
-        further = matrix @ product if np.isfinite(matrix).all() else np.full_like(matrix, np.inf)
+        piece, further = windows.piece(k), matrix @ product
+        total = piece.steps + sum(last.steps for last in found[-1:])
         grown = np.linalg.norm(further, 2) if np.isfinite(further).all() else np.inf
-        last = found[-1] if found else None
-        if last is not None and piece.follows and last.steps + piece.steps <= steps and grown <= np.exp(FIT_GROWTH):
-            found[-1], product = last._replace(steps=last.steps + piece.steps), further
+        if found and piece.follows and total <= steps and grown <= np.exp(FIT_GROWTH):
+            found[-1], product = found[-1]._replace(steps=total), further
         else:
             found.append(piece)
-            product = matrix if np.isfinite(matrix).all() else further
+            product = matrix
     return found

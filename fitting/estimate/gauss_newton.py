@@ -82,10 +82,12 @@ class Separate:
 
     eliminate = staticmethod(eliminate)
 
-    def full_step(self, point: Solution) -> Step | None:
-        """The step without damping from a point, inside the bounds; None if the equations are singular."""
-        limits = self.problem.step_bounds(point.values)
-        return self.solve(self.system(point.evaluation, point.values), point.values, 0.0, *limits)
+    def undamped_step(
+        self, evaluation: Evaluation, values: np.ndarray, reach: np.ndarray | float | None = None
+    ) -> Step | None:
+        """The step without damping; parameters move by at most `reach` (k,), by default inside their bounds."""
+        limits = self.problem.step_bounds(values) if reach is None else np.outer([-1, 1], reach + 0 * values)
+        return self.solve(self.system(evaluation, values), values, 0.0, *limits)
 
     def record(self, cost: float, values: np.ndarray) -> dict[str, Any]:
         """A row of the history."""
@@ -140,6 +142,11 @@ def fit_windows(
     return descend(Separate(problem), begin, iterations, count=1, progress=progress)
 
 
+def window_costs(problem: Residuals, residual: np.ndarray) -> np.ndarray:
+    """Loss of each window (K,)."""
+    return np.array([problem.loss.cost(one) if np.isfinite(one).all() else np.inf for one in residual])
+
+
 def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations: int) -> tuple[Starts, Evaluation]:
     """Fit the start of every window alone, with fixed parameters (k,).
 
@@ -152,8 +159,7 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
     evaluation = problem.evaluate(values, starts)
     starts = evaluation.starts
     damping = np.full(len(starts.theta), Separate.damping)
-    each = lambda e: np.array([problem.loss.cost(r) if np.isfinite(r).all() else np.inf for r in e.residual])  # noqa: E731
-    cost = each(evaluation)
+    cost = window_costs(problem, evaluation.residual)
     for _ in range(iterations - 1):
         normal = normal_blocks(evaluation, problem.weights(evaluation), problem.freedoms)
         diagonal = np.einsum("kii->ki", normal.A)
@@ -165,10 +171,11 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
         if not (-np.einsum("ki,ki->k", dz, slope) > DECREASE_TOLERANCE).any():
             break
         trial = problem.evaluate(values, problem.move_starts(starts, values, dz))
-        lower = each(trial) < cost
-        pick = lambda new, old, lower=lower: np.where(lower.reshape(-1, *[1] * (old.ndim - 1)), new, old)  # noqa: E731
-        evaluation = Evaluation(*(pick(new, old) for new, old in zip(trial, evaluation, strict=True)))
-        starts, cost = evaluation.starts, each(evaluation)
+        lower = window_costs(problem, trial.residual) < cost
+        evaluation = Evaluation(*(a.copy() for a in evaluation))
+        for part, new in zip(evaluation, trial, strict=True):
+            part[lower] = new[lower]
+        starts, cost = evaluation.starts, window_costs(problem, evaluation.residual)
         damping = np.clip(np.where(lower, 0.1 * damping, np.maximum(10 * damping, 1e-3)), 1e-9, LARGEST_DAMPING)
     return starts, evaluation
 
@@ -276,14 +283,12 @@ def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progr
         point = best._replace(system=objective.system(best.evaluation, best.values))
     while point.system is not None:
         mover.report(point, progress)
-        limits = problem.step_bounds(point.values)
-        newton, moved, near = objective.solve(point.system, point.values, 0.0, *limits), np.inf, False
-        if newton is not None:
-            moved, decrease = objective.remaining_gain(newton, point.evaluation, point.cost)
-            if mover.is_minimum(moved, decrease):
-                best, known, status, message = point, newton, "ok", ""
-                break
-            near = nearly_there(moved, decrease, problem.samples)
+        newton = objective.solve(point.system, point.values, 0.0, *problem.step_bounds(point.values))
+        moved, decrease = objective.remaining_gain(newton, point.evaluation, point.cost) if newton else (np.inf, np.inf)
+        if newton is not None and mover.is_minimum(moved, decrease):
+            best, known, status, message = point, newton, "ok", ""
+            break
+        near = nearly_there(moved, decrease, problem.samples)
         if point.cost <= best.cost:
             best, known = point, newton or known
         following = mover.move(point, newton, near)

@@ -31,6 +31,7 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from fitting.estimate.gauss_newton import Point, Separate, fit_windows, minimise
 from fitting.estimate.normal_equations import Evaluation, Normal, Step, bounded_step, cholesky_root
 from fitting.estimate.problem import Problem
+from fitting.estimate.sandwich import scores
 from fitting.estimate.windows import Starts, Windows
 
 #: Optimizers by name, without their learning rates. The gradients are exact, so short memories suffice: on quadratic
@@ -87,10 +88,10 @@ class GradientDescent:
             raise SceneError(f"optimizer: {self.optimizer!r} is unknown; {nearest(self.optimizer, OPTIMIZERS)}")
         if self.loss not in LOSSES:
             raise SceneError(f"loss: {self.loss!r} is unknown; {nearest(self.loss, LOSSES)}")
-        rate = self.learning_rate
-        if rate is not None and not (np.isfinite(rate) and rate > 0):
+        rate = self.rate
+        if not (np.isfinite(rate) and rate > 0):
             raise SceneError(f"learning_rate: {rate:g} is not positive; allowed: > 0, such as {self.usual_rate:g}")
-        if rate is not None and not isinstance(self.optimizer, str):
+        if self.learning_rate is not None and self.name == "optax":
             raise SceneError("learning_rate: is part of a transformation of optax. Use it with an optimizer's name")
         if self.steps < 1:
             raise SceneError(f"steps: {self.steps} is not positive; allowed: at least 1")
@@ -101,6 +102,11 @@ class GradientDescent:
     def usual_rate(self) -> float:
         """The default learning rate."""
         return RATES.get(self.name, 1.0)
+
+    @property
+    def rate(self) -> float:
+        """The learning rate."""
+        return self.usual_rate if self.learning_rate is None else self.learning_rate
 
     @property
     def name(self) -> str:
@@ -161,16 +167,15 @@ class GradientSteps:
 
     def report(self, point: Point, progress: Progress) -> None:
         record = self.objective.record(point.cost, point.values)
-        weight = record.get("gap_weight")
-        stage = "separate windows" if weight is None else f"gap weight {weight:g}"
+        stage = f"gap weight {record['gap_weight']:g}" if "gap_weight" in record else "separate windows"
         text = f"{stage}, {self.descent.name} step {self.taken}, loss per sample {record['loss']:.5g}"
         progress(min(self.taken / self.descent.steps, 0.99), text)
         self.descent.note(text)
 
     def is_minimum(self, moved: float, decrease: float) -> bool:
-        objective = self.objective
-        little = objective.little() * (INTERMEDIATE if objective.close > ARRIVED**2 else 1.0)
-        return moved < max(INTERMEDIATE * objective.close, ARRIVED**2) and decrease < little
+        close = self.objective.close
+        part = INTERMEDIATE if close > ARRIVED**2 else 1.0
+        return moved < max(INTERMEDIATE * close, ARRIVED**2) and decrease < part * self.objective.little()
 
     def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
         problem = self.objective.problem
@@ -178,7 +183,11 @@ class GradientSteps:
             self.first = point.cost
         if self.taken == self.descent.steps or newton is None:
             return None
-        free = ~problem.held_mask & ~_at_bound(point.values, newton, *problem.bounds(point.values))
+        # parameters stay on a bound according to the quadratic model
+        size = newton.dp * np.sqrt(np.diag(newton.information))
+        low, high = problem.bounds(point.values)
+        at_bound = (point.values <= low) & (size < STAYS) | (point.values >= high) & (size > -STAYS)
+        free = ~problem.held_mask & ~at_bound
         if self.x is None or self.x.is_outdated(newton, free):
             self.x = Coordinates(self.descent, point.values, newton, free)
         found = self._next(point, newton)
@@ -190,19 +199,22 @@ class GradientSteps:
             return None
         self.taken += 1
         # growth of the loss, relative to the larger of its first value and 1 per sample, that counts as divergence
-        if not found.cost < 10.0 * max(self.first, 0.5 * problem.samples):
-            self.why = self._divergence(found.cost)
-            return None
-        return found
+        if found.cost < 10.0 * max(self.first, 0.5 * problem.samples):
+            return found
+        descent = self.descent
+        size = f"grew from {self.first:.3g} to {found.cost:.3g}" if np.isfinite(found.cost) else "is not finite"
+        advice = f"Use {descent.usual_rate:g}" if descent.rate > descent.usual_rate else "Use a smaller one"
+        self.why = f"the loss {size} after {self.taken} steps of {descent.name} with learning rate {descent.rate:g}. "
+        self.why += advice
+        return None
 
     def _next(self, point: Point, newton: Step) -> Point | None:
         """The next point; None if a line search finds none."""
         objective, problem, nowhere = self.objective, self.objective.problem, 0 * point.values
         direction, (low, high) = self.x.step(point.values, newton.gradient), problem.bounds(point.values)
         span = np.where(direction > 0, high - point.values, low - point.values)
-        direction = np.where(span == 0, 0.0, direction)
-        ahead = direction != 0
-        direction = direction * min(1.0, np.min(span[ahead] / direction[ahead], initial=1.0))
+        ahead = (direction != 0) & (span != 0)
+        direction = np.where(ahead, direction, 0.0) * np.min(span[ahead] / direction[ahead], initial=1.0)
         slope, searched = float(newton.gradient @ direction), self.descent.name == "lbfgs"
         if searched and not slope < 0:
             return None
@@ -225,21 +237,6 @@ class GradientSteps:
                 return Point(values, evaluation, cost, system)
         return None
 
-    def _divergence(self, last: float) -> str:
-        """The change of the loss, and advice."""
-        descent, size = self.descent, f"grew from {self.first:.3g} to {last:.3g}"
-        rate, usual = descent.learning_rate, descent.usual_rate
-        rate = usual if rate is None else rate
-        size = size if np.isfinite(last) else "is not finite"
-        advice = f"Use {usual:g}" if rate > usual else "Use a smaller one"
-        return f"the loss {size} after {self.taken} steps of {descent.name} with learning rate {rate:g}. {advice}"
-
-
-def _at_bound(values: np.ndarray, newton: Step, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Which parameters (k,) stay on a bound, according to the quadratic model."""
-    size = newton.dp * np.sqrt(np.diag(newton.information))
-    return (values <= low) & (size < STAYS) | (values >= high) & (size > -STAYS)
-
 
 class Coordinates:
     """Coordinates x = L' p of the free parameters, L L' = S, and an optimizer in them.
@@ -259,9 +256,10 @@ class Coordinates:
         slope = np.abs(self._slope(newton.gradient))
         # minimum distance along a coordinate, as a fraction of that along all of them
         self.distance = np.maximum(slope, max(0.1 * np.linalg.norm(slope), 1e-300))
-        transform = descent.optimizer if descent.name == "optax" else OPTIMIZERS[descent.name]
-        x = self.root.T @ values[free]
-        self.state = transform.init(jnp.asarray(x / self.distance if descent.name == "optax" else x))
+        # a transformation of optax works in units of the distance: steps of a given size are fractions of it
+        self.unit = self.distance if descent.name == "optax" else 1.0
+        transform = OPTIMIZERS.get(descent.name, descent.optimizer)
+        self.state = transform.init(jnp.asarray(self.root.T @ values[free] / self.unit))
 
     def _slope(self, gradient: np.ndarray) -> np.ndarray:
         """A gradient with respect to the coordinates."""
@@ -277,21 +275,18 @@ class Coordinates:
 
     def step(self, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """The optimizer's step of the parameters (k,); zero for parameters that are not free."""
-        rate, name = self.descent.learning_rate or RATES.get(self.descent.name), self.descent.name
-        slope, x = self._slope(gradient), self.root.T @ values[self.free]
-        if name == "optax":  # in units of the distance: steps of a given size are fractions of it, others unchanged
-            at = jnp.asarray(slope / self.distance), self.state, jnp.asarray(x / self.distance)
-            update, self.state = self.descent.optimizer.update(*at)
-            update = self.distance * np.asarray(update)
+        name, rate = self.descent.name, self.descent.rate
+        slope, x = (jnp.asarray(a / self.unit) for a in (self._slope(gradient), self.root.T @ values[self.free]))
+        if name == "optax":
+            update, self.state = self.descent.optimizer.update(slope, self.state, x)
+            rate = -self.unit
         else:
-            at = jnp.asarray(slope), self.state, jnp.asarray(x)
-            if name == "adam":
-                rate = self.distance * (0.5 * rate * (1 + np.cos(np.pi * self.taken / CYCLE)))
-            update, self.state = _update(name, *at)
-            update = -rate * np.asarray(update)
+            update, self.state = _update(name, slope, self.state, x)
+        if name == "adam":
+            rate = self.distance * (0.5 * rate * (1 + np.cos(np.pi * self.taken / CYCLE)))
         self.taken += 1
         found = np.zeros(len(values))
-        found[self.free] = solve_triangular(self.root.T, np.asarray(update))
+        found[self.free] = solve_triangular(self.root.T, -rate * np.asarray(update))
         return found
 
 
@@ -325,8 +320,7 @@ class Spectrum(Separate):
         step = super().solve(system, values, damping, low, high)
         if step is None:
             return None
-        m2, jacobian = self.problem.freedoms, self.evaluation.jacobian
-        slope = jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], step.eliminated)
+        slope = scores(self.evaluation, step)
         gradient = spectrum_terms(self.evaluation, self.problem.windows, slope)[1] + self.problem.prior(values).gradient
         return step._replace(gradient=gradient, dp=bounded_step(step.information, gradient, low, high))
 
@@ -337,22 +331,19 @@ def spectrum_terms(
     """The loss of the spectra and its gradient (k,) from the residuals' slopes (K, S, n, k), if given."""
     known = windows.weight > 0
     count = np.maximum(known.sum(axis=1, keepdims=True), 1)
+    deviation = np.where(known, 1 / np.where(known, windows.weight, 1), 0.0)
 
-    def centre(angle: np.ndarray) -> np.ndarray:
-        return np.where(known, angle - np.sum(np.where(known, angle, 0.0), axis=1, keepdims=True) / count, 0.0)
+    def spectrum(angle: np.ndarray) -> np.ndarray:
+        """Of angles (..., K, S, n) minus their means."""
+        mean = np.sum(angle, axis=-2, keepdims=True, where=known) / count
+        return np.fft.rfft(np.where(known, angle - mean, 0.0), axis=-2)
 
-    simulated = np.fft.rfft(centre(evaluation.theta), axis=1)
-    measured_angle = evaluation.theta - np.where(known, evaluation.residual / np.where(known, windows.weight, 1), 0.0)
-    measured = np.abs(np.fft.rfft(centre(measured_angle), axis=1))
-    # ratio of chi-square to the number of samples below which amplitude spectra join the loss
+    simulated = spectrum(evaluation.theta)
     size = np.maximum(np.abs(simulated), 1e-9)
-    rest = size - measured
+    rest = size - np.abs(spectrum(evaluation.theta - evaluation.residual * deviation))
     scale = (windows.weight.max(axis=1, keepdims=True) ** 2) / windows.theta.shape[1]
     cost = 0.5 * float(np.sum(scale * rest**2))
     if slope is None:
         return cost, None
-    slope = np.where(known, 1 / np.where(known, windows.weight, 1), 0.0)[..., None] * slope
-    slope = slope - slope.sum(axis=1, keepdims=True) / count[..., None]
-    moved = np.fft.rfft(np.where(known[..., None], slope, 0.0), axis=1)
-    amplitude = np.real(np.conj(simulated)[..., None] * moved) / size[..., None]
-    return cost, np.einsum("ksn,ksnp->p", scale * rest, amplitude)
+    amplitude = np.real(np.conj(simulated) * spectrum(deviation * np.moveaxis(slope, -1, 0))) / size
+    return cost, np.einsum("ksn,pksn->p", scale * rest, amplitude)

@@ -97,17 +97,14 @@ def whiten(windows: Windows, e: Evaluation) -> Evaluation:
     if windows.decay is not None:
         before, phi, size = _memory(windows)
         pick = np.maximum(before, 0)
-        shift = lambda a, more: np.take_along_axis(a, pick.reshape(*pick.shape, *more), 1)  # noqa: E731
-        residual = size * (e.residual - phi * shift(e.residual, ()))
-        jacobian = size[..., None] * (e.jacobian - phi[..., None] * shift(e.jacobian, (1,)))
-        return e._replace(residual=residual, jacobian=jacobian)
+        previous = np.take_along_axis(e.residual, pick, 1), np.take_along_axis(e.jacobian, pick[..., None], 1)
+        residual = size * (e.residual - phi * previous[0])
+        return e._replace(residual=residual, jacobian=size[..., None] * (e.jacobian - phi[..., None] * previous[1]))
     if windows.jitter is not None:
         b, share = _late(windows)
-        along = np.sum(b * e.residual, axis=2, keepdims=True)
+        residual = e.residual - share * b * np.sum(b * e.residual, axis=2, keepdims=True)
         turned = np.einsum("ksn,ksnj->ksj", b, e.jacobian)
-        residual = e.residual - share * b * along
-        jacobian = e.jacobian - (share * b)[..., None] * turned[:, :, None]
-        return e._replace(residual=residual, jacobian=jacobian)
+        return e._replace(residual=residual, jacobian=e.jacobian - (share * b)[..., None] * turned[:, :, None])
     return e
 
 
@@ -118,8 +115,7 @@ def log_volume(windows: Windows) -> float:
     if windows.decay is not None:
         total -= 2 * float(np.sum(np.log(_memory(windows)[2][known])))
     if windows.jitter is not None:
-        b, _ = _late(windows)
-        total += float(np.sum(np.log1p(np.sum(b**2, axis=2))))
+        total += float(np.sum(np.log1p(np.sum(_late(windows)[0] ** 2, axis=2))))
     return total
 
 
@@ -149,6 +145,12 @@ def _late(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
     return b, 1 / (root * (1 + root))  # the same, without the division by b'b
 
 
+def mean_by_run(values: np.ndarray, mask: np.ndarray, run: np.ndarray, runs: int) -> np.ndarray:
+    """Means (runs, n) of the values (K, S, n) in a mask, of windows of these runs (K,); 0 for runs without any."""
+    mine = run == np.arange(runs)[:, None]
+    return mine @ np.sum(values, axis=1, where=mask) / np.maximum(mine @ mask.sum(axis=1), 1)
+
+
 #: Maximum correlation of neighbouring innovations of a noise model that is accepted.
 WHITE = 0.15
 
@@ -159,8 +161,7 @@ def lag_one(residual: np.ndarray, known: np.ndarray, follows: np.ndarray | None 
     Args:
         follows: whether samples after the first belong to the previous samples' series (K, S - 1, n); default: all.
     """
-    both = known[:, 1:] & known[:, :-1]
-    both = both if follows is None else both & follows
+    both = known[:, 1:] & known[:, :-1] & (True if follows is None else follows)
     product = np.where(both, residual[:, 1:] * residual[:, :-1], 0.0)
     square = np.where(known, residual**2, 0.0).sum() / max(known.sum(), 1)
     return float(product.sum() / max(both.sum(), 1) / max(square, 1e-300)), 1 / np.sqrt(max(both.sum(), 1))

@@ -24,14 +24,11 @@ class Factor:
     """Cholesky of a block-tridiagonal matrix: diagonal blocks (K, m, m), blocks (K - 1, m, m) left of the next."""
 
     def __init__(self, diagonal: np.ndarray, below: np.ndarray) -> None:
-        self.below, self.factors = below, []
-        self.log_determinant = 0.0
-        block = diagonal[0]
-        for k in range(len(diagonal)):
-            if k:
-                block = diagonal[k] - below[k - 1] @ cho_solve(self.factors[-1], below[k - 1].T)
+        self.below, self.factors = below, [cho_factor(diagonal[0], lower=True)]
+        for block, coupling in zip(diagonal[1:], below, strict=True):
+            block = block - coupling @ cho_solve(self.factors[-1], coupling.T)
             self.factors.append(cho_factor(block, lower=True))
-            self.log_determinant += 2 * float(np.sum(np.log(np.diag(self.factors[-1][0]))))
+        self.log_determinant = sum(2 * float(np.sum(np.log(np.diag(factor)))) for factor, _ in self.factors)
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """The solution for right-hand sides (K, m, c)."""
@@ -91,10 +88,10 @@ def drop_wild(e: Evaluation) -> Evaluation:
     wild = ~(size <= 1e4 * max(float(np.median(moving)) if len(moving) else 0.0, 1e-300))
     if not wild.any():
         return e
-    keep = ~wild
-    derivatives = ("jacobian", "start_jacobian", "end_jacobian")
-    zeroed = {f: np.where(keep.reshape(-1, *[1] * (getattr(e, f).ndim - 1)), getattr(e, f), 0.0) for f in derivatives}
-    return e._replace(failed=e.failed + wild, **zeroed)
+    derivatives = {f: a.copy() for f, a in e._asdict().items() if f.endswith("jacobian")}
+    for derivative in derivatives.values():
+        derivative[wild] = 0.0
+    return e._replace(failed=e.failed + wild, **derivatives)
 
 
 #: Values added to the diagonal of a scaled information matrix; the first that makes it positive definite is used.
@@ -122,10 +119,8 @@ class Prior(NamedTuple):
 
 def prior_of(parameters: Sequence[Parameter], values: np.ndarray, common: Sequence[Common] = ()) -> Prior:
     """Contribution of the parameters' priors, single and joint ones, at these values (k,)."""
-    rest = np.array(
-        [0.0 if p.prior is None else (v - p.prior[0]) / p.prior[1] for p, v in zip(parameters, values, strict=True)]
-    )
-    scale = np.array([0.0 if p.prior is None else 1 / p.prior[1] for p in parameters])
+    mean, sigma = np.array([p.prior or (0.0, np.inf) for p in parameters]).reshape(-1, 2).T
+    rest, scale = (values - mean) / sigma, 1 / sigma
     cost, gradient, curvature = 0.5 * float(rest @ rest), rest * scale, np.diag(scale**2)
     for each in common:
         row, off = each.share / each.sigma, (float(each.share @ values) - 1) / each.sigma
@@ -187,10 +182,8 @@ def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray,
         return free
     from scipy.optimize import lsq_linear  # noqa: PLC0415 - slow to import, and few steps reach a bound
 
-    step_range = np.where(fixed, 1.0, high)
-    found = lsq_linear(
-        lower.T[:, ~fixed], target, (low[~fixed] / size[~fixed], step_range[~fixed] / size[~fixed]), "bvls", tol=1e-14
-    )
+    ends = low[~fixed] / size[~fixed], high[~fixed] / size[~fixed]
+    found = lsq_linear(lower.T[:, ~fixed], target, ends, "bvls", tol=1e-14)
     step = np.zeros_like(size)
     step[~fixed] = np.clip(found.x * size[~fixed], low[~fixed], high[~fixed])
     return step
@@ -222,10 +215,8 @@ def eliminate(normal: Normal, damping: float, prior: Prior, low: np.ndarray, hig
     solved = np.linalg.solve(A, np.concatenate([normal.B, normal.gz[..., None]], axis=2))
     step, slope = reduce_step(normal, solved, damping, prior, low, high)
     dp, dz = step.dp, step.dz
-    curvature = normal.C + prior.curvature
-    square = (
-        np.einsum("ki,kij,kj->", dz, normal.A, dz) + 2 * np.einsum("ki,kij,j->", dz, normal.B, dp) + dp @ curvature @ dp
-    )
+    square = np.einsum("ki,kij,kj->", dz, normal.A, dz) + 2 * np.einsum("ki,kij,j->", dz, normal.B, dp)
+    square = square + dp @ (normal.C + prior.curvature) @ dp
     return step._replace(predicted=-(slope + 0.5 * float(square)))
 
 

@@ -19,11 +19,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import block_diag, cholesky, solve_triangular
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from fitting.estimate.gaps import GAP_SCALE, Joined
 from fitting.estimate.loss import LEAST_SQUARES
+from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.posterior import Posterior
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
@@ -88,8 +89,13 @@ def nuts(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress
         from blackjax.diagnostics import effective_sample_size, potential_scale_reduction
     except ImportError:
         raise SceneError("sampler: 'nuts' needs blackjax. Use pip install 'dropper-jax[posterior]'") from None
-    _check(solution)
-    free = np.flatnonzero(~solution.problem.held_mask)
+    problem, free = solution.problem, np.flatnonzero(~solution.problem.held_mask)
+    if not len(free):
+        raise SceneError("posterior: no parameter is free; allowed: at least one")
+    if (problem.noise is not None and problem.noise.kind != "white") or problem.loss != LEAST_SQUARES:
+        raise SceneError("sampler: 'nuts' needs white noise and least squares. Use importance")
+    if problem.simulator.release is not None:
+        raise SceneError("sampler: 'nuts' needs runs with starts of their own. Use importance")
     target = Density(solution, free)
     to_moves, density = target.to_moves, target.function()
 
@@ -119,13 +125,12 @@ def nuts(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress
     keys = list(jax.random.split(jax.random.key(seed), CHAINS))
     progress(0.0, "posterior: compilation")
     run = chain.lower(keys[0]).compile()
-    kept, diverged = [], 0
+    parts = []
     with ThreadPoolExecutor(min(CHAINS, os.cpu_count() or 1)) as side_by_side:
-        for i, (found, divergent) in enumerate(side_by_side.map(lambda key: jax.block_until_ready(run(key)), keys)):
+        for i, part in enumerate(side_by_side.map(lambda key: jax.block_until_ready(run(key)), keys)):
             progress((i + 1) / CHAINS, f"posterior: {i + 1} of {CHAINS} chains")
-            kept.append(np.asarray(found))
-            diverged += int(np.sum(divergent))
-    several = np.stack(kept)
+            parts.append(part)
+    several, divergent = (np.stack(column) for column in zip(*parts, strict=True))
     points = solution.values[free] + several.reshape(-1, len(free))
     return Chains(
         tuple(solution.problem.parameters[i].name for i in free),
@@ -134,39 +139,23 @@ def nuts(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress
         0.0,
         rhat=np.atleast_1d(np.asarray(potential_scale_reduction(several))),
         fewest_draws=float(np.min(np.asarray(effective_sample_size(several)))),
-        divergent=diverged,
+        divergent=int(np.sum(divergent)),
     )
-
-
-def _check(solution: Solution) -> None:
-    problem = solution.problem
-    if not (~problem.held_mask).any():
-        raise SceneError("posterior: no parameter is free; allowed: at least one")
-    noise = problem.noise
-    if (noise is not None and noise.kind != "white") or problem.loss != LEAST_SQUARES:
-        raise SceneError("sampler: 'nuts' needs white noise and least squares. Use importance")
-    if problem.simulator.release is not None:
-        raise SceneError("sampler: 'nuts' needs runs with starts of their own. Use importance")
 
 
 def hessian(solution: Solution, free: np.ndarray) -> np.ndarray:
     """The Gauss-Newton matrix (K m2 + f, K m2 + f) of starts and free parameters."""
     problem = solution.problem
-    level = level_of(problem, solution.gap_weight)
-    system = level.system(solution.evaluation, solution.values)
-    normal, below = (system.normal, system.below) if isinstance(system, Joined) else (system, None)
-    count, m2 = normal.A.shape[:2]
-    full = np.zeros((count * m2 + len(free),) * 2)
-    for k in range(count):
-        here = slice(k * m2, (k + 1) * m2)
-        full[here, here] = normal.A[k]
-        full[here, count * m2 :] = normal.B[k][:, free]
-        full[count * m2 :, here] = normal.B[k][:, free].T
-        if below is not None and k:
-            before = slice((k - 1) * m2, k * m2)
-            full[here, before], full[before, here] = below[k - 1], below[k - 1].T
-    full[count * m2 :, count * m2 :] = (normal.C + problem.prior(solution.values).curvature)[np.ix_(free, free)]
-    return full
+    system = level_of(problem, solution.gap_weight).system(solution.evaluation, solution.values)
+    normal, below = system if isinstance(system, Joined) else (system, [])
+    blocks = block_diag(*normal.A)
+    m2 = normal.A.shape[1]
+    for k, block in enumerate(below, start=1):
+        here, before = slice(k * m2, (k + 1) * m2), slice((k - 1) * m2, k * m2)
+        blocks[here, before], blocks[before, here] = block, block.T
+    border = normal.B[..., free].reshape(-1, len(free))
+    corner = (normal.C + problem.prior(solution.values).curvature)[np.ix_(free, free)]
+    return np.block([[blocks, border], [border.T, corner]])
 
 
 class Density:
@@ -182,10 +171,12 @@ class Density:
         self.unit = solution.chi2 / degrees_of_freedom(solution) * max(uncertainty(solution).inflation, 1.0) ** 2
         lower = cholesky(hessian(solution, free) / self.unit, lower=True)
         self.to_moves = solve_triangular(lower, np.eye(len(lower)), lower=True)
-        self.start = jnp.asarray(solution.starts.theta), jnp.asarray(solution.starts.omega)
+        self.start = tuple(map(jnp.asarray, solution.starts))
         self.basis = jnp.asarray(chart(simulator.model_at(solution.values), solution.starts.theta))
         self.follows = np.flatnonzero(windows.follows & (solution.gap_weight is not None))
-        scale = np.repeat(GAP_SCALE, self.basis.shape[2]) * level_weight(solution)
+        # the gap weight is 1 if windows are separate
+        weight = level_of(self.problem, solution.gap_weight).weight
+        scale = np.repeat(GAP_SCALE, self.basis.shape[2]) * weight
         self.scale = windows.gap_shares[:, None] * scale if len(self.follows) else scale[None]
         counts = windows.step_counts.astype(np.int32)
         inputs = (windows.theta, windows.weight, windows.index, windows.fraction, simulator.jumps(windows), counts)
@@ -220,46 +211,30 @@ class Density:
         known = jnp.asarray(self.all_values).at[self.where].set(values)
         run = lambda window: self.window(known, self.seeds, *self.counts, *window)  # noqa: E731
         # number of windows in one batched evaluation
-        found = jax.lax.map(run, (*starts, self.basis, *self.inputs), batch_size=8)
-        _, residual, jacobian, start, end, js, je, failed = found
+        found = Evaluation(*jax.lax.map(run, (*starts, self.basis, *self.inputs), batch_size=8))
+        residual, jacobian = found.residual, found.jacobian
         cost, slope = 0.5 * jnp.sum(residual**2), jnp.einsum("ksni,ksn->ki", jacobian, residual)
-        cost, slope = self._with_gaps(cost, slope, (start, end), (js, je))
-        more, gradient = _prior(self.problem.prior(self.values), values - self.values)
+        if len(self.follows):
+            cost, slope = self._with_gaps(cost, slope, found)
+        moved, prior = values - self.values, self.problem.prior(self.values)
+        gradient = prior.gradient + prior.curvature @ moved
+        more = prior.cost + 0.5 * (prior.gradient + gradient) @ moved
         slope = jnp.concatenate([slope[:, : 2 * m].ravel(), (slope[:, 2 * m :].sum(0) + gradient)[self.free]])
-        fine = jnp.isfinite(cost) & (failed.sum() == 0) & _inside(self.problem.bounds(self.values), values)
+        low, high = self.problem.bounds(self.values)
+        fine = jnp.isfinite(cost) & (found.failed.sum() == 0) & jnp.all((values >= low) & (values <= high))
         uphill = -(jnp.asarray(self.to_moves) @ slope) / self.unit
         return jnp.where(fine, -(cost + more) / self.unit, -jnp.inf), jnp.where(fine, uphill, 0.0)
 
-    def _with_gaps(
-        self, cost: jax.Array, slope: jax.Array, ends: tuple[jax.Array, ...], jacobians: tuple[jax.Array, ...]
-    ) -> tuple[jax.Array, jax.Array]:
-        if not len(self.follows):
-            return cost, slope
+    def _with_gaps(self, cost: jax.Array, slope: jax.Array, found: Evaluation) -> tuple[jax.Array, jax.Array]:
         right, left, n = self.follows, self.follows - 1, self.basis.shape[1]
         turn = jnp.swapaxes(self.basis[right], 1, 2)
 
-        def to_chart(a: jax.Array) -> jax.Array:
+        def to_chart(a: jax.Array | np.ndarray) -> jax.Array:
             return jnp.concatenate([turn @ a[:, :n], turn @ a[:, n:]], axis=1) / self.scale[..., None]
 
-        (start, end), (js, je) = ends, jacobians
-        off = end[left] - start[right]
-        off = off.at[:, :n].set(wrap(off[:, :n]))
-        gap, before, after = to_chart(off[..., None])[..., 0], to_chart(je[left]), to_chart(js[right])
+        off = found.end[left] - found.start[right]
+        gap = to_chart(off.at[:, :n].set(wrap(off[:, :n]))[..., None])[..., 0]
+        before, after = to_chart(found.end_jacobian[left]), to_chart(found.start_jacobian[right])
         slope = slope.at[left].add(jnp.einsum("gij,gi->gj", before, gap))
         slope = slope.at[right].add(-jnp.einsum("gij,gi->gj", after, gap))
         return cost + 0.5 * jnp.sum(gap**2), slope
-
-
-def level_weight(solution: Solution) -> float:
-    """The gap weight of a solution's level; 1 if windows are separate."""
-    return level_of(solution.problem, solution.gap_weight).weight
-
-
-def _prior(at: Any, moved: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Cost and gradient (k,) of normal priors, relative to the point of expansion."""
-    gradient = jnp.asarray(at.gradient) + jnp.asarray(at.curvature) @ moved
-    return at.cost + jnp.asarray(at.gradient) @ moved + 0.5 * moved @ jnp.asarray(at.curvature) @ moved, gradient
-
-
-def _inside(bounds: tuple[np.ndarray, np.ndarray], values: jax.Array) -> jax.Array:
-    return jnp.all((values >= bounds[0]) & (values <= bounds[1]))

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import softmax
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from fitting.estimate.gauss_newton import Separate
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import degrees_of_freedom, uncertainty
@@ -50,9 +50,11 @@ def smooth_weights(log_ratio: np.ndarray) -> tuple[np.ndarray, float]:
         excess = weight[largest] - cut
         shape = 0.0
         if excess[-1] > 1e-12 and excess[max(int(tail / 4 + 0.5) - 1, 0)] > 0:  # otherwise all weights are equal
+            from scipy.stats import genpareto  # noqa: PLC0415 - slow to import, and few fits sample
+
             shape, scale = pareto(excess)
             plotting_position = (np.arange(1, tail + 1) - 0.5) / tail
-            weight[largest] = np.minimum(cut + quantile(plotting_position, shape, scale), 1.0)
+            weight[largest] = np.minimum(genpareto.ppf(plotting_position, shape, cut, scale), 1.0)
     return weight / weight.sum(), shape
 
 
@@ -62,19 +64,9 @@ def pareto(excess: np.ndarray) -> tuple[float, float]:
     many = 30 + int(np.sqrt(n))
     b = 1 / excess[-1] + (1 - np.sqrt(many / (np.arange(1, many + 1) - 0.5))) / (3 * excess[int(n / 4 + 0.5) - 1])
     shapes = np.log1p(-b[:, None] * excess).mean(axis=1)
-    likelihood = n * (np.log(-b / shapes) - shapes - 1)
-    share = np.exp(likelihood - likelihood.max())
-    mean = float(b @ share / share.sum())
+    mean = float(b @ softmax(n * (np.log(-b / shapes) - shapes)))
     shape = float(np.log1p(-mean * excess).mean())
-    scale = -shape / mean
-    return (n * shape + COUNTS * SHORT_TAIL) / (n + COUNTS), scale
-
-
-def quantile(p: np.ndarray, shape: float, scale: float) -> np.ndarray:
-    """Quantiles of the generalised Pareto law."""
-    if abs(shape) < 1e-9:
-        return -scale * np.log1p(-p)
-    return scale * np.expm1(-shape * np.log1p(-p)) / shape
+    return (n * shape + COUNTS * SHORT_TAIL) / (n + COUNTS), -shape / mean
 
 
 #: Evaluations at a draw, and permitted remaining gain of log pi by the starts.
@@ -118,20 +110,19 @@ class Posterior:
 
     def quantile(self, p: float) -> np.ndarray:
         """(k,), linear in the cumulative weight between draws."""
-        found = []
-        for column in self.draws.T:
-            order = np.argsort(column)
-            below = np.cumsum(self.weight[order]) - 0.5 * self.weight[order]
-            found.append(np.interp(p, below, column[order]))
-        return np.array(found)
+        order = np.argsort(self.draws, axis=0)
+        below = np.cumsum(self.weight[order], axis=0) - 0.5 * self.weight[order]
+        ordered = np.take_along_axis(self.draws, order, axis=0)
+        return np.array([np.interp(p, *column) for column in zip(below.T, ordered.T, strict=True)])
 
     def to_json(self) -> dict[str, Any]:
         """Mean, standard deviation and quantiles by name; their reliability."""
-        found = {"pareto_k": self.shape, "effective_draws": self.effective, "draws": len(self.draws)}
         columns = (self.mean, self.std, *(self.quantile(p) for p in (0.05, 0.5, 0.95)))
         keys = ("mean", "std", "low", "median", "high")
         rows = zip(self.names, *columns, strict=True)
-        return found | {"parameters": {name: dict(zip(keys, numbers, strict=True)) for name, *numbers in rows}}
+        parameters = {name: dict(zip(keys, numbers, strict=True)) for name, *numbers in rows}
+        quality = {"pareto_k": self.shape, "effective_draws": self.effective, "draws": len(self.draws)}
+        return quality | {"parameters": parameters}
 
     @property
     def warnings(self) -> list[str]:
@@ -176,20 +167,15 @@ def importance(solution: Solution, draws: int = 200, seed: int = 0, progress: Pr
     points = np.reshape(proposal.rvs(draws), (draws, len(free)))
     along = Along(solution)
     log_ratio = np.full(draws, -np.inf)
-    unsolved = 0
-    for i, point in enumerate(points):
+    inside = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+    for i in inside:
         progress(i / draws, f"posterior: draw {i + 1} of {draws}")
-        if (point < low).any() or (point > high).any():
-            continue
         values = solution.values.copy()
-        values[free] = point
-        found = along(values, unit)
-        unsolved += found is None
-        if found is not None:
-            log_ratio[i] = found - proposal.logpdf(point)
-    weight, shape = smooth_weights(log_ratio)
+        values[free] = points[i]
+        log_ratio[i] = along(values, unit) - proposal.logpdf(points[i])
+    unsolved = int(np.isnan(log_ratio).sum())
     names = tuple(problem.parameters[i].name for i in free)
-    return Posterior(names, points, weight, shape, unsolved)
+    return Posterior(names, points, *smooth_weights(log_ratio), unsolved)
 
 
 class Along:
@@ -198,29 +184,26 @@ class Along:
     def __init__(self, solution: Solution) -> None:
         held = np.ones(len(solution.values), bool)
         self.solution, self.level = solution, level_of(replace(solution.problem, frozen=held), solution.gap_weight)
-        self.nowhere = np.zeros(len(solution.values))
 
-    def __call__(self, values: np.ndarray, unit: float) -> float | None:
-        """log pi (k,) minus a constant; None if the starts are not found."""
+    def __call__(self, values: np.ndarray, unit: float) -> float:
+        """log pi (k,) minus a constant; NaN if the starts are not found."""
         point, level = self.solution, self.level
         along = point.eliminated @ (values - point.values)
         starts = point.problem.move_starts(point.starts, point.values, along)
-        best = None
+        best = (np.inf, np.inf, 0.0)
         for _ in range(EVALUATIONS):
             evaluation = level.problem.evaluate(values, starts)
             cost = level.cost(evaluation, values)
             system = level.system(evaluation, values) if np.isfinite(cost) else None
-            step = None if system is None else level.solve(system, values, 0.0, self.nowhere, self.nowhere)
+            step = None if system is None else level.solve(system, values, 0.0, *np.zeros((2, len(values))))
             if step is None:
-                return None
-            if best is None or cost - step.predicted < best[0]:
-                best = cost - step.predicted, step.predicted, self._log_determinant(level, system, step.log_determinant)
+                return np.nan
+            if cost - step.predicted < best[0]:
+                volume = step.log_determinant
+                volume = float(np.linalg.slogdet(system.A)[1].sum()) if volume is None else volume
+                best = cost - step.predicted, step.predicted, volume
             if step.predicted < LEFT * unit:
                 break
             starts = level.problem.move_starts(evaluation.starts, values, step.dz)
         # the predicted gain of a last step is included
-        return None if best[1] > unit else -best[0] / unit - 0.5 * best[2]
-
-    @staticmethod
-    def _log_determinant(level: Separate, system: object, value: float | None) -> float:
-        return float(np.linalg.slogdet(system.A)[1].sum()) if value is None else value
+        return np.nan if best[1] > unit else -best[0] / unit - 0.5 * best[2]

@@ -150,9 +150,8 @@ class Residuals(ABC):
 
     def data_cost(self, evaluation: Evaluation) -> float:
         """The loss of the residuals; infinite if the motion is not finite."""
-        if not np.isfinite(evaluation.residual).all():
-            return np.inf
-        return self.loss.cost(evaluation.residual)
+        finite = np.isfinite(evaluation.residual).all()
+        return self.loss.cost(evaluation.residual) if finite else np.inf
 
     def weights(self, evaluation: Evaluation) -> np.ndarray:
         """The loss's weights (K, S, n)."""
@@ -221,11 +220,10 @@ class Problem(Residuals):
     def move_starts(self, starts: Starts, values: np.ndarray, dz: np.ndarray) -> Starts:
         """Starts after a step in the chart, each window's move limited to `LARGEST_MOVE`; not yet closed."""
         bases = chart(self.simulator.model_at(values), starts.theta)
-        m = bases.shape[2]
-        most = np.maximum(np.abs(dz[:, :m]).max(1) / LARGEST_MOVE[0], np.abs(dz[:, m:]).max(1) / LARGEST_MOVE[1])
-        dz = dz / np.maximum(most, 1.0)[:, None]
-        shift = lambda part: np.einsum("kij,kj->ki", bases, part)  # noqa: E731
-        return Starts(starts.theta + shift(dz[:, :m]), starts.omega + shift(dz[:, m:]))
+        moves = dz.reshape(len(dz), 2, -1)  # of angles and of rates
+        most = np.max(np.abs(moves).max(axis=2) / LARGEST_MOVE, axis=1)
+        moves = moves / np.maximum(most, 1.0)[:, None, None]
+        return Starts(*(start + np.einsum("kij,kj->ki", bases, moves[:, i]) for i, start in enumerate(starts)))
 
     def timing(self) -> Timing:
         """Times of the windows' samples."""
@@ -297,6 +295,11 @@ class Solution:
     @property
     def windows(self) -> Windows:
         return self.problem.windows
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """Values of the parameters by their names."""
+        return dict(zip((p.name for p in self.problem.parameters), map(float, self.values), strict=True))
 
     @property
     def chi2(self) -> float:

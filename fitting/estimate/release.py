@@ -93,10 +93,8 @@ class Release:
 
     def times(self, parameters: Sequence[Parameter], values: jax.Array) -> jax.Array:
         """Instants of release (runs,) [s] on the traces' clocks; 0 if they are not free."""
-        found = jnp.zeros(self.runs)
-        for run, i in _free_times(parameters).items():
-            found = found.at[run].set(values[i])
-        return found
+        free = _free_times(parameters)
+        return jnp.zeros(self.runs).at[np.array([*free], int)].set(values[np.array([*free.values()], int)])
 
     def late(self, parameters: Sequence[Parameter], p: jax.Array, release_state: ReleaseState) -> jax.Array:
         """Time from the start of a window to its release [s]; 0 for windows that are not released."""
@@ -113,13 +111,12 @@ class Release:
         windows: Windows,
     ) -> tuple[np.ndarray, ...]:
         """The windows' inputs with the released ones at the model's own pose, and `ReleaseState` of each."""
-        theta, omega, basis, *rest = inputs
-        theta, omega, basis = theta.copy(), omega.copy(), basis.copy()
+        theta, omega, basis = (a.copy() for a in inputs[:3])
         slope = np.zeros((windows.count, theta.shape[1], len(values)))
         for k in np.flatnonzero(windows.released):
             theta[k], omega[k], slope[k] = self.pose(model, parameters, values, int(windows.run[k]))
             basis[k] = 0.0
-        return theta, omega, basis, *rest, windows.released, windows.begin, windows.run, slope
+        return theta, omega, basis, *inputs[3:], windows.released, windows.begin, windows.run, slope
 
     def pose(
         self, model: Model, parameters: Sequence[Parameter], values: np.ndarray, run: int
@@ -216,17 +213,16 @@ class Release:
             return values
         which = np.flatnonzero(windows.released)
         few, first = windows.pick(which), Starts(starts.theta[which], starts.omega[which])
-        tried = values.copy()
-        best = dict.fromkeys(index, np.inf)
+        tries = np.tile(values, (TRIED, 1))
+        times = [*index.values()]
+        low, high = (np.array([getattr(parameters[i], end) for i in times]) for end in ("low", "high"))
+        tries[:, times] = np.linspace(low, high, TRIED)
+        costs = np.array([np.sum(residuals(tried, first, few) ** 2, axis=(1, 2)) for tried in tries])
+        best = np.argmin(np.where(np.isnan(costs), np.inf, costs), axis=0)
         found = values.copy()
-        for share in np.linspace(0, 1, TRIED):
-            for i in index.values():
-                low, high = parameters[i].low, parameters[i].high
-                tried[i] = low + share * (high - low)
-            cost = np.sum(residuals(tried, first, few) ** 2, axis=(1, 2))
-            for k, run in enumerate(few.run):
-                if run in index and cost[k] < best[run]:
-                    best[run], found[index[run]] = cost[k], tried[index[run]]
+        for k, run in enumerate(few.run):
+            if run in index and np.isfinite(costs[best[k], k]):
+                found[index[run]] = tries[best[k], index[run]]
         return found
 
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -47,48 +48,38 @@ class ResidualNoiseModel:
         self.solution, self.traces, self.floor = solution, traces, floor
         problem, old = solution.problem, solution.windows
         self.claimed = replace(claimed, substeps=old.substeps)
-        e = solution.evaluation
+        self.raw = _in_units(solution.evaluation, old, claimed)
         if old.decay is not None or old.jitter is not None:
-            e = problem.simulator(solution.values, solution.starts, self.claimed)
-        else:
-            ratio = np.where(old.weight > 0, claimed.weight / np.where(old.weight > 0, old.weight, 1.0), 0.0)
-            e = e._replace(residual=e.residual * ratio, jacobian=e.jacobian * ratio[..., None])
-        self.raw = e
+            self.raw = problem.simulator(solution.values, solution.starts, self.claimed)
 
     def at(self, noise: Noise) -> Solution:
         """The solution in units of this noise, with recomputed normal equations."""
         windows = noise.apply_to(self.claimed, self.traces)
-        ratio = np.where(
-            windows.weight > 0, windows.weight / np.where(windows.weight > 0, self.claimed.weight, 1.0), 0.0
-        )
+        e = _in_units(self.raw, self.claimed, windows)
         shift = windows.weight * (self.claimed.theta - windows.theta)  # of the samples, by delays
-        e = self.raw._replace(residual=self.raw.residual * ratio + shift, jacobian=self.raw.jacobian * ratio[..., None])
         problem = replace(self.solution.problem, windows=windows, noise=noise)
         if problem.rest is not None:
             problem = replace(problem, rest=problem.rest.with_noise(noise, problem.simulator, self.solution.values))
-        return pose_again(self.solution, problem, whiten(windows, e))
+        return pose_again(self.solution, problem, whiten(windows, e._replace(residual=e.residual + shift)))
 
     def fixed_point(self, noise: Noise, rounds: int = 3) -> tuple[Noise, Solution]:
         """The noise with its sizes at their fixed point, or near it."""
         for _ in range(rounds):
-            point = self.at(noise)
-            factor = np.maximum(noise.factor * self._grow(point), self.floor)
-            near = np.max(np.abs(np.log(factor / noise.factor))) < 0.01
-            noise = replace(noise, factor=factor)
-            if near:
+            before = noise.factor
+            noise = replace(noise, factor=np.maximum(before * self._grow(self.at(noise)), self.floor))
+            if np.max(np.abs(np.log(noise.factor / before))) < 0.01:
                 break
         return noise, self.at(noise)
 
     def _grow(self, point: Solution) -> np.ndarray:
         """Standard deviation of the residuals relative to the assumed one (R, n), with degrees of freedom counted."""
-        residual, known = point.evaluation.residual, point.windows.weight > 0
+        residual, run = point.evaluation.residual, point.windows.run
         slope = point.problem.loss.weights(residual) * residual
-        taken, run = leverage(point), point.windows.run
+        unused = (point.windows.weight > 0) - leverage(point)
         found = np.ones_like(self.floor)
         for r in np.unique(run):
-            mine = run == r
-            square = np.sum(slope[mine] ** 2, axis=(0, 1)) / point.problem.loss.spread
-            left = known[mine].sum(axis=(0, 1)) - taken[mine].sum(axis=(0, 1))
+            square = np.sum(slope[run == r] ** 2, axis=(0, 1)) / point.problem.loss.spread
+            left = unused[run == r].sum(axis=(0, 1))
             every = np.sqrt(square.sum() / max(left.sum(), 1.0))
             # minimum number of remaining samples for the noise of a channel
             found[r] = np.where(left > 10, np.sqrt(square / np.maximum(left, 1.0)), every)
@@ -129,20 +120,17 @@ class ResidualNoiseModel:
     def _innovations(self, noise: Noise) -> float:
         """Correlation of neighbours in the residuals after a fit with correlated noise."""
         windows = noise.apply_to(self.claimed, self.traces)
-        known = windows.weight > 0
-        ratio = np.where(known, windows.weight / np.where(known, self.claimed.weight, 1.0), 0.0)
-        nothing = np.zeros((*ratio.shape, 0))
-        left = whiten(windows, self.raw._replace(residual=self.raw.residual * ratio, jacobian=nothing)).residual
-        return lag_one(left, known)[0]
+        nothing = np.zeros((*windows.weight.shape, 0))
+        left = whiten(windows, _in_units(self.raw._replace(jacobian=nothing), self.claimed, windows)).residual
+        return lag_one(left, windows.weight > 0)[0]
 
     def _neighbours(self, point: Solution) -> tuple[np.ndarray, np.ndarray]:
         """Correlation of neighbouring residuals of every run and link (R, n), and its error for white noise."""
         known, run = point.windows.weight > 0, point.windows.run
         found = np.zeros((2, *self.floor.shape))
-        for r in np.unique(run):
-            for j in range(found.shape[2]):
-                pick = run == r, slice(None), slice(j, j + 1)
-                found[:, r, j] = lag_one(point.evaluation.residual[pick], known[pick])
+        for r, j in product(np.unique(run), range(found.shape[2])):
+            pick = run == r, slice(None), slice(j, j + 1)
+            found[:, r, j] = lag_one(point.evaluation.residual[pick], known[pick])
         return found[0], found[1]
 
     def _with_delay(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
@@ -153,10 +141,10 @@ class ResidualNoiseModel:
         delay = np.zeros_like(white.delay)
         for r in np.unique(point.windows.run):
             mine = point.windows.run == r
-            more, spread = np.sum(along[mine] ** 2 - square[mine]), np.sqrt(2 * np.sum(square[mine] ** 2))
+            more, size = np.sum(along[mine] ** 2 - square[mine]), np.sum(square[mine] ** 2)
             # significance of the links' common motion along their rates, in standard deviations, for a delay model
-            if more > 5.0 * spread:
-                delay[r] = np.sqrt(more / np.sum(square[mine] ** 2))
+            if more > 5.0 * np.sqrt(2 * size):
+                delay[r] = np.sqrt(more / size)
         late = along / np.maximum(np.sqrt(square), 1e-300)
         if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE:
             return None
@@ -170,10 +158,7 @@ class ResidualNoiseModel:
 def pose_again(solution: Solution, problem: Problem, evaluation: Evaluation) -> Solution:
     """The same point as a solution of another problem of the same motion, with new cost and normal equations."""
     level = level_of(problem, solution.gap_weight)
-    nowhere = np.zeros(len(solution.values))
-    system = level.system(evaluation, solution.values)
-    step = level.solve(system, solution.values, 0.0, nowhere, nowhere)
-    known = solution if step is None else step
+    known = level.undamped_step(evaluation, solution.values, 0.0) or solution
     return replace(
         solution,
         problem=problem,
@@ -188,24 +173,27 @@ def pose_again(solution: Solution, problem: Problem, evaluation: Evaluation) -> 
 
 def minus_two_log(point: Solution) -> float:
     """Minus twice the restricted log likelihood of the noise in a solution's problem, up to constants."""
-    level = level_of(point.problem, point.gap_weight)
-    k = len(point.values)
-    wide = np.where(point.problem.held_mask, 0.0, np.inf)
-    step = level.solve(level.system(point.evaluation, point.values), point.values, 0.0, -wide, wide)
+    reach = np.where(point.problem.held_mask, 0.0, np.inf)
+    step = level_of(point.problem, point.gap_weight).undamped_step(point.evaluation, point.values, reach)
     if step is None:
         return np.inf
-    free = np.flatnonzero(~point.problem.held_mask)
-    _, starts = start_covariances(point)
-    shared = float(np.linalg.slogdet(step.information[np.ix_(free, free)])[1]) if k and len(free) else 0.0
-    return 2 * (point.cost - step.predicted) + starts + shared + log_volume(point.windows)
+    free = np.flatnonzero(reach)
+    shared = float(np.linalg.slogdet(step.information[np.ix_(free, free)])[1])  # 0 of an empty matrix
+    return 2 * (point.cost - step.predicted) + start_covariances(point)[1] + shared + log_volume(point.windows)
+
+
+def _in_units(evaluation: Evaluation, old: Windows, new: Windows) -> Evaluation:
+    """An evaluation in units of the old windows' noise, in those of the new ones."""
+    ratio = np.where(new.weight > 0, new.weight / np.where(old.weight > 0, old.weight, 1.0), 0.0)
+    residual, jacobian = evaluation.residual * ratio, evaluation.jacobian * ratio[..., None]
+    return evaluation._replace(residual=residual, jacobian=jacobian)
 
 
 def memory_of(point: Solution) -> float:
     """Number of samples equivalent to one of white noise, `(1 + rho)/(1 - rho)` by the correlation of neighbours."""
     rho, sure = lag_one(point.evaluation.residual, point.windows.weight > 0)
-    if not correlates(rho, sure):
-        return 1.0
-    return min((1 + rho) / max(1 - rho, 1e-9), max(1.0, point.windows.theta.shape[1] / 2))
+    longest = max(1.0, point.windows.theta.shape[1] / 2)
+    return min((1 + rho) / max(1 - rho, 1e-9), longest) if correlates(rho, sure) else 1.0
 
 
 #: Rounds of fit and noise, and the change of the noise below which another fit would change nothing: an error of 5 % of

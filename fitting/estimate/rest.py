@@ -72,10 +72,10 @@ class Rest:
     def prior(self, simulator: Simulator, values: np.ndarray) -> Prior:
         """Contribution of the rest to cost, gradient (k,) and curvature (k, k)."""
         pose, slope = static_pose(simulator, values)
-        off = (pose - self.theta + np.pi) % (2 * np.pi) - np.pi
+        off = planar.wrap(pose - self.theta)
         weighted = np.einsum("rij,rj->ri", self.precision, off)
-        whole = self.precision.sum(axis=0)
-        return Prior(0.5 * float(np.sum(off * weighted)), slope.T @ weighted.sum(axis=0), slope.T @ whole @ slope)
+        curvature = slope.T @ self.precision.sum(axis=0) @ slope
+        return Prior(0.5 * float(np.sum(off * weighted)), slope.T @ weighted.sum(axis=0), curvature)
 
 
 def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -105,12 +105,11 @@ def _band(model: Model) -> np.ndarray | float:
     friction = next((e for e in model.having(JointFriction) if e.dry is not None), None)
     if friction is None or not np.any(np.asarray(friction.dry) > 0):
         return 0.0
-    found = statics.equilibrium(model)
-    theta = np.asarray(planar.from_nodes(model, found.state.r, jnp.zeros_like(found.state.r))[0])
-    basis = planar.chart(model, theta[None])[0]
+    rest = statics.equilibrium(model).state.r
+    theta = np.asarray(planar.from_nodes(model, rest, jnp.zeros_like(rest))[0])
+    basis, still = planar.chart(model, theta[None])[0], jnp.zeros(len(theta))
 
     def energy(z: jax.Array) -> jax.Array:
-        still = jnp.zeros(len(theta))
         s = planar.to_state(model, planar.close_chain(model, theta + basis @ z, still)[0], still)
         return model.potential_energy(model.instant(s.r, s.v, s.t, model.ends(s.t)))
 
@@ -178,10 +177,10 @@ def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[f
     known = np.flatnonzero(np.isfinite(trace.theta).any(axis=1))
     if not len(known):
         return found
-    t, theta = (a[known[0] : known[-1] + 1] for a in (trace.t, trace.theta))
+    whole = slice(known[0], known[-1] + 1)
     for way, periods in ((1, FIRST_PERIODS), (-1, LAST_PERIODS)):
-        times, angles = t[::way], theta[::way]
-        count = still_frames(times, angles, sigma)
+        times = trace.t[whole][::way]
+        count = still_frames(times, trace.theta[whole][::way], sigma)
         if count >= max(FEWEST, 2 * WIDTH) and abs(times[count - 1] - times[0]) >= max(SHORTEST, periods * slowest):
             found.append(tuple(sorted((float(times[0]), float(times[count - 1])))))
     return list(dict.fromkeys(found))
@@ -215,7 +214,8 @@ def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[
     if not spans or spans[0][0] > trace.t[known[0]]:
         return None
     still = trace.between(spans[0][0], spans[0][1] + 1e-6)
-    off = (np.nanmedian(still.theta, axis=0) - pose() + np.pi) % (2 * np.pi) - np.pi
+    off = planar.wrap(np.nanmedian(still.theta, axis=0) - pose())
+
     later = known[trace.t[known] > spans[0][1]][WIDTH:]
     # angle [rad] between a still pose and equilibrium above which something else must hold the line: errors of 1 % in
     # lengths and ends move the pose of a line between fixed ends by less
@@ -224,11 +224,9 @@ def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[
 
 def advice_on_rest(trace: Trace, sigma: np.ndarray, slowest: float) -> list[str]:
     """A line for each stretch at rest that a fit could use as a pose but does not."""
-    found = []
-    for low, high in still_spans(trace, sigma, slowest):
-        span = f"{np.ceil(100 * low) / 100:g}:{np.floor(100 * high) / 100:g}"
-        found.append(
-            f"{trace.name} is at rest from {low:.3g} to {high:.3g} s. Use --rest {span} to fit that pose as well: it "
-            "determines the rig's numbers, if only the scene's own hooks hold the line then"
-        )
-    return found
+    return [
+        f"{trace.name} is at rest from {low:.3g} to {high:.3g} s. "
+        f"Use --rest {np.ceil(100 * low) / 100:g}:{np.floor(100 * high) / 100:g} to fit that pose as well: it "
+        "determines the rig's numbers, if only the scene's own hooks hold the line then"
+        for low, high in still_spans(trace, sigma, slowest)
+    ]

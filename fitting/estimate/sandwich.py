@@ -17,12 +17,13 @@ the difference between the estimates from the first and the second half of the t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
 
 from fitting.estimate.gaps import gaps
-from fitting.estimate.normal_equations import Factor, Normal, solve_spd
+from fitting.estimate.normal_equations import Evaluation, Factor, Normal, Step, solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
 
@@ -47,11 +48,10 @@ class Scatter(NamedTuple):
     blocks: int
 
 
-def scores(solution: Solution) -> np.ndarray:
+def scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
     """Derivative of every residual by the parameters along the optimum of the starts (K, S, n, k)."""
-    m2 = solution.eliminated.shape[1]
-    jacobian = solution.evaluation.jacobian
-    return jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], solution.eliminated)
+    m2, jacobian = step.eliminated.shape[1], evaluation.jacobian
+    return jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], step.eliminated)
 
 
 def start_covariances(point: Solution) -> tuple[np.ndarray, float]:
@@ -59,11 +59,11 @@ def start_covariances(point: Solution) -> tuple[np.ndarray, float]:
     level = level_of(point.problem, point.gap_weight)
     system = level.system(point.evaluation, point.values)
     if isinstance(system, Normal):
-        diagonal = np.einsum("kii->ki", system.A)
-        A = system.A + (1e-12 * diagonal.max(initial=0.0) + 1e-300) * np.eye(diagonal.shape[1])
+        largest = np.einsum("kii->ki", system.A).max(initial=0.0)
+        A = system.A + (1e-12 * largest + 1e-300) * np.eye(system.A.shape[1])
         return np.linalg.inv(A), float(np.linalg.slogdet(A)[1].sum())
-    diagonal = np.einsum("kii->ki", system.normal.A)
-    factor = Factor(system.normal.A + 1e-13 * diagonal.max() * np.eye(diagonal.shape[1]), system.below)
+    A = system.normal.A
+    factor = Factor(A + 1e-13 * np.einsum("kii->ki", A).max() * np.eye(A.shape[1]), system.below)
     return factor.inverse_diagonal(), factor.log_determinant
 
 
@@ -78,18 +78,18 @@ def leverage(point: Solution) -> np.ndarray:
     """Degrees of freedom that the fit has used of each sample (K, S, n): the diagonal of its hat matrix."""
     m2, root = point.problem.freedoms, np.sqrt(point.weights)[..., None]
     free = np.flatnonzero(~point.problem.held_mask)
-    inverse, _ = start_covariances(point)
     own = root * point.evaluation.jacobian[..., :m2]
-    taken = np.einsum("ksni,kij,ksnj->ksn", own, inverse, own, optimize=True)
+    taken = np.einsum("ksni,kij,ksnj->ksn", own, start_covariances(point)[0], own, optimize=True)
     if len(free):
-        taken = taken + hat_diagonal((root * scores(point))[..., free], point.information[np.ix_(free, free)])
+        score = (root * scores(point.evaluation, point))[..., free]
+        taken = taken + hat_diagonal(score, point.information[np.ix_(free, free)])
     return taken
 
 
 def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     """Parts of the gradient and the information of the free parameters (their numbers), of equal duration."""
     timing, weights = solution.problem.timing(), solution.weights
-    score = scores(solution)[..., free]
+    score = scores(solution.evaluation, solution)[..., free]
     weighted_score = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
     square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
     # target number of pieces of time; a small number of windows is cut into them
@@ -106,16 +106,16 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
         windows = solution.windows
         found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
         left, right, along = found.left, found.left + 1, solution.eliminated
-        slope = found.shared + np.einsum("gij,gjp->gip", found.before, along[left])
-        slope = (slope + np.einsum("gij,gjp->gip", found.after, along[right]))[..., free] / solution.gap_weight
+        slope = (found.shared + found.before @ along[left] + found.after @ along[right])[..., free]
+        slope = slope / solution.gap_weight
         gradient = np.einsum("gip,gi->gp", slope, found.value / solution.gap_weight)
-        rows.append(
-            (number(windows.begin[right], windows.run[right]), gradient, np.einsum("gip,giq->gpq", slope, slope))
-        )
-    names, index = np.unique(np.concatenate([row[0] for row in rows]), return_inverse=True)
-    gradient, information = np.zeros((len(names), len(free))), np.zeros((len(names), len(free), len(free)))
-    np.add.at(gradient, index, np.concatenate([row[1] for row in rows]))
-    np.add.at(information, index, np.concatenate([row[2] for row in rows]))
+        square = np.einsum("gip,giq->gpq", slope, slope)
+        rows.append((number(windows.begin[right], windows.run[right]), gradient, square))
+    numbers, gradients, squares = (np.concatenate(column) for column in zip(*rows, strict=True))
+    names, index = np.unique(numbers, return_inverse=True)
+    gradient, information = (np.zeros((len(names), *a.shape[1:])) for a in (gradients, squares))
+    np.add.at(gradient, index, gradients)
+    np.add.at(information, index, squares)
     return Pieces(gradient, information, names // 10**9)
 
 
@@ -123,28 +123,16 @@ def memory(series: np.ndarray, run: np.ndarray) -> float:
     """Integrated correlation time of a series (P,) over several runs, in its steps: `1 + 2 sum rho_l` up to the first
     non-positive sum of a pair of neighbouring lags (Geyer 1992); two correlation times for an exponential decay."""
     series = series - series.mean()
-    size = float(series @ series)
-    if size <= 0:
-        return 1.0
-    rho = [1.0]
-    for lag in range(1, max(2, len(series) // 2)):
-        same = run[lag:] == run[:-lag]
-        rho.append(float((series[lag:] * series[:-lag])[same].sum()) / size)
-    total = -1.0
-    for first, second in zip(rho[::2], rho[1::2], strict=False):
-        if first + second <= 0:
-            break
-        total += 2 * (first + second)
-    return max(1.0, total)
-
-
-def together(solution: Solution, parts: Pieces, free: np.ndarray) -> int:
-    """Pieces per block: two correlation times of the parameters' scores, if `FEWEST` blocks remain."""
-    return block_of(parts, solution.information[np.ix_(free, free)])
+    size = max(float(series @ series), 1e-300)
+    lags = range(1, max(2, len(series) // 2))
+    rho = [1.0, *(float(series[lag:] @ (series[:-lag] * (run[lag:] == run[:-lag]))) / size for lag in lags)]
+    pairs = (first + second for first, second in zip(rho[::2], rho[1::2], strict=False))
+    return max(1.0, 2 * sum(takewhile(lambda pair: pair > 0, pairs)) - 1)
 
 
 def block_of(parts: Pieces, information: np.ndarray) -> int:
-    """Pieces per block, with this total information (k, k) of the pieces."""
+    """Pieces, of this total information (k, k), per block: two correlation times of the parameters' scores, if `FEWEST`
+    blocks remain."""
     influence = solve_spd(information, parts.gradient.T).T
     longest = max((memory(column, parts.run) for column in influence.T), default=1.0)
     return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST)))
@@ -152,25 +140,18 @@ def block_of(parts: Pieces, information: np.ndarray) -> int:
 
 def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
     """Covariance of the free parameters by the scatter of blocks; None with too few pieces of time."""
-    parts = pieces(solution, free)
+    parts, information = pieces(solution, free), solution.information[np.ix_(free, free)]
     prior = solution.problem.prior(solution.values).curvature[np.ix_(free, free)]
-    return jackknife(parts, solution.information[np.ix_(free, free)], prior)
-
-
-def jackknife(parts: Pieces, information: np.ndarray, prior: np.ndarray) -> Scatter | None:
-    """The covariance from pieces of time, the total information (k, k) and the priors' part of it."""
-    count = len(parts.gradient)
-    if count < FEWEST or not len(information):
+    if len(parts.gradient) < FEWEST or not len(free):
         return None
     length = block_of(parts, information)
     # a run's last block includes the remainder
-    last = lambda n: max(n // length - 1, 0)  # noqa: E731
-    part = np.concatenate([np.minimum(np.arange(n) // length, last(n)) for n in np.bincount(parts.run)])
-    block = np.unique(np.stack([parts.run, part]), axis=1, return_inverse=True)[1].ravel()
-    blocks = int(block.max()) + 1
+    part = [np.minimum(np.arange(n) // length, max(n // length - 1, 0)) for n in np.bincount(parts.run)]
+    names, block = np.unique(np.stack([parts.run, np.concatenate(part)]), axis=1, return_inverse=True)
+    blocks = names.shape[1]
     if blocks < 2:
         return None
-    moved = moves_without(parts, [np.flatnonzero(block == b) for b in range(blocks)], information)
+    moved = moves_without(parts, [np.flatnonzero(block.ravel() == b) for b in range(blocks)], information)
     inner = solve_spd(information, np.eye(len(information)))
     covariance = (blocks - 1) / blocks * moved.T @ moved + inner @ prior @ inner
     own, drift = np.diag(covariance), _half_difference(parts, information) ** 2
@@ -182,10 +163,8 @@ def jackknife(parts: Pieces, information: np.ndarray, prior: np.ndarray) -> Scat
 
 def moves_without(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
     """Change of the estimates (B, k) without each block of pieces, to first order, minus their mean."""
-    moved = []
-    for mine in blocks:
-        rest = information - parts.information[mine].sum(0)
-        moved.append(solve_spd(_positive(rest, information), parts.gradient[mine].sum(0)))
+    rests = [_positive(information - parts.information[mine].sum(0), information) for mine in blocks]
+    moved = [solve_spd(rest, parts.gradient[mine].sum(0)) for rest, mine in zip(rests, blocks, strict=True)]
     return np.array(moved) - np.mean(moved, axis=0)
 
 
@@ -214,12 +193,11 @@ def resample(
 
 def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
     """Difference between the estimates (k,) of the first and the second half of the time, to first order."""
-    later = np.arange(len(parts.run)) >= len(parts.run) // 2
-    ends = [
-        solve_spd(_positive(parts.information[half].sum(0), information), parts.gradient[half].sum(0))
-        for half in (~later, later)
-    ]
-    return ends[0] - ends[1]
+    middle = len(parts.run) // 2
+    halves = (slice(middle), slice(middle, None))
+    rests = [_positive(parts.information[half].sum(0), information) for half in halves]
+    first, second = (solve_spd(rest, parts.gradient[half].sum(0)) for rest, half in zip(rests, halves, strict=True))
+    return first - second
 
 
 def _positive(rest: np.ndarray, full: np.ndarray) -> np.ndarray:

@@ -90,18 +90,15 @@ def profile(
 def _unit(solution: Solution, index: int, std_error: float) -> float:
     """Growth of the cost [units of the assumed noise] that counts as one."""
     free = np.flatnonzero(~solution.problem.held_mask)
-    inverse = solve_spd(solution.information[np.ix_(free, free)], np.eye(len(free)))
-    own = float(inverse[np.flatnonzero(free == index)[0], np.flatnonzero(free == index)[0]])
+    own = solve_spd(solution.information[np.ix_(free, free)], np.eye(len(free)))[free == index, free == index]
     noise = solution.chi2 / degrees_of_freedom(solution)
-    return max(noise, std_error**2 / max(own, 1e-300), 1e-300)
+    return max(noise, std_error**2 / max(float(own[0]), 1e-300), 1e-300)
 
 
 def _crossing(at: np.ndarray, growth: np.ndarray, best: float, limit: float, side: int) -> float:
     """Where the root of the growth, which is nearly linear, crosses the limit; the last point if it does not."""
-    one = side * (at - best) >= 0
+    one = np.flatnonzero(side * (at - best) >= 0)[::side]  # outwards from the best
     distance, root = np.abs(at[one] - best), np.sqrt(np.maximum(growth[one], 0.0))
-    order = np.argsort(distance)
-    distance, root = distance[order], root[order]
     if root[-1] < np.sqrt(limit):
         return best + side * float(distance[-1])
     return best + side * float(np.interp(np.sqrt(limit), np.maximum.accumulate(root), distance))
@@ -178,35 +175,33 @@ class SceneFit:
     def estimates(self) -> dict[str, dict[str, Any]]:
         """Value, error, 90 % interval and unit of every parameter, by its path."""
         u = self.uncertainty
-        rows = zip(self.parameters, self.values, u.std_error, u.low, u.high, u.at_bound, strict=True)
         return {
-            p.name: {"value": v, "std_error": s, "low": a, "high": b, "at_bound": bool(c), "unit": p.unit}
-            for p, v, s, a, b, c in rows
+            p.name: {
+                "value": self.values[i],
+                "std_error": u.std_error[i],
+                "low": u.low[i],
+                "high": u.high[i],
+                "at_bound": bool(u.at_bound[i]),
+                "unit": p.unit,
+            }
+            for i, p in enumerate(self.parameters)
         }
 
     def intervals(self) -> dict[str, Any]:
         """Profiles, bootstrap and posterior as plain values, if requested."""
-        found: dict[str, Any] = {}
-        if self.profiles:
-            found["profile"] = {
-                p.name: {"low": p.low, "high": p.high, "values": p.values, "growth": p.growth, "converged": p.converged}
-                for p in self.profiles
-            }
-        if self.bootstrap is not None:
-            found["bootstrap"] = self.bootstrap_table()
-        if self.posterior is not None:
-            found["posterior"] = self.posterior.to_json()
-        return found
+        keys = ("low", "high", "values", "growth", "converged")
+        found = {
+            "profile": {p.name: {key: getattr(p, key) for key in keys} for p in self.profiles},
+            "bootstrap": self.bootstrap is not None and self.bootstrap_table(),
+            "posterior": self.posterior and self.posterior.to_json(),
+        }
+        return {name: table for name, table in found.items() if table}
 
     def bootstrap_table(self) -> dict[str, dict[str, float]]:
         """Standard deviation and 90 % quantiles of the resampled parameters."""
-        draws = self.bootstrap
-        low, high = np.quantile(draws, [0.05, 0.95], axis=0)
-        spread = draws.std(axis=0, ddof=1)
-        return {
-            p.name: {"std_error": s, "low": a, "high": b}
-            for p, s, a, b in zip(self.parameters, spread, low, high, strict=True)
-        }
+        rows = np.array([self.bootstrap.std(axis=0, ddof=1), *np.quantile(self.bootstrap, [0.05, 0.95], axis=0)]).T
+        keys = ("std_error", "low", "high")
+        return {p.name: dict(zip(keys, row, strict=True)) for p, row in zip(self.parameters, rows, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -240,11 +235,8 @@ class Intervals:
         Raises:
             SceneError: one that is not free.
         """
-        known = [p.name for p in parameters]
-        if isinstance(self.profile, bool):
-            return known if self.profile else []
-        found = []
-        for name in self.profile:
+        known, found = [p.name for p in parameters], []
+        for name in known if self.profile is True else self.profile or ():
             full = name if name in known else full_names(scene, [name], "profile")[0]
             mine = [p for p in known if p == full or p.startswith((f"{full}.", f"{full}@"))]
             if not mine:
@@ -254,15 +246,14 @@ class Intervals:
 
     def add_to(self, result: SceneFit, progress: Progress) -> None:
         """Add the intervals to a result, with their warnings."""
-        solution = result.solution
-        errors = dict(zip([p.name for p in result.parameters], result.uncertainty.std_error, strict=True))
+        solution, estimates = result.solution, result.estimates()
         for name in self.profile_names(result.scene, result.parameters):
             progress(0.96, f"profile of {name}")
-            result.profiles.append(profile(solution, name, float(errors[name])))
+            result.profiles.append(profile(solution, name, float(estimates[name]["std_error"])))
         if self.bootstrap:
             drawn = bootstrap(solution, self.bootstrap)
             result.bootstrap = drawn.draws
-            result.warnings += [drawn.warning] if drawn.warning else []
+            result.warnings += filter(None, [drawn.warning])
         if self.posterior and solution.status == "ok":
             result.posterior = SAMPLERS[self.sampler](solution, self.posterior, progress=progress)
             result.warnings += result.posterior.warnings

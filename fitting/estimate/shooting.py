@@ -18,7 +18,7 @@ import numpy as np
 from dropper_jax.base.errors import Progress, silent
 from fitting.estimate.gaps import Joined, eliminate_joined, gaps, join
 from fitting.estimate.gauss_newton import Separate, descend
-from fitting.estimate.normal_equations import Evaluation, Step
+from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.problem import Problem, Solution
 
 #: Gap weights, in order. Larger ratios lose the neighbourhood of the optimum (measured on the lab dropper).
@@ -88,7 +88,7 @@ class JoinedWindows(Separate):
 
     def expected_decrease(self, ahead: Solution, point: Solution) -> float:
         """Predicted decrease of the cost when a solution continues with finer steps."""
-        step = JoinedWindows(ahead.problem, ahead.gap_weight).full_step(ahead)
+        step = JoinedWindows(ahead.problem, ahead.gap_weight).undamped_step(ahead.evaluation, ahead.values)
         return -np.inf if step is None else point.cost - self.cost(ahead.evaluation, ahead.values) + step.predicted
 
     def evidence(self, point: Solution) -> float:
@@ -96,7 +96,7 @@ class JoinedWindows(Separate):
 
         The cost is the minimum of its linear model at the point.
         """
-        step = self.full_step(point)
+        step = self.undamped_step(point.evaluation, point.values)
         if step is None:
             return -np.inf
         count = int(self.problem.windows.follows.sum()) * self.problem.freedoms
@@ -106,7 +106,7 @@ class JoinedWindows(Separate):
     def solution_at(self, point: Solution) -> Solution:
         """A point of another weight as a solution at this weight, not converged."""
         cost = self.cost(point.evaluation, point.values)
-        known = self.full_step(point) or point
+        known = self.undamped_step(point.evaluation, point.values) or point
         return self.solution(point.values, point.evaluation, cost, known, gap_weight=self.weight)
 
 
@@ -139,10 +139,11 @@ def fit_shooting(
     point, total, worse, found = begin, begin.iterations, 0, []
     if continuity == "exact":
         schedule = [w for w in schedule if w > EXACT_WEIGHT] + [EXACT_WEIGHT]
-    wide = gaps_now(begin)
+    separate = gaps(begin.problem.simulator, begin.windows, begin.evaluation, begin.values).value
     # if gaps are much smaller than a weight allows, the weight has no effect
-    # gap weights larger than this multiple of the gaps' own size are skipped
-    schedule = [w for i, w in enumerate(schedule) if w < 5.0 * wide or i == len(schedule) - 1]
+    # gap weights larger than this multiple of the gaps' own RMS are skipped
+    wide = 5.0 * float(np.sqrt(np.mean(separate**2)))
+    schedule = [*(w for w in schedule[:-1] if w < wide), schedule[-1]]
     if continuity == "estimate" and begin.problem.memory == 1:
         found_at_once = follow_linear_model(begin, schedule, iterations, finer, progress)
         if found_at_once is not None:
@@ -228,18 +229,6 @@ def solve_to_end(point: Solution) -> Solution:
     if found.status == "ok":
         found.evidence = level.evidence(found)
     return replace(found, step_bias=point.step_bias)
-
-
-def gaps_now(point: Solution) -> float:
-    """RMS of the scaled gaps of separate windows."""
-    value = gaps(point.problem.simulator, point.windows, point.evaluation, point.values).value
-    return float(np.sqrt(np.mean(value**2)))
-
-
-def joined_step(point: Solution, low: np.ndarray, high: np.ndarray) -> Step | None:
-    """The full step at a solution's gap weight, moves of the parameters within low and high (k,); None: singular."""
-    level = JoinedWindows(point.problem, point.gap_weight)
-    return level.solve(level.system(point.evaluation, point.values), point.values, 0.0, low, high)
 
 
 def continue_shooting(point: Solution) -> Solution:

@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -83,7 +84,8 @@ class Simulator:
         release: Release | None = None,
         tangents: int | None = None,
     ) -> None:
-        self.model, self.parameters, self.release = model, tuple(parameters), release
+        self.model, self.parameters = model, tuple(parameters)
+        self.release = release and replace(release)  # its poses belong to one model and one list of parameters
         self.compiled = self.parameters
         self.stepper = stepper or choose_stepper(model)
         self.freedoms = 2 * planar.freedoms(model)
@@ -112,10 +114,9 @@ class Simulator:
 
     def knows(self, parameters: Sequence[Parameter]) -> bool:
         """Whether its programs know all of these."""
-        lost = sum(p.is_lost for p in parameters)
         names = {p.name for p in self.compiled}
-        rest = (p for p in parameters if not p.is_lost)
-        return lost <= len(losses(self.compiled)) and all(p.name in names for p in rest)
+        enough_slots = len(losses(parameters)) <= len(losses(self.compiled))
+        return enough_slots and all(p.is_lost or p.name in names for p in parameters)
 
     def _where(self) -> np.ndarray:
         """Numbers (k,) of the parameters among the compiled ones; lost frames use any of their slots."""
@@ -151,8 +152,8 @@ class Simulator:
             return self._last[1]
         bases = planar.chart(self.model_at(values), starts.theta)
         inputs = (starts.theta, starts.omega, bases, windows.theta, windows.weight, windows.index, windows.fraction)
-        asked, (values, _) = values, self.all_values(values)
         inputs = (*inputs, self.jumps(windows), windows.step_counts.astype(np.int32))
+        asked, (values, _) = values, self.all_values(values)
         if self.release:
             inputs = self.release.release_inputs(self.model, self.compiled, values, inputs, windows)
         self.evaluations += 1
@@ -170,9 +171,8 @@ class Simulator:
 
     def _run(self, values: np.ndarray, inputs: tuple[np.ndarray, ...], windows: Windows, plain: bool) -> Evaluation:
         """Inputs of all or some of the windows, a chunk at a time."""
-        count, slots = len(inputs[0]), windows.theta.shape[1]
-        wanted = self._key(windows, plain)
-        key, program = self._program(wanted, values, inputs)
+        slots = windows.theta.shape[1]
+        key, program = self._program(self._key(windows, plain), values, inputs)
         padding = (0, key.slots - slots)
         inputs = [
             np.pad(a, [(0, 0), padding, *[(0, 0)] * (a.ndim - 2)]) if 3 <= i <= 6 else a for i, a in enumerate(inputs)
@@ -180,30 +180,27 @@ class Simulator:
         # windows of similar length run together: a chunk takes as many steps as its longest window, so that copies of
         # the shortest one fill the first chunk
         order = np.argsort(inputs[COUNTS], kind="stable")
-        more = -count % key.size
+        more = -len(order) % key.size
         rows = np.pad(order, (more, 0), mode="edge").reshape(-1, key.size)
         chunks = [tuple(a[some] for a in inputs) for some in rows]
         substeps = np.int32(windows.substeps)
         run = lambda job: [  # noqa: E731
             np.asarray(a) for a in program(values, job[0], substeps, job[1][COUNTS].max(), *job[1])
         ]
-        seeds = self._seeds()
-        jobs = [(some, chunk) for some in seeds for chunk in chunks]
+        jobs = [(seeds, chunk) for seeds in self._seeds() for chunk in chunks]
         # the compiled program releases the interpreter lock, so that two threads use two cores
         with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:
             parts = list(pool.map(run, jobs))
         by_seed = [parts[i : i + len(chunks)] for i in range(0, len(parts), len(chunks))]
         back = more + np.argsort(order, kind="stable")
         joined = [[np.concatenate(column)[back] for column in zip(*some, strict=True)] for some in by_seed]
-        whole = Evaluation(*joined[0])
-        wanted = self.freedoms + len(self.parameters)
-        for field in ("jacobian", "start_jacobian", "end_jacobian"):
-            i = Evaluation._fields.index(field)
-            columns = np.concatenate([some[i] for some in joined], axis=-1)[..., :wanted]
-            without = [(0, 0)] * (columns.ndim - 1) + [(0, wanted - columns.shape[-1])]
-            whole = whole._replace(**{field: np.pad(columns, without)})
-        seen = {f: getattr(whole, f)[:, :slots] for f in ("theta", "residual", "jacobian")}
-        return whole._replace(**seen)
+        whole, columns = Evaluation(*joined[0]), self.freedoms + len(self.parameters)
+        for i, field in enumerate(Evaluation._fields):
+            if field.endswith("jacobian"):
+                found = np.concatenate([some[i] for some in joined], axis=-1)[..., :columns]
+                without = [(0, 0)] * (found.ndim - 1) + [(0, columns - found.shape[-1])]
+                whole = whole._replace(**{field: np.pad(found, without)})
+        return whole._replace(**{f: getattr(whole, f)[:, :slots] for f in ("theta", "residual", "jacobian")})
 
     def _seeds(self) -> list[np.ndarray]:
         """Directions (tangents, m2 + compiled) of the derivatives, in as many blocks as starts and parameters need."""
@@ -221,25 +218,18 @@ class Simulator:
             self._model = values.copy(), apply(self.model, self.parameters, jnp.asarray(values, float))
         return self._model[1]
 
-    def _chunk(self, windows: Windows) -> int:
-        """Windows per program."""
+    def _key(self, windows: Windows, plain: bool) -> Key:
+        # two sizes only, because each one is compiled separately; the small one is not used if the large one exists
+        large = windows.count > CHUNK // 2 or any(key.size == CHUNK for key in self._programs)
+        size = CHUNK if large else CHUNK // 2
         # A program of several windows executes the steps that any of them needs, and both sides of every branch.
         # Sticking joints have many branches: with a set-valued law windows run one by one, in 0.55 of the time (seven
         # links), and compile in 0.4 of it.
         # Windows with error control choose their own steps; in a batch all of them would take the maximum number.
         if self.model.laws or self.stepper.integrator.controls_error:
-            return 1
-        # two sizes only, because each one is compiled separately; the small one is not used if the large one exists
-        large = windows.count > CHUNK // 2 or any(key.size == CHUNK for key in self._programs)
-        return CHUNK if large else CHUNK // 2
-
-    def _key(self, windows: Windows, plain: bool) -> Key:
-        return Key(
-            plain, self._chunk(windows), windows.dt, self._on_grid(windows), windows.steps, windows.theta.shape[1]
-        )
-
-    def _on_grid(self, windows: Windows) -> bool:
-        return self.release is None and not losses(self.compiled) and not windows.fraction.any()
+            size = 1
+        on_grid = self.release is None and not losses(self.compiled) and not windows.fraction.any()
+        return Key(plain, size, windows.dt, on_grid, windows.steps, windows.theta.shape[1])
 
     def _program(
         self, requested: Key, values: np.ndarray, inputs: tuple[np.ndarray, ...]
@@ -312,9 +302,8 @@ class Simulator:
             state = planar.to_state(model, *start)
             angles, rates, failed = march(stepper, model, state, h, capacity, substeps, steps, own_steps)
             angle = camera_angles(model, self.compiled, p, at_samples(start, angles, rates, *samples, h, on_grid))
-            residual = planar.wrap(angle - measured) * weight
             end = jnp.concatenate([angles[own_steps - 1], rates[own_steps - 1]])
-            return (residual, jnp.concatenate(start), end), (angle, failed)
+            return (planar.wrap(angle - measured) * weight, jnp.concatenate(start), end), (angle, failed)
 
         push = lambda d: jax.jvp(outputs, (point,), (d,), has_aux=True)  # noqa: E731
         (residual, start, end), (jr, js, je), (angle, failed) = jax.vmap(push, out_axes=(None, -1, None))(seeds)
@@ -333,9 +322,8 @@ class Simulator:
 
         The steps are stretched so that the last one ends with the window, however much time is missing in it.
         """
-        lost = losses(self.compiled)
         elapsed, total = position * dt, steps * dt
-        for slot, i in enumerate(lost):
+        for slot, i in enumerate(losses(self.compiled)):
             elapsed = elapsed + jnp.where(position >= jumps[slot], p[i], 0.0)
             total = total + jnp.where(jumps[slot] < NEVER, p[i], 0.0)
         late = 0.0 if release_state is None else self.release.late(self.compiled, p, release_state)

@@ -21,7 +21,7 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
-from fitting.estimate.sandwich import FEW, leverage, pieces, resample, scatter, together
+from fitting.estimate.sandwich import FEW, block_of, leverage, pieces, resample, scatter
 from fitting.estimate.shooting import continue_shooting, level_of
 
 #: Probability of the reported intervals.
@@ -69,9 +69,8 @@ def degrees_of_freedom(solution: Solution) -> float:
 
 def variance(solution: Solution) -> float:
     """Variance of the noise, in units of the assumed one, that scales the inverse information to the covariance."""
-    problem, residual = solution.problem, solution.evaluation.residual
-    variance = robust_variance(residual[problem.sample_mask], problem.loss, degrees_of_freedom(solution))
-    return max(variance, problem.least_variance)
+    problem, residual = solution.problem, solution.evaluation.residual[solution.problem.sample_mask]
+    return max(robust_variance(residual, problem.loss, degrees_of_freedom(solution)), problem.least_variance)
 
 
 def robust_variance(residual: np.ndarray, loss: Loss, freedom: float) -> float:
@@ -113,12 +112,10 @@ def uncertainty(solution: Solution) -> Uncertainty:
     se = np.sqrt(np.maximum(np.diag(full), 0.0))
     least, most = problem.bounds(solution.values)
     at_bound = ~problem.held_mask & ((solution.values <= least) | (solution.values >= most))
-    low, high = intervals(solution, full, free, blocks=blocks)
     return Uncertainty(
         full,
         se,
-        low,
-        high,
+        *intervals(solution, full, free, blocks),
         at_bound,
         float(np.sqrt(noise2)),
         correlation,
@@ -129,13 +126,11 @@ def uncertainty(solution: Solution) -> Uncertainty:
 
 
 def _inverse(information: np.ndarray) -> np.ndarray:
-    if not len(information):
-        return information
-    return solve_spd(information, np.eye(len(information)))
+    return solve_spd(information, np.eye(len(information))) if len(information) else information
 
 
 def intervals(
-    solution: Solution, covariance: np.ndarray, free: np.ndarray, level: float = LEVEL, blocks: float = 0
+    solution: Solution, covariance: np.ndarray, free: np.ndarray, blocks: float = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ends (k,) of the intervals, cut at the bounds; by Student's law if the errors come from few blocks of time.
 
@@ -144,7 +139,7 @@ def intervals(
     """
     values = solution.values
     se = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    reach = quantile(0.5 + level / 2, blocks) * se
+    reach = quantile(0.5 + LEVEL / 2, blocks) * se
     low, high = values - reach, values + reach
     centre = values.copy()
     if len(free):
@@ -153,14 +148,12 @@ def intervals(
         p = solution.problem.parameters[i]
         if values[i] <= p.low and se[i] > 0:
             below = chance_below((p.low - centre[i]) / se[i], blocks)
-            low[i], high[i] = p.low, centre[i] + se[i] * quantile(below + level * (1 - below), blocks)
+            low[i], high[i] = p.low, centre[i] + se[i] * quantile(below + LEVEL * (1 - below), blocks)
         elif values[i] >= p.high and se[i] > 0:
             below = chance_below((p.high - centre[i]) / se[i], blocks)
-            low[i], high[i] = centre[i] + se[i] * quantile(below * (1 - level), blocks), p.high
+            low[i], high[i] = centre[i] + se[i] * quantile(below * (1 - LEVEL), blocks), p.high
         low[i], high[i] = max(low[i], p.low), min(high[i], p.high)
-        if not np.isfinite(high[i]):
-            high[i] = values[i] + reach[i]
-    return low, high
+    return low, np.where(np.isfinite(high), high, values + reach)
 
 
 def quantile(chance: float, blocks: float = 0) -> float:
@@ -197,14 +190,13 @@ class Bootstrap(NamedTuple):
     blocks: float
 
     @property
-    def warning(self) -> str | None:
-        """One line if blocks are few."""
-        if self.blocks >= FEW:
-            return None
-        return (
+    def warning(self) -> str:
+        """One line if blocks are few, otherwise empty."""
+        text = (
             f"the bootstrap draws from the equivalent of {self.blocks:.1f} blocks of time, fewer than {FEW}: the width "
             f"of its intervals is uncertain by {100 / np.sqrt(2 * max(self.blocks - 1, 1)):.0f} %. Use longer traces"
         )
+        return text if self.blocks < FEW else ""
 
 
 def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, seed: int = 0) -> Bootstrap:
@@ -219,9 +211,8 @@ def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, se
     free = np.flatnonzero(~solution.problem.held_mask)
     parts = pieces(solution, free)
     information = solution.information[np.ix_(free, free)]
-    moved, blocks = resample(
-        parts, information, block or together(solution, parts, free), draws, np.random.default_rng(seed)
-    )
+    block = block or block_of(parts, information)
+    moved, blocks = resample(parts, information, block, draws, np.random.default_rng(seed))
     found = np.tile(solution.values, (draws, 1))
     found[:, free] -= moved
     return Bootstrap(np.clip(found, *solution.problem.bounds(solution.values)), blocks)
@@ -264,11 +255,7 @@ def refine(
     Returns:
         The solution with its `step_bias`, and its problem with the steps used.
     """
-    reached: np.ndarray | None = None
     while True:
-        if reached is not None and np.max(np.abs(reached), initial=0.0) < sure:
-            solution.step_bias = reached
-            return solution
         solution.step_bias, ahead = step_bias(solution)
         worst = float(np.max(np.abs(solution.step_bias), initial=0.0))
         if not worst > LARGEST_BIAS or ahead.problem.finest:
@@ -278,8 +265,10 @@ def refine(
         if on.status != "ok":
             return solution
         on.iterations += solution.iterations + 1
-        reached = solution.step_bias * 0.5**solution.problem.order
+        on.step_bias = solution.step_bias * 0.5**solution.problem.order
         solution = on
+        if np.max(np.abs(on.step_bias), initial=0.0) < sure:
+            return on
 
 
 def finer_step(solution: Solution) -> Solution | None:
@@ -305,5 +294,5 @@ def _newton_step(ahead: Solution) -> np.ndarray:
     problem, values = ahead.problem, ahead.values
     if not np.isfinite(ahead.evaluation.residual).all():
         return np.full(len(values), np.nan)
-    step = level_of(problem, ahead.gap_weight).full_step(ahead)
+    step = level_of(problem, ahead.gap_weight).undamped_step(ahead.evaluation, values)
     return np.zeros(len(values)) if step is None else step.dp

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -121,10 +120,11 @@ class Windows:
         Windows with the shapes of earlier ones need no compilation.
         """
         more = max(0, slots - self.theta.shape[1])
-        pad = lambda a: np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)])  # noqa: E731
-        slotted = ("theta", "weight", "index", "fraction", *(() if self.jitter is None else ("jitter",)))
-        part = {f: pad(getattr(self, f)) for f in slotted}
-        return replace(self, steps=max(steps, self.steps), **part)
+        given = {f: getattr(self, f) for f in ("theta", "weight", "index", "fraction", "jitter")}
+        padded = {
+            f: np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)]) for f, a in given.items() if a is not None
+        }
+        return replace(self, steps=max(steps, self.steps), **padded)
 
     def early(self, part: float) -> Windows:
         """The same windows, of which only the first fraction (0 to 1) is fitted."""
@@ -138,6 +138,10 @@ class Windows:
         counts = np.where(mine, round((end - self.begin[k]) / self.dt), self.step_counts)
         emptied = {f: np.where(late, 0, getattr(self, f)) for f in ("index", "fraction")}
         return replace(self, step_counts=counts, weight=np.where(late[..., None], 0.0, self.weight), **emptied)
+
+    def without_samples(self, which: np.ndarray) -> Windows:
+        """The same windows, of which some (K,) bool have no samples."""
+        return replace(self, weight=np.where(which[:, None, None], 0.0, self.weight))
 
     def pick(self, which: np.ndarray) -> Windows:
         """Some of the windows, none of which follows another."""
@@ -166,12 +170,11 @@ def time_step(traces: Sequence[Trace], requested: float) -> float:
 
     Times in files are rounded: a step may exceed `requested` by that rounding.
     """
-    intervals = {round(trace.interval, 12) for trace in traces}
-    if max(intervals) - min(intervals) > 1e-9:
+    intervals = [round(trace.interval, 12) for trace in traces]
+    if np.ptp(intervals) > 1e-9:
         return requested
-    interval = max(intervals)
     # relative change of a step that rounded times of samples may cause
-    return interval / max(1, int(np.ceil(interval / requested - 1e-3)))
+    return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - 1e-3)))
 
 
 #: Minimum number of frames of a window: a start can fit fewer samples exactly.
@@ -221,10 +224,16 @@ def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Seq
     parts = [_samples(traces[p.run], p.begin, p.steps, dt, sigma[p.run]) for p in pieces]
     slots = max(len(part[0]) for part in parts)
     pad = lambda a: np.concatenate([a, np.zeros((slots - len(a), *a.shape[1:]), a.dtype)])  # noqa: E731
-    theta, weight, index, fraction = (np.stack([pad(part[j]) for part in parts]) for j in range(4))
+    theta, weight, index, fraction = (np.stack([pad(a) for a in column]) for column in zip(*parts, strict=True))
     run, begin, steps, follows = (np.array(column) for column in zip(*pieces, strict=True))
-    numbers = (begin, run, follows, theta, weight, index, fraction)
-    return _drop_empty(Windows(*numbers, dt, int(steps.max()), np.zeros(len(begin), bool), steps))
+    released = np.zeros(len(begin), bool)
+    most = int(steps.max())
+    found = Windows(begin, run, follows, theta, weight, index, fraction, dt, most, released, steps)
+    # windows in which some link has too few samples to determine its start are dropped
+    empty = (found.weight > 0).sum(axis=1).min(axis=1) < 2
+    if empty.all():
+        raise SceneError("window: no window has two samples of every link. Use longer windows or denser traces")
+    return found.exclude(empty) if empty.any() else found
 
 
 def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -232,22 +241,10 @@ def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarra
     keep = (step_position > -ON_GRID) & (step_position < steps - ON_GRID)
     step_position, theta = step_position[keep], trace.theta[keep]
     index = np.floor(step_position + ON_GRID).astype(np.int32)
-    fraction = step_position - index
-    fraction = np.where(np.abs(fraction) < 10 * ON_GRID, 0.0, fraction)
+    fraction = np.where(np.abs(step_position - index) < 10 * ON_GRID, 0.0, step_position - index)
     known = np.isfinite(theta)
-    se = None if trace.se is None else trace.se[keep]
-    error = np.broadcast_to(sigma, theta.shape) if se is None else np.where(np.isfinite(se), se, sigma)
+    error = sigma if trace.se is None else np.where(np.isfinite(trace.se[keep]), trace.se[keep], sigma)
     return np.where(known, theta, 0.0), np.where(known, 1.0 / error, 0.0), index, fraction
-
-
-def _drop_empty(windows: Windows) -> Windows:
-    """Without windows in which some link has too few samples to determine its start."""
-    enough = (windows.weight > 0).sum(axis=1).min(axis=1) >= 2
-    if enough.all():
-        return windows
-    if not enough.any():
-        raise SceneError("window: no window has two samples of every link. Use longer windows or denser traces")
-    return windows.exclude(~enough)
 
 
 class Starts(NamedTuple):
@@ -262,23 +259,12 @@ def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma:
     traces = [without_spikes(trace) for trace in traces]
     # maximum reach of a start's polynomial, as a fraction of the shortest link's period
     longest = 0.3 * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
-    value = np.array(
-        [
-            local_motion(traces[i].t, traces[i].theta, t0, sigma[i], longest)
-            for i, t0 in zip(windows.run, windows.begin, strict=True)
-        ]
-    )
-    return close_starts(model, value[..., 0], value[..., 1])
+    at = zip(windows.run, windows.begin, strict=True)
+    value = np.array([local_motion(traces[i].t, traces[i].theta, t0, sigma[i], longest) for i, t0 in at])
+    # multiple of the starts closed in one call, so that one program serves most traces
+    padded = np.pad(value, [(0, -len(value) % 128), (0, 0), (0, 0)], mode="edge")
+    found = _close(model, padded[..., 0], padded[..., 1])
+    return Starts(*(np.asarray(a)[: len(value)] for a in found))
 
 
-def close_starts(model: Model, theta: np.ndarray, omega: np.ndarray) -> Starts:
-    """The nearby starts (K, n) whose links close."""
-    # number of starts closed in one call, so that one program serves most traces
-    more = [(0, -len(theta) % 128), (0, 0)]
-    found = _close(model, *(np.pad(a, more, mode="edge") for a in (theta, omega)))
-    return Starts(*(np.asarray(a)[: len(theta)] for a in found))
-
-
-@jax.jit
-def _close(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
-    return jax.vmap(partial(planar.close_chain, model))(theta, omega)
+_close = jax.jit(jax.vmap(planar.close_chain, in_axes=(None, 0, 0)))

@@ -76,14 +76,11 @@ def scene_parameter(scene: Scene, model: Model, path: str) -> Parameter:
         )
         for i, slope in slopes.items()
     )
+    # lengths along a line are in lists that have no declaration
+    unit = "m" if ScenePath(path).key in ("length", "at") else describe(path).get("unit", "-")
     # a number keeps its sign
-    low, high = (0.0, np.inf) if value > 0 else (-np.inf, 0.0) if value < 0 else (-np.inf, np.inf)
-    return Parameter(path, Direction(slopes, value, linear), value, low, high, _unit(path))
-
-
-def _unit(path: str) -> str:
-    """Unit of the number at a path; lengths along a line are in lists that have no declaration."""
-    return "m" if ScenePath(path).key in ("length", "at") else describe(path).get("unit", "-")
+    low, high = 0.0 if value > 0 else -np.inf, 0.0 if value < 0 else np.inf
+    return Parameter(path, Direction(slopes, value, linear), value, low, high, unit)
 
 
 # A scene with fitted values, ready to simulate
@@ -104,29 +101,22 @@ def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], va
         try:
             scene.value(p.name)
         except SceneError:
-            scene = _entry_by_entry(scene, model, p)
-            continue
-        scene = scene.with_values({p.name: float(value)})
+            if p.in_model:
+                whole = np.asarray(getattr(getattr(model, p.where.section)[p.where.index], p.where.field), float)
+                scene = scene.with_values({ScenePath(p.name).stem: whole.tolist()})
+        else:
+            scene = scene.with_values({p.name: float(value)})
     return scene
 
 
 def _of_all_lines(scene: Scene, where: ModelPlace, value: float) -> Scene:
     """The scene with a value of one link, counted among those of all lines, as in the model of a system."""
-    left = where.entry or 0
-    for i, line in enumerate(scene.lines):
-        if left < line.links:
-            each = np.array(np.broadcast_to(np.asarray(getattr(line, where.field), float), line.links))
-            each[left] = value
-            return scene.with_values({f"line.{i}.{where.field}": each.tolist()})
-        left -= line.links
-    return scene
-
-
-def _entry_by_entry(scene: Scene, model: Model, p: Parameter) -> Scene:
-    if not p.in_model:
-        return scene
-    whole = np.asarray(getattr(getattr(model, p.where.section)[p.where.index], p.where.field), float)
-    return scene.with_values({ScenePath(p.name).stem: whole.tolist()})
+    ends = np.cumsum([line.links for line in scene.lines])
+    i = int(np.searchsorted(ends, where.entry or 0, side="right"))
+    line = scene.lines[i]
+    each = np.array(np.broadcast_to(np.asarray(getattr(line, where.field), float), line.links))
+    each[(where.entry or 0) - ends[i]] = value
+    return scene.with_values({f"line.{i}.{where.field}": each.tolist()})
 
 
 # Names of free parameters: full paths, unique short names, or by default the scene's damping
@@ -147,12 +137,8 @@ def default_free(scene: Scene) -> list[str]:
     """
     if scene.fit is not None and scene.fit.free:
         return full_names(scene, scene.fit.free, "fit.free")
-    found = [
-        f"effects.{name}.{key}"
-        for name, keys in DAMPING.items()
-        for key in keys
-        if scene.effects.get(name, {}).get(key) is not None
-    ]
+    every = ((name, key) for name, keys in DAMPING.items() for key in keys)
+    found = [f"effects.{name}.{key}" for name, key in every if scene.effects.get(name, {}).get(key) is not None]
     if not found:
         raise SceneError("free: the scene has no damping to fit. Use --free with paths such as b_l, b_q")
     return found
@@ -178,11 +164,10 @@ def _full(name: str, names: Sequence[str], option: str) -> str:
         raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
     stem, _, entry = name.partition(".")
     names = [p for p in names if not p.startswith("line.") or p.split(".")[1].isdecimal()]
-    found = [p for p in names if ScenePath(p).key == stem]
-    if not found:
-        found = [f"effects.{effect}.{key}" for effect, keys in DAMPING.items() for key in keys if key == stem]
+    damping = [f"effects.{effect}.{key}" for effect, keys in DAMPING.items() for key in keys]
+    found = [p for p in names if ScenePath(p).key == stem] or [p for p in damping if ScenePath(p).key == stem]
     if len(found) != 1:
-        short = sorted({ScenePath(p).key for p in names} | {key for keys in DAMPING.values() for key in keys})
+        short = sorted({ScenePath(p).key for p in names + damping})
         raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + names)}")
     return found[0] + (f".{entry}" if entry else "")
 
@@ -222,11 +207,10 @@ class JointPrior:
 
     def carried_covariance(self, values: np.ndarray) -> np.ndarray:
         """Covariance (k, k) of the parameters by `carried` and `doubt`."""
-        found = np.zeros((len(values), len(values)))
+        moves = [np.zeros(len(values)), *self.doubt]
         if self.massive is not None and self.carried:
-            move = self.carried * self.massive * values
-            found += np.outer(move, move)
-        return found + sum(np.outer(move, move) for move in self.doubt)
+            moves.append(self.carried * self.massive * values)
+        return np.sum([np.outer(move, move) for move in moves], axis=0)
 
 
 def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> tuple[tuple[Parameter, ...], JointPrior]:

@@ -175,14 +175,12 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
     low, high = bounds.get(p.name, (None, None))
     least, most = (-np.inf, np.inf) if wider else (p.low, p.high)
     low, high = p.low if low is None else max(low, least), p.high if high is None else min(high, most)
-    value = float(start.get(p.name, p.value))
+    value = float(start.get(p.name, min(max(p.value, low), high)))
     if not low <= high:
         raise SceneError(f"bounds: {p.name!r}: empty interval {low:g} to {high:g}; allowed: low <= high")
     if not low <= value <= high:
-        if p.name in start:
-            allowed = limits({"low": low, "high": high, "unit": p.unit})
-            raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {allowed}")
-        value = min(max(value, low), high)
+        allowed = limits({"low": low, "high": high, "unit": p.unit})
+        raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {allowed}")
     prior = priors.get(p.name, p.prior)
     if prior is not None and not (0 < prior[1] < np.inf and np.isfinite(prior[0])):
         allowed = limits({"low": 0.0, "open_low": True, "unit": p.unit})
@@ -197,78 +195,64 @@ def paths(model: Model) -> list[str]:
 
 def _fields(model: Model) -> dict[str, tuple[str, int, dataclasses.Field]]:
     """Section, number in it and field of every number of the model, by path."""
-    found = {}
-    for word, section in (("point", "points"), ("line", "lines"), ("effects", "effects")):
-        for i, item in enumerate(getattr(model, section)):
-            own = [
-                f
-                for f in dataclasses.fields(item)
-                if f.metadata.get("kind") == "parameter" and getattr(item, f.name) is not None
-            ]
-            for label in [item.name] if section == "effects" else [str(i), item.name]:
-                found |= {f"{word}.{label}.{f.name}": (section, i, f) for f in own}
-    return found
+    sections = (("point", "points"), ("line", "lines"), ("effects", "effects"))
+    items = [(word, section, i, item) for word, section in sections for i, item in enumerate(getattr(model, section))]
+    return {
+        f"{word}.{label}.{f.name}": (section, i, f)
+        for word, section, i, item in items
+        for label in ([item.name] if section == "effects" else [str(i), item.name])
+        for f in dataclasses.fields(item)
+        if f.metadata.get("kind") == "parameter" and getattr(item, f.name) is not None
+    }
 
 
 def _expand(model: Model, name: str, option: str) -> list[Parameter]:
-    if name == CAMERA:
-        return [Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")]
-    if name == CLOCK:
-        return [Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s")]
+    kind = ".".join(name.split(".")[:2])
     if name == SCALE:
         return [Parameter(SCALE, scale_direction(model), 1.0, 0.5, 2.0, unit="m/m")]
-    own = {MARKER: _markers, NODE: _node_markers, LOST: _lost_frame}.get(".".join(name.split(".")[:2]))
-    if own is not None:
-        return own(model, name, option)
+    if kind == LOST:
+        _, entries = ScenePath(name).entry_of((LOST,)) or (name, ())
+        if len(entries) != 2:
+            raise SceneError(f"{option}: {name!r} gives no frame; allowed: {LOST}.RUN.FRAME, both counted from 0")
+        return [Parameter(name, LostPlace(*entries), 0.0, unit="s")]
+    found = [p for p in _observers(model) if p.name == name or ("." in name and p.name.startswith(name + "."))]
+    if found:
+        return found
+    if kind in (MARKER, NODE):
+        what, last, axes = (
+            ("link", model.line.links, "") if kind == MARKER else ("node", _joints(model), ", each .0 or .1")
+        )
+        raise SceneError(f"{option}: {name!r}: unknown {what}; allowed: {kind}.0 to {kind}.{last - 1}{axes}")
     known = _fields(model)
     found = ScenePath(name).entry_of(known)
     if found is None or len(found[1]) > 1:
         raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, paths(model))}")
     (stem, entries), (section, index, field) = found, known[found[0]]
-    entry = entries[0] if entries else None
-    item = getattr(model, section)[index]
-    value = np.asarray(getattr(item, field.name))
-    meta = field.metadata
-    if value.ndim == 0 and entry is None:
-        return [_parameter(name, ModelPlace(section, index, field.name), float(value), meta)]
+    value = np.asarray(getattr(getattr(model, section)[index], field.name))
+    if value.ndim == 0 and not entries:
+        return [_parameter(name, ModelPlace(section, index, field.name), float(value), field.metadata)]
     flat = value.reshape(-1)
-    count = _used_entries(model, section, field, len(flat))
-    if entry is not None and entry >= len(flat):
+    if entries and entries[0] >= len(flat):
         raise SceneError(f"{option}: {name!r}: unknown entry; allowed: 0 to {len(flat) - 1}")
-    entries = range(count) if entry is None else entries
-    return [_parameter(f"{stem}.{i}", ModelPlace(section, index, field.name, i), float(flat[i]), meta) for i in entries]
+    # a free end has no joint and no fixed node
+    of_joints = section == "effects" and field.metadata["shape"] == "joint"
+    entries = entries or range(min(len(flat), _joints(model)) if of_joints else len(flat))
+    targets = [(i, ModelPlace(section, index, field.name, i)) for i in entries]
+    return [_parameter(f"{stem}.{i}", target, float(flat[i]), field.metadata) for i, target in targets]
 
 
-def _markers(model: Model, name: str, option: str) -> list[Parameter]:
-    links = model.line.links
-    every = {f"{MARKER}.{i}": Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad") for i in range(links)}
-    found = list(every.values()) if name == MARKER else [every[name]] if name in every else []
-    if not found:
-        raise SceneError(f"{option}: {name!r}: unknown link; allowed: {MARKER}.0 to {MARKER}.{links - 1}")
-    return found
+def _observers(model: Model) -> list[Parameter]:
+    """Parameters of the camera, the clock and all markers."""
+    links = [Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad") for i in range(model.line.links)]
+    markers = [NodeMarkerPlace(i, axis) for i in range(_joints(model)) for axis in (0, 1)]
+    nodes = [Parameter(f"{NODE}.{at.node}.{at.axis}", at, 0.0, unit="m") for at in markers]
+    camera = Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")
+    return [camera, Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s"), *links, *nodes]
 
 
-def _node_markers(model: Model, name: str, option: str) -> list[Parameter]:
-    nodes = range(0, model.line.links + (1 if model.end_held else 0))
-    every = [Parameter(f"{NODE}.{i}.{axis}", NodeMarkerPlace(i, axis), 0.0, unit="m") for i in nodes for axis in (0, 1)]
-    found = [p for p in every if p.name == name] or [p for p in every if p.name.startswith(name + ".")]
-    if not found:
-        raise SceneError(f"{option}: {name!r}: unknown node; allowed: {NODE}.0 to {NODE}.{nodes[-1]}, each .0 or .1")
-    return found
-
-
-def _lost_frame(model: Model, name: str, option: str) -> list[Parameter]:
-    stem, entries = ScenePath(name).entry_of((LOST,)) or (name, ())
-    if len(entries) != 2:
-        raise SceneError(f"{option}: {name!r} gives no frame; allowed: {LOST}.RUN.FRAME, both counted from 0")
-    return [Parameter(name, LostPlace(*entries), 0.0, unit="s")]
-
-
-def _used_entries(model: Model, section: str, field: dataclasses.Field, size: int) -> int:
-    """Number of entries that exist in the model: a free end has no joint and no fixed node."""
-    if section != "effects" or field.metadata["shape"] != "joint":
-        return size
-    return min(size, model.line.links + (1 if model.end_held else 0))
+def _joints(model: Model) -> int:
+    """Number of joints, and of nodes with a marker."""
+    return model.line.links + (1 if model.end_held else 0)
 
 
 def _parameter(name: str, where: Target, value: float, meta: Mapping[str, Any]) -> Parameter:
@@ -276,8 +260,7 @@ def _parameter(name: str, where: Target, value: float, meta: Mapping[str, Any]) 
     if meta["open_low"]:
         # a bound that must not be reached (of a mass, a length)
         low += 1e-3 * abs(value)
-    high = np.inf if meta["high"] is None else float(meta["high"])
-    return Parameter(name, where, value, low, high, meta["unit"])
+    return Parameter(name, where, value, low, np.inf if meta["high"] is None else float(meta["high"]), meta["unit"])
 
 
 def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> Model:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
@@ -38,11 +38,9 @@ class ModelPlace:
         """The model with the value set; differentiable."""
         items = list(getattr(model, self.section))
         old = getattr(items[self.index], self.field)
-        shape = jnp.shape(old)
-        if self.entry is None:
-            new = jnp.broadcast_to(value, shape)
-        else:
-            new = jnp.ravel(old).at[self.entry].set(value).reshape(shape)
+        new = jnp.broadcast_to(value, jnp.shape(old))
+        if self.entry is not None:
+            new = jnp.ravel(old).at[self.entry].set(value).reshape(jnp.shape(old))
         items[self.index] = replace(items[self.index], **{self.field: new})
         return replace(model, **{self.section: tuple(items)})
 
@@ -82,8 +80,12 @@ def scale_direction(model: Model) -> Direction:
         points = tuple(replace(p, position=p.position * share) for p in model.points)
         return replace(model, lines=(replace(line, **lengths), *model.lines[1:]), points=points)
 
-    slopes = [np.asarray(leaf) for leaf in jax.tree.leaves(jax.jacfwd(grown)(jnp.ones(())))]
-    return Direction({i: slope for i, slope in enumerate(slopes) if np.any(slope)}, 1.0, False)
+    return _direction(grown, 1.0, linear=False)
+
+
+def _direction(grown: Callable[[jax.Array], Model], origin: float, linear: bool) -> Direction:
+    slopes = map(np.asarray, jax.tree.leaves(jax.jacfwd(grown)(jnp.full((), origin))))
+    return Direction({i: slope for i, slope in enumerate(slopes) if np.any(slope)}, origin, linear)
 
 
 def all_joints(model: Model, field: str) -> Direction:
@@ -95,8 +97,7 @@ def all_joints(model: Model, field: str) -> Direction:
         ]
         return replace(model, effects=tuple(effects))
 
-    slopes = [np.asarray(leaf) for leaf in jax.tree.leaves(jax.jacfwd(grown)(jnp.zeros(())))]
-    return Direction({i: slope for i, slope in enumerate(slopes) if np.any(slope)}, 0.0, True)
+    return _direction(grown, 0.0, linear=True)
 
 
 @dataclass(frozen=True)
@@ -198,11 +199,10 @@ def node_markers(model: Model, parameters: Sequence[Placed], values: jax.Array, 
     links = theta.shape[-1]
     moved = jnp.zeros((*theta.shape[:-1], links + 1, 2))
     for i, where in mine:
-        if 0 < where.node < links:
-            way = (along, across)[where.axis][..., where.node - 1, :]
-        else:
-            way = jnp.asarray(np.eye(2)[where.axis])
-        moved = moved.at[..., where.node, :].add(values[i] * way)
+        direction = (along, across)[where.axis][..., where.node - 1, :]
+        if where.node in (0, links):
+            direction = jnp.asarray(np.eye(2)[where.axis])
+        moved = moved.at[..., where.node, :].add(values[i] * direction)
     apart = moved[..., 1:, :] - moved[..., :-1, :]
     return jnp.arctan2(jnp.sum(across * apart, -1), model.line.length + jnp.sum(along * apart, -1))
 

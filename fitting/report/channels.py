@@ -11,27 +11,34 @@ from dropper_jax.base.toml_text import as_toml, literal
 from dropper_jax.plots import style
 from dropper_jax.report.sections import markdown_table
 from fitting.channels.result import ChannelFit
-from fitting.report.tables import interval_rows, parameter_rows, significant, step_text
+from fitting.report.tables import interval_rows, named_rows, parameter_rows, significant, step_text
 
 
 def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
     """Every channel with its residuals, with a heading."""
-    rows = [("channel", "kind", "samples", "RMS of residuals", "noise", "kept", "correlation left")]
-    for row in result.channels():
-        noise = f"{100 * row['noise']:.3g} %" if row["noise_unit"] == "-" else f"{row['noise']:.3g} {row['noise_unit']}"
-        rest = (f"{row['kept']:.2g}", f"{row['correlation']:.2f}")
-        rows.append((row["name"], row["kind"], str(row["samples"]), f"{row['rms']:.3g} {row['unit']}", noise, *rest))
-    return rows
+    return [
+        ("channel", "kind", "samples", "RMS of residuals", "noise", "kept", "correlation left"),
+        *(
+            (
+                row["name"],
+                row["kind"],
+                str(row["samples"]),
+                f"{row['rms']:.3g} {row['unit']}",
+                f"{100 * row['noise']:.3g} %"
+                if row["noise_unit"] == "-"
+                else f"{row['noise']:.3g} {row['noise_unit']}",
+                f"{row['kept']:.2g}",
+                f"{row['correlation']:.2f}",
+            )
+            for row in result.channels()
+        ),
+    ]
 
 
 def sensitivity_rows(result: ChannelFit) -> list[tuple[str, ...]]:
     """Sensitivity of each channel to each parameter, with a heading."""
     names = [s.channel.name for s in result.solution.problem.data.sensors]
-    rows = [("parameter", *names)]
-    return rows + [
-        (p.name, *(f"{s:.2g}" for s in row))
-        for p, row in zip(result.parameters, result.errors.sensitivity, strict=True)
-    ]
+    return named_rows("parameter", names, [p.name for p in result.parameters], result.errors.sensitivity, ".2g")
 
 
 def between_rows(result: ChannelFit) -> list[tuple[str, ...]]:
@@ -87,13 +94,10 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
 
 def write_scenes(result: ChannelFit, folder: Path) -> list[Path]:
     """The fitted scenes as TOML."""
-    runs = result.solution.problem.data.runs
-    if not result.between and not any(run.own for run in runs):
-        return [atomic_write(folder / "fitted.toml", as_toml(result.fitted_scene().as_written()))]
-    return [
-        atomic_write(folder / f"fitted_{run.name}.toml", as_toml(result.fitted_scene(i).as_written()))
-        for i, run in enumerate(runs)
-    ]
+    scenes = {f"fitted_{run.name}.toml": i for i, run in enumerate(result.solution.problem.data.runs)}
+    if not result.between and not any(run.own for run in result.solution.problem.data.runs):
+        scenes = {"fitted.toml": 0}
+    return [atomic_write(folder / name, as_toml(result.fitted_scene(i).as_written())) for name, i in scenes.items()]
 
 
 def picture(result: ChannelFit, run: int, path: str | Path) -> Path:

@@ -15,28 +15,21 @@ from matplotlib.figure import Figure
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.base.renamed import old_names
 from dropper_jax.plots import style
-from fitting.calibration.result import FitResult
-from fitting.estimate.problem import Solution
+from fitting.calibration.result import FitResult, HeldOut
+from fitting.traces.planar import wrap
 
 #: Maximum number of links in one picture; the title reports how many are left out.
 MOST_LINKS_DRAWN = 9
 
 
-def fit_over_trace(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times (m,), measured and simulated angles (m, n) [rad] and which are measured, of one run's windows in order."""
-    return _in_order(result.solution, run)
-
-
-def _in_order(solution: Solution, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    w, e = solution.windows, solution.evaluation
-    mine = w.run == run
-    known = (w.weight[mine] > 0).reshape(-1, w.theta.shape[2])
-    used = known.any(axis=1)
-    t = w.times()[mine].reshape(-1)[used]
-    measured = w.theta[mine].reshape(-1, w.theta.shape[2])[used]
-    simulated = e.theta[mine].reshape(-1, w.theta.shape[2])[used]
-    simulated = simulated - 2 * np.pi * np.round((simulated - measured) / (2 * np.pi))
-    return t, np.where(known[used], measured, np.nan), simulated, known[used]
+    w, mine = result.windows, result.windows.run == run
+    known = w.weight[mine] > 0
+    used = known.any(axis=2)
+    known, measured = known[used], w.theta[mine][used]
+    simulated = measured + wrap(result.solution.evaluation.theta[mine][used] - measured)
+    return w.times()[mine][used], np.where(known, measured, np.nan), simulated, known
 
 
 def stretches(t: np.ndarray) -> list[slice]:
@@ -60,30 +53,33 @@ def _with_style(draw: Callable[..., Figure]) -> Callable[..., Path]:
     return wrapper
 
 
-def _rows(result: FitResult, what: str, height: float = 1.3) -> tuple[Figure, np.ndarray, int]:
-    links = min(result.windows.theta.shape[2], MOST_LINKS_DRAWN)
-    figure = style.new_figure(9.0, 1.2 + height * links)
-    axes = figure.subplots(links, 1, sharex=True, squeeze=False)[:, 0]
-    all_links = result.windows.theta.shape[2]
-    more = f" (links 1 to {links} of {all_links})" if all_links > links else ""
-    figure.suptitle(f"{what}{more}", fontsize=12, fontweight="bold", x=0.01, ha="left")
-    return figure, axes, links
+def link_panels(links: int, title: str, height: float = 1.3, margin: float = 1.2) -> tuple[Figure, np.ndarray]:
+    """A figure with one panel for each link, up to `MOST_LINKS_DRAWN`."""
+    drawn = min(links, MOST_LINKS_DRAWN)
+    figure = style.new_figure(9.0, margin + height * drawn)
+    axes = figure.subplots(drawn, 1, sharex=True, squeeze=False)[:, 0]
+    more = f" (links 1 to {drawn} of {links})" if links > drawn else ""
+    figure.suptitle(f"{title}{more}", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    for j, ax in enumerate(axes):
+        ax.set_ylabel(f"link {j + 1}")
+    return figure, axes
 
 
 @_with_style
 def traces(result: FitResult, run: int) -> Figure:
     """Measured angles and the fit, per link [rad from the horizontal]."""
-    figure, axes, links = _rows(result, f"{result.traces[run].name}: traces and fit [rad from the horizontal]")
     t, measured, simulated, _ = fit_over_trace(result, run)
+    figure, axes = link_panels(
+        measured.shape[1], f"{result.traces[run].name}: traces and fit [rad from the horizontal]"
+    )
     # each stretch starts from its own angles, with the parameters of the fit
-    held = [_in_order(h.solution, run) for h in result.held_out if (h.windows.run == run).any()]
-    for j in range(links):
-        _line(axes[j], t, simulated[:, j], "fit", lw=1.6, color=style.FIRST)
+    held = [fit_over_trace(h, run) for h in result.held_out if (h.windows.run == run).any()]
+    for j, ax in enumerate(axes):
+        _line(ax, t, simulated[:, j], "fit", lw=1.6, color=style.FIRST)
         for i, (t1, _, predicted, _) in enumerate(held):
-            _line(axes[j], t1, predicted[:, j], None if i else "held out, predicted", lw=1.6, color=style.SECOND)
-        for i, (t1, seen) in enumerate([(t, measured), *((h[0], h[1]) for h in held)]):
-            axes[j].plot(t1, seen[:, j], ".", ms=1.0, color=style.DARK, label=None if i else "measured")
-        axes[j].set_ylabel(f"link {j + 1}")
+            _line(ax, t1, predicted[:, j], None if i else "held out, predicted", lw=1.6, color=style.SECOND)
+        for i, (t1, seen) in enumerate([(t, measured), *(h[:2] for h in held)]):
+            ax.plot(t1, seen[:, j], ".", ms=1.0, color=style.DARK, label=None if i else "measured")
     axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, markerscale=4)
     style.time_axis(axes[-1], np.sort(np.concatenate([t, *(h[0] for h in held)])))
     return figure
@@ -92,16 +88,13 @@ def traces(result: FitResult, run: int) -> Figure:
 @_with_style
 def residuals(result: FitResult, run: int) -> Figure:
     """Measured minus fitted angles, per link [rad]; the band is twice their standard deviation."""
-    figure, axes, links = _rows(result, f"{result.traces[run].name}: residuals [rad]", 1.0)
     t, measured, simulated, _ = fit_over_trace(result, run)
+    figure, axes = link_panels(measured.shape[1], f"{result.traces[run].name}: residuals [rad]", 1.0)
     rest = measured - simulated
-    deviation = np.nanstd(rest)
-    for j in range(links):
-        axes[j].axhspan(
-            -2 * deviation, 2 * deviation, color="#E3E5E8", lw=0, label="2 standard deviations of all links"
-        )
-        axes[j].plot(t, rest[:, j], ".", ms=1.5, color=style.SECOND)
-        axes[j].set_ylabel(f"link {j + 1}")
+    band = 2 * np.nanstd(rest)
+    for j, ax in enumerate(axes):
+        ax.axhspan(-band, band, color="#E3E5E8", lw=0, label="2 standard deviations of all links")
+        ax.plot(t, rest[:, j], ".", ms=1.5, color=style.SECOND)
     axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0))
     style.time_axis(axes[-1], t)
     return figure
@@ -110,18 +103,16 @@ def residuals(result: FitResult, run: int) -> Figure:
 @_with_style
 def spectra(result: FitResult, run: int) -> Figure:
     """Amplitude spectra of measured and fitted angles, per link [rad], of the longest stretch without a gap."""
-    figure, axes, links = _rows(result, f"{result.traces[run].name}: amplitude spectra [rad]")
     t, measured, simulated, _ = fit_over_trace(result, run)
+    figure, axes = link_panels(measured.shape[1], f"{result.traces[run].name}: amplitude spectra [rad]")
     longest = max(stretches(t), key=lambda part: part.stop - part.start)
     t, measured, simulated = t[longest], measured[longest], simulated[longest]
     grid = np.linspace(t[0], t[-1], len(t))
-    for j in range(links):
+    for j, ax in enumerate(axes):
         known = np.isfinite(measured[:, j])
         for x, colour, label in ((measured[:, j], style.FAINT, "measured"), (simulated[:, j], style.FIRST, "fit")):
-            even = np.interp(grid, t[known], x[known])
-            frequency, amplitude = amplitude_spectrum(grid, even)
-            axes[j].semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-7), lw=0.9, color=colour, label=label)
-        axes[j].set_ylabel(f"link {j + 1}")
+            frequency, amplitude = amplitude_spectrum(grid, np.interp(grid, t[known], x[known]))
+            ax.semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-7), lw=0.9, color=colour, label=label)
     axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     axes[-1].set_xlabel("frequency [Hz]")
     axes[-1].set_xlim(0, min(8.0, frequency[-1]))
@@ -136,11 +127,12 @@ def phase_space(result: FitResult, run: int) -> Figure:
     columns = min(links, 4)
     figure = style.new_figure(max(2.6 * columns + 0.6, 5.4), 2.5 * -(-links // columns) + 0.8)
     axes = figure.subplots(-(-links // columns), columns, squeeze=False).ravel()
+    parts = [part for part in stretches(t) if part.stop - part.start > 2]
     for j in range(links):
         for x, colour, label in ((measured[:, j], style.SECOND, "measured"), (simulated[:, j], style.FIRST, "fit")):
-            for i, part in enumerate(p for p in stretches(t) if p.stop - p.start > 2):
+            for part in parts:
                 rate = np.gradient(x[part], t[part])
-                axes[j].plot(x[part], rate, lw=0.6, color=colour, label=None if i else label)
+                axes[j].plot(x[part], rate, lw=0.6, color=colour, label=label if part == parts[0] else None)
         axes[j].set_title(f"link {j + 1}")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="upper right", ncols=2)
     figure.suptitle(f"{result.traces[run].name}: phase space", fontsize=12, fontweight="bold", x=0.01, ha="left")

@@ -19,10 +19,10 @@ from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict
 from fitting.calibration.fit import fit
 from fitting.calibration.one_run import OneRun, check_energy, one_run
-from fitting.calibration.result import FitResult
+from fitting.calibration.result import FitResult, direction_text
 from fitting.parameters.of_scene import fitted_scene
-from fitting.report.pictures import MOST_LINKS_DRAWN, PICTURES, descent, fit_over_trace
-from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
+from fitting.report.pictures import PICTURES, descent, fit_over_trace, link_panels
+from fitting.report.tables import advice_rows, comparison_rows, interval_rows, named_rows, parameter_rows, summary
 from fitting.traces.synthetic import Camera, synthetic_traces
 from fitting.traces.trace import Trace, write_trace
 
@@ -33,16 +33,18 @@ TRACE_PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0)
 def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     """Write `report.md`, its pictures and `fitted.toml`, the scene with the fitted values; returns the files."""
     folder = folder_without(folder, "report.md")
-    fitted_values = fitted_scene(result.scene, result.model, result.parameters, result.values)
-    files = [atomic_write(folder / "fitted.toml", as_toml(fitted_values.as_written()))]
-    whole = {}
-    files += draw_fit(result, folder)
-    for run, trace in fitted_runs(result):
-        if (found := one_run(result, run)) is not None:
-            whole[run] = found
-            files.append(one_run_picture(found, trace.name, folder / f"one_run_{run + 1}.png"))
-    files.append(atomic_write(folder / "report.md", report(result, whole)))
-    return files
+    fitted = fitted_scene(result.scene, result.model, result.parameters, result.values)
+    runs = {run: one_run(result, run) for run, _ in fitted_runs(result)}
+    runs = {run: found for run, found in runs.items() if found is not None}
+    return [
+        atomic_write(folder / "fitted.toml", as_toml(fitted.as_written())),
+        *draw_fit(result, folder),
+        *(
+            one_run_picture(found, result.traces[run].name, folder / f"one_run_{run + 1}.png")
+            for run, found in runs.items()
+        ),
+        atomic_write(folder / "report.md", report(result, runs)),
+    ]
 
 
 def draw_fit(result: FitResult, folder: str | Path) -> list[Path]:
@@ -79,7 +81,8 @@ def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> 
         "## Correlation",
         markdown_table(correlation_rows(result)),
         "## What was not identifiable",
-        not_identifiable(result),
+        "\n".join(f"- {direction_text(direction)}" for direction in result.uncertainty.undetermined)
+        or "Every direction is determined to better than its own size.",
         "## Warnings",
         "\n".join(f"- {literal(warning)}" for warning in result.warnings) or "None.",
     ]
@@ -110,11 +113,11 @@ def _modes(result: FitResult) -> str:
         return f"No equilibrium was found: {pose.message}."
     modes = natural_modes(model, pose.state, 6)
     amplitude = 0.1 * float(np.mean(model.line.length))
-    ratios = (modes.damping_ratio, damping_at(model, pose.state, modes, amplitude))
-    rows = [("mode", "period [s]", "damping ratio, small swings (b_l)", f"swings of {amplitude:.3g} m (b_l and b_q)")]
-    for i, period in enumerate(modes.period):
-        rows.append((str(i + 1), f"{period:.4g}", *(f"{ratio[i]:.3g}" for ratio in ratios)))
-    return markdown_table(rows)
+    large = damping_at(model, pose.state, modes, amplitude)
+    columns = enumerate(zip(modes.period, modes.damping_ratio, large, strict=True), start=1)
+    rows = [(str(i), f"{period:.4g}", f"{small:.3g}", f"{ratio:.3g}") for i, (period, small, ratio) in columns]
+    swings = ("damping ratio, small swings (b_l)", f"swings of {amplitude:.3g} m (b_l and b_q)")
+    return markdown_table([("mode", "period [s]", *swings), *rows])
 
 
 def part_rows(result: FitResult) -> list[tuple[str, ...]]:
@@ -137,50 +140,25 @@ def part_rows(result: FitResult) -> list[tuple[str, ...]]:
 def correlation_rows(result: FitResult) -> list[tuple[str, ...]]:
     """The correlation matrix with names."""
     names = [p.name for p in result.parameters]
-    rows = [("", *names)]
-    return rows + [
-        (name, *(f"{x:.3f}" for x in row)) for name, row in zip(names, result.uncertainty.correlation, strict=True)
-    ]
-
-
-def not_identifiable(result: FitResult) -> str:
-    """Directions of parameters that are not identifiable, in words."""
-    found = [
-        "- " + ", ".join(f"{share:+.2g} {name}" for name, share in direction.items())
-        for direction in result.uncertainty.undetermined
-    ]
-    return "\n".join(found) or "Every direction is determined to better than its own size."
+    return named_rows("", names, names, result.uncertainty.correlation, ".3f")
 
 
 @style.plot_style()
 def one_run_picture(found: OneRun, name: str, path: Path) -> Path:
     """Measured angles and the run, per link [rad from the horizontal]; faint beyond the prediction horizon."""
-    links = min(found.measured.shape[1], MOST_LINKS_DRAWN)
-    figure = style.new_figure(9.0, 1.5 + 1.3 * links)
-    axes = figure.subplots(links, 1, sharex=True, squeeze=False)[:, 0]
-    more = f" (links 1 to {links} of {found.measured.shape[1]})" if found.measured.shape[1] > links else ""
-    title = f"{name}: one run over the trace{more} [rad from the horizontal]"
-    figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
+    title = f"{name}: one run over the trace [rad from the horizontal]"
+    figure, axes = link_panels(found.measured.shape[1], title, margin=1.5)
     good = found.t <= found.trusted
     # whole turns are removed once, where the run is reliable
-    shift = (
-        2 * np.pi * np.round(np.nan_to_num(np.nanmedian((found.measured - found.simulated)[good], axis=0)) / 2 / np.pi)
-    )
-    simulated = found.simulated + shift
-    for j in range(links):
-        axes[j].plot(found.t, found.measured[:, j], ".", ms=1.2, color=style.DARK, label="measured")
-        axes[j].plot(found.t[good], simulated[good, j], lw=1.4, color=style.FIRST, label="one run")
+    turns = np.nan_to_num(np.nanmedian((found.measured - found.simulated)[good], axis=0)) / (2 * np.pi)
+    simulated = found.simulated + 2 * np.pi * np.round(turns)
+    beyond = {"lw": 0.8, "color": style.FIRST, "alpha": 0.55, "label": "beyond the prediction horizon"}
+    for j, ax in enumerate(axes):
+        ax.plot(found.t, found.measured[:, j], ".", ms=1.2, color=style.DARK, label="measured")
+        ax.plot(found.t[good], simulated[good, j], lw=1.4, color=style.FIRST, label="one run")
         if not good.all():
-            axes[j].plot(
-                found.t[~good],
-                simulated[~good, j],
-                lw=0.8,
-                color=style.FIRST,
-                alpha=0.55,
-                label="beyond the prediction horizon",
-            )
-            axes[j].axvline(found.trusted, color=style.SECOND, lw=1.0, ls="--")
-        axes[j].set_ylabel(f"link {j + 1}")
+            ax.plot(found.t[~good], simulated[~good, j], **beyond)
+            ax.axvline(found.trusted, color=style.SECOND, lw=1.0, ls="--")
     axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, markerscale=4)
     style.time_axis(axes[-1], found.t)
     return style.save(figure, path)

@@ -26,34 +26,37 @@ def parameter_rows(result: SceneFit) -> list[tuple[str, ...]]:
 
 def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
     """90 % intervals by profile likelihood, bootstrap and posterior, if requested, with a heading."""
+    given = result.intervals()
+    estimates = result.estimates()
+    tables = {by: given.get(by, {}) for by in ("profile", "bootstrap")}
+    tables["posterior"] = given.get("posterior", {}).get("parameters", {})
     rows = [("parameter", "by", "90 % low", "high")]
-    digits = {
-        p.name: significant(v, s)
-        for p, v, s in zip(result.parameters, result.values, result.uncertainty.std_error, strict=True)
-    }
-    for p in result.profiles:
-        by = "profile" if p.converged else "profile, not converged"
-        rows.append((p.name, by, *(f"{x:.{digits[p.name]}g}" for x in (p.low, p.high))))
-    if result.bootstrap is not None:
-        for name, found in result.bootstrap_table().items():
-            rows.append((name, "bootstrap", *(f"{found[key]:.{digits[name]}g}" for key in ("low", "high"))))
-    if result.posterior is not None:
-        for name, found in result.posterior.to_json()["parameters"].items():
-            rows.append((name, "posterior", *(f"{found[key]:.{digits[name]}g}" for key in ("low", "high"))))
+    for by, name, found in ((by, *row) for by, table in tables.items() for row in table.items()):
+        digits = significant(estimates[name]["value"], estimates[name]["std_error"])
+        note = "" if found.get("converged", True) else ", not converged"
+        rows.append((name, by + note, *(f"{found[key]:.{digits}g}" for key in ("low", "high"))))
     return rows
+
+
+def named_rows(
+    corner: str, columns: Sequence[str], names: Sequence[str], numbers: np.ndarray, style: str
+) -> list[tuple[str, ...]]:
+    """A matrix of numbers with names of its rows and columns."""
+    rows = zip(names, numbers, strict=True)
+    return [(corner, *columns), *((name, *(format(float(x), style) for x in row)) for name, row in rows)]
 
 
 def noise_text(result: FitResult) -> str:
     """Size and kind of the noise estimated from the residuals."""
     found = result.noise_table()
-    sizes = ", ".join(f"{x:.2g}" for x in np.ravel(found["sigma_rad"])[:8])
-    more = ", ..." if np.size(found["sigma_rad"]) > 8 else ""
+    sizes = np.ravel(found["sigma_rad"])
+    text = ", ".join([f"{x:.2g}" for x in sizes[:8]] + ["..."] * (len(sizes) > 8))
     kind = {
         "white": "",
         "correlated": f"; a sample keeps {np.mean(found.get('kept', 0)):.2g} of the previous one",
         "jitter": f"; frame times have errors of {np.mean(found.get('delay_s', 0)) * 1e3:.2g} ms",
     }
-    return f"{sizes}{more} rad by link{kind[found['kind']]}"
+    return f"{text} rad by link{kind[found['kind']]}"
 
 
 def significant(value: float, error: float) -> int:
@@ -66,52 +69,35 @@ def significant(value: float, error: float) -> int:
 def step_text(result: SceneFit, step: float) -> str:
     """The step [s], and how far it shifts the estimates."""
     bias = result.step_bias
-    moves = (
-        "" if bias is None else f", shifts the estimates by {np.nanmax(np.abs(bias), initial=0):.2g} standard errors"
-    )
-    return f"{step:.3g} s{moves}"
-
-
-def combination(result: FitResult) -> list[tuple[str, str]]:
-    """The best-determined combination of linear and quadratic damping, if both are fitted."""
-    best = result.best_combination
-    if best is None:
-        return []
-    text = (
-        f"b_l + ({best['speed_m_per_s']:.3g} m/s) b_q = {best['value']:.5g} +- {best['std_error']:.2g} {best['unit']}"
-    )
-    return [("best determined", text)]
-
-
-def window_lengths(result: FitResult) -> str:
-    """Lengths of the windows, which follow the motion."""
-    shortest, longest = result.windows.lengths.min(), result.windows.length
-    return f"{longest:.3g} s" if longest < 1.01 * shortest else f"{shortest:.3g} to {longest:.3g} s"
+    if bias is None:
+        return f"{step:.3g} s"
+    return f"{step:.3g} s, shifts the estimates by {np.nanmax(np.abs(bias), initial=0):.2g} standard errors"
 
 
 def summary(result: FitResult) -> list[tuple[str, str]]:
     """Further facts about a fit."""
     gap = result.solution.gap_weight
+    shortest, longest = result.windows.lengths.min(), result.windows.length
+    lengths = f"{longest:.3g} s" if longest < 1.01 * shortest else f"{shortest:.3g} to {longest:.3g} s"
     joined = "separate" if gap is None else "joined exactly" if gap == 0 else f"joined, gap weight {gap:g}"
     pairs = [
-        ("windows", f"{result.windows.count} of {window_lengths(result)}, {joined}"),
+        ("windows", f"{result.windows.count} of {lengths}, {joined}"),
         ("error", f"{result.rms:.3g} rad RMS, noise {result.noise:.3g} rad, chi2 per dof {result.chi2_per_dof:.3g}"),
         ("noise of the residuals", noise_text(result)),
-        *combination(result),
+    ]
+    if (best := result.best_combination) is not None:
+        value = f"{best['value']:.5g} +- {best['std_error']:.2g} {best['unit']}"
+        pairs.append(("best determined", f"b_l + ({best['speed_m_per_s']:.3g} m/s) b_q = {value}"))
+    pairs += [
         ("time step", step_text(result, result.windows.dt / result.windows.substeps)),
         ("chaos", f"small errors grow as exp({result.lyapunov:.2g} t)"),
         ("iterations", f"{result.iterations}"),
         ("wall time", f"{result.seconds['compile']:.1f} s compilation, {result.seconds['run']:.1f} s run"),
     ]
     if descent := result.descent:
-        pairs.append(
-            (
-                "descent",
-                f"{len(descent) - 1} steps, loss per sample {descent[0]['loss']:.3g} to {descent[-1]['loss']:.3g}",
-            )
-        )
-    pairs += [(f"held out {h.low:g}-{h.high:g} s", f"{h.rms:.3g} rad RMS") for h in result.held_out]
-    return pairs
+        losses = f"loss per sample {descent[0]['loss']:.3g} to {descent[-1]['loss']:.3g}"
+        pairs.append(("descent", f"{len(descent) - 1} steps, {losses}"))
+    return pairs + [(f"held out {h.low:g}-{h.high:g} s", f"{h.rms:.3g} rad RMS") for h in result.held_out]
 
 
 def comparison_rows(laws: Sequence[Law]) -> list[tuple[str, ...]]:
@@ -133,13 +119,8 @@ def advice_rows(candidates: Sequence[Candidate]) -> list[tuple[str, ...]]:
     """Other possible faults, as text."""
     rows = [("may be wrong", "frees", "gain", "p", "")]
     for row in candidates:
-        note = (
-            " or ".join(["<-", *row.alike])
-            if row.worth_naming
-            else ""
-            if row.identifiable
-            else "indistinguishable from free parameters"
-        )
-        numbers = (f"{row.gain:.1f}", f"{row.p:.2g}") if row.identifiable else ("-", "-")
-        rows.append((row.name, ",".join(row.free), *numbers, note))
+        ends = ("-", "-", "indistinguishable from free parameters")
+        if row.identifiable:
+            ends = (f"{row.gain:.1f}", f"{row.p:.2g}", " or ".join(["<-", *row.alike]) if row.worth_naming else "")
+        rows.append((row.name, ",".join(row.free), *ends))
     return rows

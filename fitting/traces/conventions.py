@@ -57,8 +57,9 @@ def changes(links: int) -> Iterator[Change]:
         turned = lambda theta: theta[:, ::-1] + np.pi  # noqa: E731
         yield Change("columns are in the reverse order, and links measured from their other end", fix, turned)
     for j, k in combinations(range(links), 2):
-        names = f"theta_{j + 1} and theta_{k + 1}"
-        yield Change(f"{names} are swapped", f"swap {names}", _with_columns(_swap_links(links, j, k)))
+        names, order = f"theta_{j + 1} and theta_{k + 1}", np.arange(links)
+        order[[j, k]] = k, j
+        yield Change(f"{names} are swapped", f"swap {names}", _with_columns(order))
     for by in range(1, links if links > 2 else 0):
         order = np.roll(np.arange(links), by)
         fix = f"theta_1 belongs in column theta_{by + 1}"
@@ -73,19 +74,12 @@ def _with_columns(order: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     return lambda theta: theta[:, order]
 
 
-def _swap_links(links: int, j: int, k: int) -> np.ndarray:
-    order = np.arange(links)
-    order[[j, k]] = k, j
-    return order
-
-
 def shift(j: int | None, by: float) -> Change:
     """The zero of column j, or of all for None, shifted by -by [rad]."""
-    name = "all columns" if j is None else f"theta_{j + 1}"
-    mistake = f"the zero of {name} is shifted by {-by:.3g} rad"
+    name, more = ("all columns", ", or free camera.offset") if j is None else (f"theta_{j + 1}", "")
     add = lambda theta: theta + by  # noqa: E731
-    fix = f"add {by:.3g} rad to {name}" + (", or free camera.offset" if j is None else "")
-    return Change(mistake, fix, add if j is None else _of_column(j, add))
+    fix = f"add {by:.3g} rad to {name}{more}"
+    return Change(f"the zero of {name} is shifted by {-by:.3g} rad", fix, add if j is None else _of_column(j, add))
 
 
 def late_columns(links: int, frames: Sequence[int]) -> Iterator[Change]:
@@ -97,11 +91,8 @@ def late_columns(links: int, frames: Sequence[int]) -> Iterator[Change]:
 
 
 def _shift_frames(theta: np.ndarray, by: int) -> np.ndarray:
-    moved = np.full_like(theta, np.nan)
-    if by > 0:
-        moved[:-by] = theta[by:]
-    else:
-        moved[-by:] = theta[:by]
+    moved = np.roll(theta, -by, axis=0)
+    moved[slice(-by, None) if by > 0 else slice(-by)] = np.nan
     return moved
 
 
@@ -124,10 +115,8 @@ def settle_convention(trace: Trace, model: Model, requested: Convention) -> tupl
     check_sampling(trace, model)
     check_unit(trace, model, named)
     scored = _scores(trace, model, named.unit)
-    allowed = {
-        key: value for key, value in scored.items() if (named.zero in (None, key[0])) and (named.sign in (None, key[1]))
-    }
-    best, own = min(scored, key=scored.get), min(allowed, key=allowed.get)
+    allowed = [key for key in scored if named.zero in (None, key[0]) and named.sign in (None, key[1])]
+    best, own = min(scored, key=scored.get), min(allowed, key=scored.get)
     # difference of misfit [rad], and its ratio, by which another convention must fit better to reject the specified one
     if scored[own] > 2.0 * scored[best] and scored[own] > scored[best] + 0.3:
         raise SceneError(
@@ -158,12 +147,10 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
     In a fall from twice the length of the chain to its lowest point a node reaches v^2/2 = 2 g sum L. The typical frame
     of a motion in radians is slower; degrees make v^2 3300 times larger.
     """
-    largest = np.nanmax(np.abs(trace.theta))
+    largest, length = np.nanmax(np.abs(trace.theta)), np.asarray(model.line.length)
     # rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians
-    fastest = 15.0 * np.sqrt(GRAVITY / float(np.mean(np.asarray(model.line.length))))
-    if named.unit != "deg" and _specific_energy(trace, model) > 2 * GRAVITY * float(
-        np.sum(np.asarray(model.line.length))
-    ):
+    fastest = 15.0 * np.sqrt(GRAVITY / float(np.mean(length)))
+    if named.unit != "deg" and _specific_energy(trace, length) > 2 * GRAVITY * float(np.sum(length)):
         fix = "Use --unit deg or --unit rad" if named.unit is None else "The unit is rad. Use --unit deg"
         raise SceneError(f"{trace.name}: theta reaches {largest:.3g} and looks like degrees. {fix}")
     rate = np.abs(np.diff(trace.theta, axis=0) / np.diff(trace.t)[:, None])
@@ -173,16 +160,15 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
         )
 
 
-def _specific_energy(trace: Trace, model: Model) -> float:
+def _specific_energy(trace: Trace, length: np.ndarray) -> float:
     """Kinetic energy per mass [J/kg] of the nodes in the median frame, with angles read as radians."""
-    period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / GRAVITY)
+    period = 2 * np.pi * np.sqrt(float(np.min(length)) / GRAVITY)
     # fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small
     # then
     apart = max(1, round(0.05 * period / trace.interval))
-    step = trace.t[apart:] - trace.t[:-apart]
-    omega = (trace.theta[apart:] - trace.theta[:-apart]) / step[:, None]
-    middle = 0.5 * (trace.theta[apart:] + trace.theta[:-apart])
-    velocity = np.cumsum(1j * np.asarray(model.line.length) * omega * np.exp(1j * middle), axis=1)
+    before, after = trace.theta[:-apart], trace.theta[apart:]
+    omega = (after - before) / (trace.t[apart:] - trace.t[:-apart])[:, None]
+    velocity = np.cumsum(1j * length * omega * np.exp(0.5j * (after + before)), axis=1)
     energy = 0.5 * np.mean(np.abs(velocity) ** 2, axis=1)
     energy = energy[np.isfinite(energy)]
     return float(np.median(energy)) if len(energy) else 0.0
@@ -205,20 +191,26 @@ def _scores(trace: Trace, model: Model, unit: str | None) -> dict[tuple[str, int
     found = {}
     for zero, sign in product(ZEROS, map(int, SIGNS)):
         theta = trace.in_model_convention(Convention(zero, sign, unit)).theta
-        mean = np.arctan2(np.nanmean(np.sin(theta), axis=0), np.nanmean(np.cos(theta), axis=0))
-        score = float(np.sqrt(np.mean(np.asarray(wrap(mean - rest)) ** 2)))
-        found[zero, sign] = score + (_closure(model, theta) if model.end_held else 0.0)
+        found[zero, sign] = off_rest(theta, rest) + (_closure(model, theta) if model.end_held else 0.0)
     return found
+
+
+def off_rest(theta: np.ndarray, rest: np.ndarray) -> float:
+    """RMS departure [rad] of the links' mean directions from those at rest."""
+    mean = np.angle(np.nanmean(np.exp(1j * theta), axis=0))
+    return float(np.sqrt(np.mean(wrap(mean - rest) ** 2)))
+
+
+def missing_reach(model: Model, theta: np.ndarray) -> np.ndarray:
+    """From the end of the links to the second hook (k,) [m], x + i z with z downwards."""
+    ends = model.ends(0.0)
+    span = np.asarray(ends.end) - np.asarray(ends.start)
+    return span[0] - 1j * span[2] - np.exp(1j * theta) @ np.asarray(model.line.length)
 
 
 def _closure(model: Model, theta: np.ndarray) -> float:
     """RMS change of angles [rad] that closes some poses of the trace, to first order; at most pi."""
     rows = theta[np.isfinite(theta).all(axis=1)]
-    rows = rows[:: max(1, len(rows) // 50)]
-    if not len(rows):
-        return 0.0
-    length = np.asarray(model.line.length)
-    ends = model.ends(0.0)
-    reach = np.stack([np.cos(rows) @ length, -np.sin(rows) @ length], axis=1)
-    miss = reach - np.asarray(ends.end - ends.start)[[0, 2]]
-    return float(min(np.pi, np.sqrt(np.mean(np.sum(miss**2, axis=1))) / np.sqrt(np.sum(length**2))))
+    miss = np.abs(missing_reach(model, rows[:: max(1, len(rows) // 50)]))
+    square = np.sum(miss**2) / max(len(miss), 1) / np.sum(np.asarray(model.line.length) ** 2)
+    return min(np.pi, float(np.sqrt(square)))

@@ -31,7 +31,27 @@ class CsvTable(NamedTuple):
         Raises:
             SceneError: a row of another length, a cell that is not a number.
         """
-        return _numbers(self.file, self.names, self.rows)
+        count = len(self.names)
+        table = np.full((len(self.rows), count), np.nan)
+        for i, row in enumerate(self.rows):
+            where = f"{self.file}: row {i + 1}"
+            if len(row) == 2 * count:
+                raise SceneError(
+                    f"{where} has {len(row)} values for {count} columns: decimal commas in a file with "
+                    "comma-separated columns. Use decimal points, or semicolons between columns"
+                )
+            if len(row) != count:
+                raise SceneError(f"{where} has {len(row)} values; allowed: {count}, one per column")
+            for j, cell in enumerate(row):
+                try:
+                    table[i, j] = float(cell.strip() or "nan")
+                except ValueError:
+                    raise SceneError(
+                        f"{where}, {self.names[j]}: {cell.strip()!r} is not a number; "
+                        "leave the cells of missing samples empty"
+                    ) from None
+        table[np.isinf(table)] = np.nan
+        return table.T
 
 
 def read_csv(path: Path, columns: str) -> CsvTable:
@@ -70,21 +90,15 @@ def read_csv(path: Path, columns: str) -> CsvTable:
 
 def _split(body: list[str]) -> list[list[str]]:
     """Cells of all rows, with decimal points."""
-    header = body[0]
     # column names contain none of these, so the header decides; csv.Sniffer mistakes decimal commas for separators
-    separator = next((mark for mark in ";\t," if mark in header), None)
-    if separator is None and " " in header.strip():
+    separator = next((mark for mark in ";\t," if mark in body[0]), None)
+    if separator is None and " " in body[0].strip():
         rows = [line.split() for line in body]
     else:
         rows = list(csv.reader(body, delimiter=separator or ",", skipinitialspace=True))
     if separator == ",":
         return rows
-    return [rows[0], *([_with_point(cell) for cell in row] for row in rows[1:])]
-
-
-def _with_point(cell: str) -> str:
-    """The cell with a decimal point instead of a decimal comma."""
-    return cell.replace(",", ".") if "." not in cell and cell.count(",") == 1 else cell
+    return [rows[0], *([re.sub(r"^([^.,]*),([^.,]*)$", r"\1.\2", cell) for cell in row] for row in rows[1:])]
 
 
 def _is_number(cell: str) -> bool:
@@ -114,11 +128,10 @@ def check_times(name: str, t: np.ndarray) -> None:
         raise SceneError(f"{name}: t: decreases from row to row. Reverse the rows")
     if (step <= 0).any():
         row = int(np.argmax(step <= 0)) + 2
-        what = "is repeated" if step[row - 2] == 0 else "goes back"
+        what = f"{'is repeated' if step[row - 2] == 0 else 'goes back'}; allowed: increasing times"
         if row > 10 and t[row - 1] - t[0] < 0.1 * (t[row - 2] - t[0]):
             what = "starts again: two runs in one file. Use one file per run: cut this one before that row"
-            raise SceneError(f"{name}: t: {t[row - 1]:g} s in row {row} {what}")
-        raise SceneError(f"{name}: t: {t[row - 1]:g} s in row {row} {what}; allowed: increasing times")
+        raise SceneError(f"{name}: t: {t[row - 1]:g} s in row {row} {what}")
 
 
 def placeholder(values: np.ndarray) -> float | None:
@@ -143,27 +156,3 @@ def placeholder(values: np.ndarray) -> float | None:
         if far > 0 and np.median(off) > far:
             return float(value)
     return None
-
-
-def _numbers(file: str, names: list[str], rows: list[list[str]]) -> np.ndarray:
-    table = np.full((len(rows), len(names)), np.nan)
-    for i, row in enumerate(rows):
-        if len(row) == 2 * len(names):
-            raise SceneError(
-                f"{file}: row {i + 1} has {len(row)} values for {len(names)} columns: decimal commas in a file with "
-                "comma-separated columns. Use decimal points, or semicolons between columns"
-            )
-        if len(row) != len(names):
-            raise SceneError(f"{file}: row {i + 1} has {len(row)} values; allowed: {len(names)}, one per column")
-        for j, cell in enumerate(row):
-            if cell.strip().lower() in ("", "nan"):
-                continue
-            try:
-                table[i, j] = float(cell)
-            except ValueError:
-                raise SceneError(
-                    f"{file}: row {i + 1}, {names[j]}: {cell.strip()!r} is not a number; "
-                    "leave the cells of missing samples empty"
-                ) from None
-    table[np.isinf(table)] = np.nan
-    return table.T

@@ -10,7 +10,7 @@ import numpy as np
 
 from dropper_jax import load_scene, make_stepper
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build
 from dropper_jax.stepping.integrate import Trajectory, integrate
@@ -66,9 +66,8 @@ def simulate_truth(
             break
     else:
         raise SceneError("synthetic: the run of the true model failed. Use a scene that runs, or a finer step")
-    ends = model.ends(0.0)
     free = np.concatenate([np.asarray(start.r)[None], np.asarray(trajectory.r)])
-    nodes_at = jax.vmap(lambda r: model.nodes(r, ends))
+    nodes_at = jax.vmap(lambda r: model.nodes(r, model.ends(0.0)))
     return Motion(np.arange(frames + 1) / rate, np.asarray(nodes_at(free)))
 
 
@@ -97,15 +96,13 @@ def synthetic_traces(
     duration: float = 48.0,
     camera: Camera | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> list[Trace]:
     """One trace per scene, such as scenarios A, B and C; labelled as synthetic by their names."""
     camera = camera or Camera(angle_noise=0.005)
     found = []
-    for i, scene in enumerate(scenes):
-        loaded = load_scene(scene)
-        if progress:
-            progress(i / len(scenes), f"synthetic trace of {loaded.name}")
-        motion = simulate_truth(loaded, duration, camera.rate)
-        found.append(observe(motion, camera, seed + i, f"synthetic-{loaded.name}"))
+    for i, scene in enumerate(map(load_scene, scenes)):
+        progress(i / len(scenes), f"synthetic trace of {scene.name}")
+        motion = simulate_truth(scene, duration, camera.rate)
+        found.append(observe(motion, camera, seed + i, f"synthetic-{scene.name}"))
     return found

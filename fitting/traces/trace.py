@@ -89,12 +89,11 @@ class Trace:
     def in_model_convention(self, convention: Convention) -> Trace:
         """Angles [rad] from the horizontal, positive downwards, continuous in time."""
         factor = (convention.sign or 1) * (np.pi / 180 if convention.unit == "deg" else 1.0)
-        theta, rates = factor * self.theta, None if self.omega is None else factor * self.omega
-        if convention.zero == "down":
-            theta, rates = np.pi / 2 - theta, None if rates is None else -rates
-        se = None if self.se is None else np.abs(factor) * self.se
-        error = abs(factor) * self.model_error
-        return replace(self, theta=unwrap(theta), omega=rates, se=se, convention=convention, model_error=error)
+        turn, zero = (-factor, np.pi / 2) if convention.zero == "down" else (factor, 0.0)
+        scaled = lambda a, by: None if a is None else by * a  # noqa: E731
+        rates, se, error = scaled(self.omega, turn), scaled(self.se, abs(factor)), abs(factor) * self.model_error
+        theta = unwrap(zero + turn * self.theta)
+        return replace(self, theta=theta, omega=rates, se=se, convention=convention, model_error=error)
 
 
 def unwrap(theta: np.ndarray) -> np.ndarray:
@@ -148,13 +147,14 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
     count = sum(re.fullmatch(r"theta_\d+", name) is not None for name in names)
     if links is not None and count != links:
         raise SceneError(f"{file}: has {count} columns theta_1..n, but the scene has {links} links; allowed: {links}")
-    known = ["t"] + [f"{stem}_{j + 1}" for stem in ("theta", "omega", "se") for j in range(count)]
+    columns = {stem: [f"{stem}_{j + 1}" for j in range(count)] for stem in ("theta", "omega", "se")}
+    known = ["t", *columns["theta"], *columns["omega"], *columns["se"]]
     for name in names:
         if name not in known:
             raise SceneError(f"{file}: unknown column {name!r}; {nearest(name, known)}")
-    for stem in ("theta", "omega", "se"):
+    for stem, every in columns.items():
         have = [name for name in names if name.startswith(stem + "_")]
-        if (have or stem == "theta") and sorted(have) != sorted(f"{stem}_{j + 1}" for j in range(count)):
+        if (have or stem == "theta") and sorted(have) != sorted(every):
             raise SceneError(
                 f"{file}: columns {stem}_1..{max(count, 1)} are not complete; found: {', '.join(names)[:80]}"
             )
@@ -188,15 +188,13 @@ def check_trace(trace: Trace) -> None:
     Raises:
         SceneError: with the trace and the first error.
     """
-    t, theta = trace.t, trace.theta
-    check_times(trace.name, t)
+    theta = trace.theta
+    check_times(trace.name, trace.t)
     known = np.isfinite(theta).sum(axis=0)
-    if (known == 0).any():
-        raise SceneError(f"{trace.name}: theta_{int(np.argmin(known)) + 1}: every sample is missing; needed: numbers")
     if known.min() < FEWEST:
-        raise SceneError(
-            f"{trace.name}: theta_{int(np.argmin(known)) + 1}: {known.min()} samples; allowed: at least {FEWEST}"
-        )
+        count = f"{known.min()} samples; allowed: at least {FEWEST}"
+        text = count if known.min() else "every sample is missing; needed: numbers"
+        raise SceneError(f"{trace.name}: theta_{int(np.argmin(known)) + 1}: {text}")
     for j, column in enumerate(theta.T):
         if (mark := placeholder(column)) is not None:
             raise SceneError(
@@ -257,11 +255,11 @@ def smooth(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.n
     """Angles and rates (N, n) by cubics through `width` samples around each; at both ends by the last full one."""
     half = width // 2
     around = np.lib.stride_tricks.sliding_window_view(theta, width, axis=0)  # (N - width + 1, n, width)
-    found = []
-    for weights in smoothers(width, step):
-        ends = weights[:half] @ theta[:width], weights[half + 1 :] @ theta[-width:]
-        found.append(np.concatenate([ends[0], around @ weights[half], ends[1]]))
-    return found[0], found[1]
+    angles, rates = (
+        np.concatenate([w[:half] @ theta[:width], around @ w[half], w[half + 1 :] @ theta[-width:]])
+        for w in smoothers(width, step)
+    )
+    return angles, rates
 
 
 def without_spikes(trace: Trace) -> Trace:
@@ -269,13 +267,12 @@ def without_spikes(trace: Trace) -> Trace:
     theta = trace.theta.copy()
     for column in theta.T:
         off = np.abs(column[1:-1] - 0.5 * (column[:-2] + column[2:]))
-        if not np.isfinite(off).any():
-            continue
-        beside = np.maximum(np.r_[0.0, np.nan_to_num(off[:-1])], np.r_[np.nan_to_num(off[1:]), 0.0])
-        # the neighbours of a spike deviate half as much
+        known = off[np.isfinite(off)]
+        near = np.nan_to_num(np.r_[0.0, off, 0.0])
         # distance of a spike from the mean of its neighbours, in typical distances of all samples
-        spike = (off > 10.0 * np.nanmedian(off) / 0.6745) & (off > 1.5 * beside)
-        column[1:-1][spike] = np.nan
+        far = 10.0 * np.median(known) / 0.6745 if len(known) else np.inf
+        # the neighbours of a spike deviate half as much
+        column[1:-1][(off > far) & (off > 1.5 * np.maximum(near[:-2], near[2:]))] = np.nan
     return replace(trace, theta=theta)
 
 
@@ -337,15 +334,14 @@ def _median(block: np.ndarray) -> np.ndarray:
 def _rounding(column: np.ndarray) -> float:
     """Minimum difference [rad] that the sensor resolves: of the sorted values; nearly zero for unrounded ones."""
     steps = np.diff(np.unique(column[np.isfinite(column)]))
-    steps = steps[steps > 1e-9]
-    return float(steps.min()) if len(steps) else 0.0
+    return float(np.min(steps[steps > 1e-9], initial=np.inf)) if (steps > 1e-9).any() else 0.0
 
 
 def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Path:
     """Write a trace in the format that `read_trace` reads; `notes` are comment lines for people, without `=`."""
-    names = ["t"] + [f"theta_{j + 1}" for j in range(trace.links)]
-    columns = [trace.t[:, None], trace.theta]
-    for stem, values in (("omega", trace.omega), ("se", trace.se)):
+    names = ["t"]
+    columns = [trace.t[:, None]]
+    for stem, values in (("theta", trace.theta), ("omega", trace.omega), ("se", trace.se)):
         if values is not None:
             names += [f"{stem}_{j + 1}" for j in range(trace.links)]
             columns.append(values)
@@ -354,8 +350,6 @@ def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Pa
     error = f", model_error={trace.model_error:.9g}" if trace.model_error else ""
     text.write(f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}{error}\n")
     text.writelines(f"# {note}\n" for note in (*notes, *(WARNING + warning for warning in trace.warnings)))
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    for row in np.concatenate(columns, axis=1):
-        writer.writerow(["" if np.isnan(x) else f"{x:.9g}" for x in row])
+    rows = [["" if np.isnan(x) else f"{x:.9g}" for x in row] for row in np.concatenate(columns, axis=1)]
+    csv.writer(text, lineterminator="\n").writerows([names, *rows])
     return atomic_write(path, text.getvalue())

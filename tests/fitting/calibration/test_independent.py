@@ -16,7 +16,7 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.gradient import ARRIVED, GradientDescent, Spectrum
 from fitting.estimate.normal_equations import drop_wild
 from fitting.estimate.scene_fit import profile
-from fitting.estimate.shooting import joined_step
+from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import LARGEST_BIAS, bootstrap, step_bias, uncertainty
 from fitting.report.report import one_run_picture
 
@@ -328,8 +328,8 @@ def test_a_step_too_coarse_for_small_errors_is_told_and_halved_until_it_is_not(t
         own = uncertainty(coarse).std_error
         assert told[0] * own[0] == pytest.approx(coarse.values[0] - solution.values[0], rel=0.1)
     else:  # the step's error does not hold the gap weight up: errors are near those of one uninterrupted run
-        free = np.full(2, np.inf)
-        whole = joined_step(replace(solution, gap_weight=1e-6), -free, free)
+        level = level_of(solution.problem, 1e-6)
+        whole = level.undamped_step(solution.evaluation, solution.values, np.inf)
         bound = np.sqrt(np.diag(np.linalg.inv(whole.information)))
         assert np.all(error < 1.6 * result.uncertainty.noise * bound)  # 2.6 where the step stays as it is
 

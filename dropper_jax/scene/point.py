@@ -150,17 +150,19 @@ class AnchorSpec:
             raise SceneError(
                 f"{path}.point: {anchor.point!r} is not a fixed point; allowed: {', '.join(held) or 'none'}"
             )
-        own = KINDS[anchor.kind] + OPTIONAL.get(anchor.kind, ())
-        for key in dict.fromkeys(key for keys in (*KINDS.values(), *OPTIONAL.values()) for key in keys):
-            given = getattr(anchor, key) is not None
-            if given != (key in KINDS[anchor.kind]) and not (given and key in own):
-                if not given and key in OPTIONAL.get(anchor.kind, ()):
-                    continue
-                what = "is not used" if given else "missing"
-                raise SceneError(f"{path}.{key}: {what}; kind {anchor.kind!r} takes {' and '.join(KINDS[anchor.kind])}")
-        if anchor.kind == "screw":
-            anchor._check_screw(path)
+        anchor.check_kind(path)
         return anchor
+
+    def check_kind(self, path: str) -> None:
+        """Reject values that the kind of the anchor needs and that are missing, and those that it does not use."""
+        needed, optional = KINDS[self.kind], OPTIONAL.get(self.kind, ())
+        for key in dict.fromkeys(key for keys in (*KINDS.values(), *OPTIONAL.values()) for key in keys):
+            given = getattr(self, key) is not None
+            if given != (key in needed) and key not in optional:
+                what = "is not used" if given else "missing"
+                raise SceneError(f"{path}.{key}: {what}; kind {self.kind!r} takes {' and '.join(needed)}")
+        if self.kind == "screw":
+            self._check_screw(path)
 
     def _check_screw(self, path: str) -> None:
         """Check that plates are deep enough and far enough apart to act separately, in clay or in sand."""

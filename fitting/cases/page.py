@@ -266,7 +266,6 @@ def draw_utilisation(found: dict[str, Any], path: Path) -> Path:
     axes.axvline(1.0, color=style.ALERT, lw=1, ls="--")
     axes.set_yticks(range(len(rows)), [row[0] for row in reversed(rows)])
     axes.grid(False, axis="y")
-    axes.set_xlim(0.0, None)
-    axes.set_xlabel("utilisation: factor times load over capacity; error by chance and by the step")
+    axes.set(xlim=(0.0, None), xlabel="utilisation: factor times load over capacity; error by chance and by the step")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     return style.save(figure, path)

@@ -248,18 +248,15 @@ def read_data(source: str | Path | Mapping[str, Any], scene: SceneData, folder: 
     cameras = tuple(read_camera(table, f"camera.{i}") for i, table in enumerate(tables_of(source, "camera")))
     check_once([c.name for c in cameras], "camera")
     sensors = tuple(
-        read_sensor(table, f"channel.{i}", scene, cameras) for i, table in enumerate(tables_of(source, "channel"))
+        read_sensor(table, f"channel.{i}", scene, cameras)
+        for i, table in enumerate(tables_of(source, "channel", needed=True))
     )
-    if not sensors:
-        raise SceneError("channel: missing; needed: one or more [[channel]] tables")
     check_once([s.channel.name for s in sensors], "channel")
     motions = tuple(read_motion(table, f"motion.{i}", scene) for i, table in enumerate(tables_of(source, "motion")))
     check_once([point for point, _, _ in motions], "motion")
-    tables = tables_of(source, "run")
-    if not tables:
-        raise SceneError("run: missing; needed: one or more [[run]] tables")
     runs = tuple(
-        read_run(table, f"run.{i}", folder or Path(), sensors, motions, scene) for i, table in enumerate(tables)
+        read_run(table, f"run.{i}", folder or Path(), sensors, motions, scene)
+        for i, table in enumerate(tables_of(source, "run", needed=True))
     )
     check_once([run.name for run in runs], "run")
     return Data(sensors, cameras, runs)

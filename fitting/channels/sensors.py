@@ -30,8 +30,10 @@ from fitting.channels.channel import (
 # Entries of the tables in a channels file: names, numbers, units, columns; errors give the path of the entry
 
 
-def tables_of(source: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+def tables_of(source: Mapping[str, Any], key: str, needed: bool = False) -> list[Mapping[str, Any]]:
     items = read_list(source.get(key, []), key, None, f"one or more [[{key}]] tables")
+    if needed and not items:
+        raise SceneError(f"{key}: missing; needed: one or more [[{key}]] tables")
     return [read_table(item, f"{key}.{i}") for i, item in enumerate(items)]
 
 

@@ -281,11 +281,8 @@ def _level_chain(metres: np.ndarray) -> np.ndarray:
 
 def _longest_gaps(detected: np.ndarray) -> np.ndarray:
     """Longest run of frames without a detection of each node (n,)."""
-    run = longest = np.zeros(detected.shape[1], int)
-    for row in detected:
-        run = np.where(row, 0, run + 1)
-        longest = np.maximum(longest, run)
-    return longest
+    seen = np.pad(detected, ((1, 1), (0, 0)), constant_values=True)
+    return np.array([np.diff(np.flatnonzero(column)).max() - 1 for column in seen.T])
 
 
 def _warnings(

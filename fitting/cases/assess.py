@@ -197,7 +197,7 @@ def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, An
 def _exclusion(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
     """The case with the largest excursion of nodes."""
     rows = [case for case in cases if "excursion_m" in case]
-    if not rows:
+    if site.exclusion is None or not rows:
         return None
     worst = max(rows, key=lambda case: case["excursion_m"]["value"])
     value, limit = worst["excursion_m"], site.exclusion.excursion
@@ -207,7 +207,7 @@ def _exclusion(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None
 def _backbone(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
     """Depths of the backbone at rest over all cases."""
     rows = [case for case in cases if "depth_m" in case]
-    if not rows:
+    if site.backbone is None or not rows:
         return None
     high = min(rows, key=lambda case: case["depth_m"][0])
     low = max(rows, key=lambda case: case["depth_m"][1])
@@ -225,10 +225,9 @@ def _backbone(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
 
 def _passes(found: dict[str, Any]) -> bool:
     """Whether every limit holds in every case, no run failed, and seeds and step size suffice for the conclusion."""
-    parts = [part["worst"]["utilisation"] for part in found["parts"] if part["worst"] is not None]
-    anchors = [a["worst"]["utilisation"] for a in found["anchors"] if a["worst"] and a["worst"]["utilisation"]]
-    exclusion = [] if found["exclusion"] is None else [found["exclusion"]["utilisation"]]
-    limits = max([*parts, *anchors, *exclusion], default=0.0) <= 1.0
+    parts = [part["worst"] for part in found["parts"] if part["worst"] is not None]
+    anchors = [anchor["worst"] for anchor in found["anchors"]]
+    limits = all((row["utilisation"] or 0.0) <= 1.0 for row in (*parts, *anchors, found["exclusion"]) if row)
     backbone = found["backbone"] is None or found["backbone"]["holds"]
     uplift = all(
         a["allowed_uplift_deg"] is None or a["uplift_deg"] is None or a["uplift_deg"] <= a["allowed_uplift_deg"]

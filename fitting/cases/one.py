@@ -18,7 +18,7 @@ from dropper_jax.run.arrays import breaks
 from dropper_jax.run.build import build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.quantities import STATISTICS, quantity
+from dropper_jax.run.quantities import STATISTICS, Quantity, quantity
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.site import Case, Site, Storm
@@ -156,11 +156,12 @@ class Runner:
         stepper = stepper_of(model, scene.run, track_work=False)
         start, positions, rest = self._start(scene, model, case.storm)
         skip = self.site.run_of(case.storm).skip
-        tally = Tally(scene, skip, positions, self.site.curved)
+        tally = Tally(scene, skip, positions, self.site.curve_lines)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run)
         carry, done, info = run.carry, 0, {"status": np.array(0)}
-        signals: list[list[np.ndarray]] = [[] for _ in self.site.quantities]
-        named = [quantity(name, model, "quantities") for name in self.site.quantities]
+        signals: dict[Quantity, list[np.ndarray]] = {
+            quantity(name, model, "quantities"): [] for name in self.site.quantities
+        }
         retried = 0
         while done < scene.run.saves:
             carry, (rows, within) = run.go_on(carry, scene.run.saves - done)
@@ -169,7 +170,7 @@ class Runner:
             largest = rows.tension if within is None else within.largest
             nodes = np.asarray(_nodes(model, rows.r, t))
             tally.add(t[:good], nodes[:good], np.asarray(rows.tension)[:good], np.asarray(largest)[:good])
-            for one, parts in zip(named, signals, strict=True):
+            for one, parts in signals.items():
                 now = rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted
                 values = one.in_time(model, start.r, *now)
                 parts.append(np.asarray(values)[:good][t[:good] > skip])
@@ -181,7 +182,7 @@ class Runner:
         broken = [row["time_s"] for row in breaks(scene, carry.state.parted)]
         depth = np.stack([_depth(start, model, line.nodes, case.storm.level) for line in tally.lines])
         more = {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
-        for one, parts in zip(named, signals, strict=True):
+        for one, parts in signals.items():
             more[f"quantity:{one.name}"] = np.asarray(STATISTICS[one.statistic](jnp.concatenate(parts)))
         return {**tally.collect(), **info, **more}
 

@@ -15,9 +15,9 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
 from dropper_jax.report.sections import table
 
-LABELS = ("case", "sea_state", "direction_deg", "current", "level_m", "month", "crop", "state")
 COLUMNS = (
-    *("kind", "part", *LABELS, "line", "load_n", "load_error_n", "load_low_n", "load_high_n"),
+    *("kind", "part", "case", "sea_state", "direction_deg", "current", "level_m", "month", "crop", "state"),
+    *("line", "load_n", "load_error_n", "load_low_n", "load_high_n"),
     *(
         "at_rest_n",
         "mean_n",
@@ -227,24 +227,20 @@ def _worst_cases(found: dict[str, Any], storms: dict[int, Any]) -> str:
 def _csv(found: dict[str, Any]) -> str:
     storms = {case["case"]: case for case in found["cases"]}
     text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="")
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="", extrasaction="ignore")
     writer.writeheader()
     for part in found["parts"]:
-        step = part["step"] or {}
+        own = {"kind": "part", "part": part["part"], "step_error": (part["step"] or {}).get("relative")}
         for row in part["cases"]:
             low, high = row["interval_n"] or (None, None)
-            own = {key: row[key] for key in COLUMNS if key in row and key not in LABELS}
-            labels = {key: storms[row["case"]][key] for key in LABELS}
-            more = {"load_low_n": low, "load_high_n": high, "step_error": step.get("relative")}
-            writer.writerow({**labels, **own, **more, "kind": "part", "part": part["part"]})
+            writer.writerow({**storms[row["case"]], **row, **own, "load_low_n": low, "load_high_n": high})
     for anchor in found["anchors"]:
+        own = {"kind": "anchor", "part": anchor["point"]}
         for row in anchor["cases"]:
             load = row["total_n"]
             low, high = load["interval"] or (None, None)
-            own = {"load_n": load["value"], "load_error_n": load["error"], "load_low_n": low, "load_high_n": high}
-            used = {key: row.get(key) for key in ("factor", "utilisation", "utilisation_error")}
-            labels = {key: storms[row["case"]][key] for key in LABELS}
-            writer.writerow({**labels, **own, **used, "kind": "anchor", "part": anchor["point"]})
+            loads = {"load_n": load["value"], "load_error_n": load["error"], "load_low_n": low, "load_high_n": high}
+            writer.writerow({**storms[row["case"]], **row, **own, **loads})
     return text.getvalue()
 
 
@@ -270,7 +266,6 @@ def draw_utilisation(found: dict[str, Any], path: Path) -> Path:
     axes.axvline(1.0, color=style.ALERT, lw=1, ls="--")
     axes.set_yticks(range(len(rows)), [row[0] for row in reversed(rows)])
     axes.grid(False, axis="y")
-    axes.set_xlim(0.0, None)
-    axes.set_xlabel("utilisation: factor times load over capacity; error by chance and by the step")
+    axes.set(xlim=(0.0, None), xlabel="utilisation: factor times load over capacity; error by chance and by the step")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     return style.save(figure, path)

@@ -61,7 +61,7 @@ class CaseStore(Store[Case, Found]):
             "scene": site.scene.as_written(),
             "run": [run.duration, dt, run.skip, run.ramp],
             "exclusion": site.exclusion is not None,
-            "curved": site.curved,
+            "curved": site.curve_lines,
             **({"quantities": site.quantities} if site.quantities else {}),
         }
         self._shared = hashlib.sha256(json.dumps(shared, sort_keys=True).encode()).hexdigest()

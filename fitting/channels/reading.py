@@ -51,9 +51,9 @@ from fitting.channels.sensors import (
     name_of,
     number_of,
     read_camera,
-    required,
     tables_of,
     unit_of,
+    value_of,
 )
 from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
@@ -90,7 +90,7 @@ def read_columns(path: Path) -> Columns:
 
 
 def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: tuple[CameraSpec, ...]) -> Sensor:
-    cls = KINDS[read_text(required(table, path, "kind", ", ".join(KINDS)), f"{path}.kind", KINDS)]
+    cls = KINDS[read_text(value_of(table, path, "kind", ", ".join(KINDS)), f"{path}.kind", KINDS)]
     check_keys(table, (*COMMON, *LOCATIONS, *cls.KEYS), path)
     names = [camera.name for camera in cameras]
     camera = table.get("camera")
@@ -151,12 +151,12 @@ def read_run(
     scene: SceneData,
 ) -> Run:
     check_keys(table, ("file", "name", "from", "until", "scene"), path)
-    files, default = _files(required(table, path, "file", "a CSV, or a list of them"), path, folder)
+    files, default = _files(value_of(table, path, "file", "a CSV, or a list of them"), path, folder)
     low, high = number_of(table, path, "from", -np.inf), number_of(table, path, "until", np.inf)
     times, values = [], []
     for sensor in sensors:
         what = f"{path}: channel {sensor.channel.name!r}"
-        t, y = _measured(files, sensor.channel.columns, sensor.channel.unit, what)
+        t, y = _in_one_file(files, sensor.channel.columns, sensor.channel.unit, what)
         keep = (t >= low) & (t <= high)
         if (np.isfinite(y[keep]).sum(axis=0) < FEWEST_READINGS).any():
             raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
@@ -193,7 +193,9 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
     return found, Path(items[0]).stem if isinstance(items[0], str) else path.replace(".", "_")
 
 
-def _measured(files: Sequence[Columns], columns: Sequence[str], unit: str, what: str) -> tuple[np.ndarray, np.ndarray]:
+def _in_one_file(
+    files: Sequence[Columns], columns: Sequence[str], unit: str, what: str
+) -> tuple[np.ndarray, np.ndarray]:
     """Times (k,) [s] and values (k, m) [SI] of these columns, from the single file that contains all of them."""
     found = [file for file in files if all(name in file.values for name in columns)]
     if len(found) == 1:
@@ -214,7 +216,7 @@ def _recorded_motions(
     times, paths = None, []
     for point, columns, unit in motions:
         what = f"{path}: motion of {point!r}"
-        t, y = _measured(files, columns, unit, what)
+        t, y = _in_one_file(files, columns, unit, what)
         keep = np.isfinite(y).all(axis=1)
         if keep.sum() < FEWEST_READINGS:
             raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
@@ -246,18 +248,15 @@ def read_data(source: str | Path | Mapping[str, Any], scene: SceneData, folder: 
     cameras = tuple(read_camera(table, f"camera.{i}") for i, table in enumerate(tables_of(source, "camera")))
     check_once([c.name for c in cameras], "camera")
     sensors = tuple(
-        read_sensor(table, f"channel.{i}", scene, cameras) for i, table in enumerate(tables_of(source, "channel"))
+        read_sensor(table, f"channel.{i}", scene, cameras)
+        for i, table in enumerate(tables_of(source, "channel", needed=True))
     )
-    if not sensors:
-        raise SceneError("channel: missing; needed: one or more [[channel]] tables")
     check_once([s.channel.name for s in sensors], "channel")
     motions = tuple(read_motion(table, f"motion.{i}", scene) for i, table in enumerate(tables_of(source, "motion")))
     check_once([point for point, _, _ in motions], "motion")
-    tables = tables_of(source, "run")
-    if not tables:
-        raise SceneError("run: missing; needed: one or more [[run]] tables")
     runs = tuple(
-        read_run(table, f"run.{i}", folder or Path(), sensors, motions, scene) for i, table in enumerate(tables)
+        read_run(table, f"run.{i}", folder or Path(), sensors, motions, scene)
+        for i, table in enumerate(tables_of(source, "run", needed=True))
     )
     check_once([run.name for run in runs], "run")
     return Data(sensors, cameras, runs)

@@ -30,8 +30,10 @@ from fitting.channels.channel import (
 # Entries of the tables in a channels file: names, numbers, units, columns; errors give the path of the entry
 
 
-def tables_of(source: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+def tables_of(source: Mapping[str, Any], key: str, needed: bool = False) -> list[Mapping[str, Any]]:
     items = read_list(source.get(key, []), key, None, f"one or more [[{key}]] tables")
+    if needed and not items:
+        raise SceneError(f"{key}: missing; needed: one or more [[{key}]] tables")
     return [read_table(item, f"{key}.{i}") for i, item in enumerate(items)]
 
 
@@ -50,7 +52,7 @@ def name_of(table: Mapping[str, Any], path: str, default: str | None = None) -> 
     return name.replace(".", "_")
 
 
-def required(table: Mapping[str, Any], path: str, key: str, needed: str) -> Plain:
+def value_of(table: Mapping[str, Any], path: str, key: str, needed: str) -> Plain:
     """The value of a key.
 
     Raises:
@@ -67,13 +69,13 @@ def number_of(table: Mapping[str, Any], path: str, key: str, default: float | No
 
 
 def vector_of(table: Mapping[str, Any], path: str, key: str, count: int) -> np.ndarray:
-    items = read_list(required(table, path, key, f"{count} numbers"), f"{path}.{key}", count, f"{count} numbers")
+    items = read_list(value_of(table, path, key, f"{count} numbers"), f"{path}.{key}", count, f"{count} numbers")
     return np.array([read_number(x, f"{path}.{key}.{i}", {"unit": "-"}) for i, x in enumerate(items)])
 
 
 def unit_of(table: Mapping[str, Any], path: str, key: str, measures: str) -> str:
     fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == measures]
-    unit = read_text(required(table, path, key, ", ".join(fitting)), f"{path}.{key}")
+    unit = read_text(value_of(table, path, key, ", ".join(fitting)), f"{path}.{key}")
     if unit not in fitting:
         raise SceneError(f"{path}.{key}: {unit!r} is not a unit of this quantity; allowed: {', '.join(fitting)}")
     return unit
@@ -155,7 +157,7 @@ class Pixel(Channel):
 
     @classmethod
     def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        required(table, context.path, "camera", "the name of a [[camera]]")
+        value_of(table, context.path, "camera", "the name of a [[camera]]")
         if len(common["columns"]) != 2:
             raise SceneError(f"{context.path}.columns: {len(common['columns'])} columns; allowed: 2, u and v")
         node = node_of(context.scene, where, context.path)
@@ -269,7 +271,7 @@ def read_camera(table: Mapping[str, Any], path: str) -> CameraSpec:
         ahead = look_at - position
         if np.hypot(ahead[0], ahead[1]) < 1e-9:
             raise SceneError(f"{path}.look_at: directly above or below the camera. Use another point, or `projection`")
-        required(table, path, "focal", "focal length [px]")
+        value_of(table, path, "focal", "focal length [px]")
         focal = number_of(table, path, "focal", None, low=0.0, open_low=True)
         matrix = projection(position, look_at, focal, vector_of(table, path, "centre", 2))
     return CameraSpec(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import (
-    FAILED,
     OK,
+    Failure,
     add_allow_outside,
     add_examples,
     add_json,
@@ -18,7 +18,6 @@ from dropper_jax.cli.options import (
     listing,
     number,
     output_folder,
-    print_line,
     print_warnings,
     progress,
     read_scene,
@@ -29,6 +28,7 @@ from dropper_jax.cli.outputs import add_out, deliver, out_file
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from fitting.calibration.result import FitResult
+    from fitting.estimate.scene_fit import SceneFit
 
 help = "calibrate a scene to measured angle traces, or to any channels named in a TOML file"
 
@@ -192,11 +192,13 @@ def run(args: argparse.Namespace) -> int:
 
         draw_fit(result, plot)
     print_warnings(result.warnings)
-    deliver(args.json, result.to_json(), text(result), out)
-    if result.status != "ok":
-        print_line(f"error: {result.status}: {result.message}")
-    accepted = args.accept_misfit and result.status == "misfit"
-    return OK if result.status == "ok" or accepted else FAILED
+    code = deliver(args.json, result.to_json(), text(result), out, failure_of(result))
+    return OK if args.accept_misfit and result.status == "misfit" else code
+
+
+def failure_of(result: SceneFit) -> Failure | None:
+    """Status and message of a fit that failed."""
+    return None if result.status == "ok" else (result.status, f"{result.status}: {result.message}")
 
 
 #: Options of `--method gradient`.
@@ -240,10 +242,7 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
     print_warnings(result.warnings)
     tables = (parameter_rows(result), interval_rows(result), between_rows(result), channel_rows(result))
     parts = [*(table(rows) for rows in tables if len(rows) > 1), listing(summary(result)), result.outcome]
-    deliver(args.json, result.to_json(), "\n\n".join(parts), out_file(args.out))
-    if result.status != "ok":
-        print_line(f"error: {result.status}: {result.message}")
-    return OK if result.status == "ok" else FAILED
+    return deliver(args.json, result.to_json(), "\n\n".join(parts), out_file(args.out), failure_of(result))
 
 
 def intervals(args: argparse.Namespace) -> dict[str, bool | int | list[str]]:
@@ -252,16 +251,22 @@ def intervals(args: argparse.Namespace) -> dict[str, bool | int | list[str]]:
     return {"profile": profile, "bootstrap": args.bootstrap or 0, "posterior": args.posterior or 0}
 
 
+def read_numbers(text: str, option: str, reason: str, mark: str = ",", count: int | None = None) -> list[float]:
+    """Numbers separated by `mark`, this many if `count` is given; otherwise the error is `OPTION: TEXT REASON`."""
+    try:
+        found = [float(part) for part in text.split(mark)]
+    except ValueError:
+        found = []
+    if not found or count not in (None, len(found)):
+        raise SceneError(f"{option}: {text!r} {reason}")
+    return found
+
+
 def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[float, float]]:
     """Spans [s] of `lo:hi,lo:hi`."""
-    found = []
-    for part in filter(None, (text or "").split(",")):
-        try:
-            low, high = (float(x) for x in part.split(":"))
-        except ValueError:
-            raise SceneError(f"{option}: {part!r} is not lo:hi; allowed: spans in s such as 40:45,45:50") from None
-        found.append((low, high))
-    return found
+    reason = "is not lo:hi; allowed: spans in s such as 40:45,45:50"
+    parts = filter(None, (text or "").split(","))
+    return [tuple(read_numbers(part, option, reason, ":", 2)) for part in parts]
 
 
 def _pairs(option: str, texts: list[str]) -> list[tuple[str, str]]:
@@ -319,13 +324,13 @@ def text(result: FitResult) -> str:
     from fitting.calibration.decision import verdict
     from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 
-    parts = [table(parameter_rows(result)), "", listing(summary(result))]
+    parts = [table(parameter_rows(result)), listing(summary(result))]
     if len(rows := interval_rows(result)) > 1:
-        parts += ["", table(rows)]
+        parts.append(table(rows))
     if result.freed:
-        parts += ["", "freed: " + "; ".join(candidate.name for candidate in result.freed)]
+        parts.append("freed: " + "; ".join(candidate.name for candidate in result.freed))
     if result.advice:
-        parts += ["", table(advice_rows(result.advice))]
+        parts.append(table(advice_rows(result.advice)))
     if result.comparison:
-        parts += ["", table(comparison_rows(result.comparison)), "", f"law: {verdict(result.comparison)}"]
-    return "\n".join([*parts, "", result.outcome])
+        parts += [table(comparison_rows(result.comparison)), f"law: {verdict(result.comparison)}"]
+    return "\n\n".join([*parts, result.outcome])

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 from dropper_jax.base.errors import silent
 from dropper_jax.cli.options import (
     FAILED,
-    OK,
     add_examples,
     add_json,
     add_quiet,
+    done_object,
     output_file,
-    print_json,
     print_line,
+    print_result,
     print_warnings,
     progress,
+    table,
 )
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -47,7 +48,6 @@ def run(args: argparse.Namespace) -> int:
     plot, out = plot_folder(args.plot), out_file(args.out)
     state = output_file(args.state, "--state", (".json",))
 
-    from dropper_jax.base.toml_text import jsonable
     from dropper_jax.effects import register_installed
     from fitting.optimise.run import check_derivatives, optimise, read_problem
     from fitting.site import read_site
@@ -58,9 +58,8 @@ def run(args: argparse.Namespace) -> int:
     if args.check:
         worst = check_derivatives(read_problem(site), say)
         say(1.0, "ok")
-        check_result = {"schema": 1, "status": "ok", "check": worst}
-        print_json(jsonable(check_result)) if args.json else print(f"derivatives agree with differences to {worst:.1e}")
-        return OK
+        agreement = f"derivatives agree with differences to {worst:.1e}"
+        return print_result(args.json, done_object(check=worst), agreement)
     found = optimise(site, state, say)
     say(1.0, "ok" if found.feasible else "no design met all constraints")
     print_warnings(found.warnings)
@@ -69,27 +68,26 @@ def run(args: argparse.Namespace) -> int:
         from fitting.optimise.run import design_picture
 
         design_picture(site, found, drawn)
-    message = "" if found.feasible else "none of the designs found meets all constraints on whole runs"
     status = "ok" if found.feasible else "not_converged"
     plain = {"schema": 1, "status": status, "site": site.name, **found.to_json()}
-    deliver(args.json, plain, text(found), out)
-    if message:
-        print_line(f"error: {message}")
-    return OK if found.feasible else FAILED
+    code = deliver(args.json, plain, text(found), out)
+    if found.feasible:
+        return code
+    print_line("error: none of the designs found meets all constraints on whole runs")
+    return FAILED
 
 
 def text(found: Optimum) -> str:
     """The design as text: before, after, active constraints, sensitivity to assumptions."""
-    from dropper_jax.cli.options import table
     from fitting.optimise.run import ACTIVE, HELD
 
-    head = [("", "before", "after", "bounds")]
     rows = [
-        (v.name, f"{a:.4g}", f"{b:.4g}", f"{v.low:g} to {v.high:g}")
-        for v, a, b in zip(found.variables, found.before, found.after, strict=True)
-    ]
-    rows += [
-        (f"objective ({found.of})", f"{found.objective[0]:.5g}", f"{found.objective[1]:.5g}", f"{-found.gain:+.1%}")
+        ("", "before", "after", "bounds"),
+        *(
+            (v.name, f"{a:.4g}", f"{b:.4g}", f"{v.low:g} to {v.high:g}")
+            for v, a, b in zip(found.variables, found.before, found.after, strict=True)
+        ),
+        (f"objective ({found.of})", f"{found.objective[0]:.5g}", f"{found.objective[1]:.5g}", f"{-found.gain:+.1%}"),
     ]
     known = found.held >= HELD
     limits = [("constraint, limit 1", "before", "after", "effect of 1 % more of it")]
@@ -97,8 +95,8 @@ def text(found: Optimum) -> str:
         price = found.prices.get(label) if known else None
         price_text = f"{price:+.3g}" if price is not None else "active" if b >= ACTIVE else ""
         limits.append((label, f"{a:.3f}", f"{b:.3f}", price_text))
-    assumed = [("1 % more of", "objective")]
-    assumed += [(n, f"{c:+.3g}" if known else "unknown: no optimum") for n, c in found.assumptions.items()]
+    effects = [(n, f"{c:+.3g}" if known else "unknown: no optimum") for n, c in found.assumptions.items()]
+    assumed = [("1 % more of", "objective"), *effects]
     apart = "windows and whole runs were not compared, because the start is the best design"
     if found.residual == found.residual:  # a number
         apart = f"windows and whole runs differed by up to {found.residual:.1%} of a limit before the last update"
@@ -107,4 +105,4 @@ def text(found: Optimum) -> str:
         f"constraints and bounds balance {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, "
         f"{found.runs} evaluations"
     )
-    return "\n\n".join([table([*head, *rows]), table(limits), table(assumed), end])
+    return "\n\n".join([table(rows), table(limits), table(assumed), end])

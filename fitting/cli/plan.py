@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.base.errors import SceneError, silent
+from dropper_jax.base.errors import silent
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
+from fitting.cli.fit import read_numbers
 
 help = "plan an experiment: which release, duration and camera determine the parameters best"
 
@@ -58,7 +59,4 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _numbers(option: str, text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise SceneError(f"--{option}: {text!r} is not a list of numbers; allowed: such as 8,16,48") from None
+    return read_numbers(text, f"--{option}", "is not a list of numbers; allowed: such as 8,16,48")

@@ -27,7 +27,7 @@ from dropper_jax.cli.options import (
     read_scene,
     table,
 )
-from fitting.cli.fit import add_convention
+from fitting.cli.fit import add_convention, read_numbers
 
 if TYPE_CHECKING:
     import numpy as np
@@ -171,10 +171,8 @@ def _parts(args: argparse.Namespace) -> list[float] | None:
     for option, value in given.items():
         if value and not args.trace:
             raise SceneError(f"{option}: requires --trace FILE.csv")
-    try:
-        return None if args.parts is None else [float(x) for x in args.parts.split(",")]
-    except ValueError:
-        raise SceneError(f"--parts: {args.parts!r} is not T1,T2; allowed: two times in s, such as 12,25") from None
+    allowed = "is not T1,T2; allowed: two times in s, such as 12,25"
+    return None if args.parts is None else read_numbers(args.parts, "--parts", allowed)
 
 
 def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
@@ -256,12 +254,8 @@ def text(found: dict[str, Any], results: str = "") -> str:
     ]
     if found["vmapped"]:
         pairs.append(("by jax.vmap", f"{', '.join(found['vmapped'])}: two transposes of the cases' axis, same results"))
-    parts = [listing(pairs)]
-    if results:
-        parts.append(results)
-    if "trace" in found:
-        parts.append(_score_table(found["trace"]))
-    return "\n\n".join([*parts, f"ok: {found['out']}"])
+    scores = _score_table(found["trace"]) if "trace" in found else ""
+    return "\n\n".join(part for part in (listing(pairs), results, scores, f"ok: {found['out']}") if part)
 
 
 def _score_table(trace: dict[str, Any]) -> str:

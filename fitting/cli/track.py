@@ -24,6 +24,7 @@ from dropper_jax.cli.options import (
     print_warnings,
     progress,
 )
+from fitting.cli.fit import read_numbers
 
 if TYPE_CHECKING:
     from fitting.tracking.ordering import AmbiguousOrderError
@@ -83,6 +84,9 @@ def run(args: argparse.Namespace) -> int:
     positions = output_file(args.positions, "--positions", (".csv",))
     overlay = output_file(args.overlay, "--overlay", (".png", ".avi", ".mp4"))
 
+    allowed = "is not X,Y; allowed: pixels such as 120,85"
+    start = None if args.start is None else [read_numbers(text, "--start", allowed, count=2) for text in args.start]
+
     from fitting.traces.trace import write_trace
     from fitting.tracking.ordering import AmbiguousOrderError
     from fitting.tracking.render import write_overlay
@@ -102,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
             radius=args.radius,
             bright=None if args.marker is None else args.marker == "bright",
             first=args.first,
-            start=None if args.start is None else [pixel(text) for text in args.start],
+            start=start,
             fps=args.fps,
             begin=args.begin,
             end=args.end,
@@ -128,19 +132,18 @@ def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, pictu
 
     write_alternatives(error, args.video, picture)
     shown = f"the first {SHOWN}" if len(error.orders) > SHOWN else "they"
-    message = f"{error}; {shown} are drawn in {picture}"
+    failure = ("ambiguous_order", f"{error}; {shown} are drawn in {picture}")
     orders = [[[round(float(x), 1), round(float(y), 1)] for x, y in positions] for positions in error.orders]
     found = {"frame": error.frame, "orders": orders, "picture": str(picture)}
-    return print_result(args.json, found, f"ambiguous_order: see {picture}", ("ambiguous_order", message))
+    return print_result(args.json, found, f"ambiguous_order: see {picture}", failure)
 
 
 def notes(tracked: Tracked) -> list[str]:
     """Marked frames, as comments of the trace."""
-    spans = tracked.marks.spans(tracked.trace.t)
     return [
         f"marked {span['from_s']:.9g} to {span['to_s']:.9g} s: nodes {' '.join(map(str, span['nodes']))} "
         f"({' '.join(span['why'])})"
-        for span in spans
+        for span in tracked.marks.spans(tracked.trace.t)
     ]
 
 
@@ -150,15 +153,6 @@ def board_size(text: str) -> tuple[int, int]:
     if not (columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) >= 3):
         raise SceneError(f"--board: {text!r} is not COLUMNSxROWS; allowed: inner corners such as 9x6, at least 3")
     return int(columns), int(rows)
-
-
-def pixel(text: str) -> tuple[float, float]:
-    """A pixel of `x,y`."""
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except ValueError:
-        raise SceneError(f"--start: {text!r} is not X,Y; allowed: pixels such as 120,85") from None
-    return x, y
 
 
 def write_positions(tracked: Tracked, path: Path) -> Path:

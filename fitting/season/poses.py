@@ -10,8 +10,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
-from dropper_jax.run.growth import overgrown
-from dropper_jax.scene import LineSpec, held_loads, whole_lines
+from dropper_jax.run.growth import overgrown, wet_weights
+from dropper_jax.scene import held_loads, line_slices, whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.site import Site
 
@@ -30,10 +30,8 @@ def waters(site: Site) -> tuple[Water, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
     own = site.season
     levels = site.lists.kinds["levels"] if own.levels is None else own.levels
-    speeds: Sequence[float | None] = [None]
-    if own.currents is not None:
-        speeds = [float(speed) for speed in own.currents]
-    elif site.lists.currents:
+    speeds = own.currents
+    if speeds is None:
         speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]
     return tuple(Water(float(level), speed) for level in levels for speed in speeds)
 
@@ -67,20 +65,9 @@ def bare_points(site: Site, names: Sequence[str]) -> dict[str, dict[str, Any]]:
     return {name: {k: v for k, v in points[name].items() if k not in BODY} for name in names}
 
 
-def wet_weights(scene: Scene) -> dict[str, float]:
-    """Weight in water [N] of each line, `g sum (m - rho pi/4 D^2 L)`."""
-    return {where.name: float(_wet(scene, where.spec).sum()) for where in whole_lines(scene)}
-
-
-def _wet(scene: Scene, line: LineSpec) -> np.ndarray:
-    """Weight in water of each link (n,) [N]."""
-    area = 0.0 if line.diameter is None else 0.25 * np.pi * np.asarray(line.diameter) ** 2
-    mass, volume = np.broadcast_arrays(np.asarray(line.mass, float), area * np.asarray(line.length, float))
-    return scene.sea.gravity * (mass - scene.sea.density * volume)
-
-
 def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[np.ndarray, dict[str, float]]:
-    """Downward force of the lines on each float point (points,) [N] at its position in the scene, and wet weights.
+    """Downward force of the lines on each float point (points,) [N] at its position in the scene, and the weight in
+    water [N] of each line.
 
     Raises:
         SceneError: no equilibrium found.
@@ -91,18 +78,15 @@ def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[n
     if pose.status != "ok":
         raise SceneError(f"season: {month}, level {water.level:+g} m: no equilibrium: {pose.message}")
     loads = held_loads(scene, pose.positions, pose.tension)
-    ends = _end_weights(scene)
-    return np.array([ends[name] - loads[name][2] for name in names]), wet_weights(scene)
-
-
-def _end_weights(scene: Scene) -> dict[str, float]:
-    """Weight in water [N] of the half links next to each point, which act on the point's node."""
-    found = {point.name: 0.0 for point in scene.points}
-    for line in scene.lines:
-        own = 0.5 * _wet(scene, line)
-        found[line.start] += float(own[0])
-        found[line.end] += float(own[-1])
-    return found
+    wet = wet_weights(scene)
+    # half of the links next to a point act on the point's node
+    ends = {point.name: 0.0 for point in scene.points}
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        own = 0.5 * wet[where.links]
+        ends[line.start] += float(own[0])
+        ends[line.end] += float(own[-1])
+    by_line = {line.name: float(wet[line.links].sum()) for line in whole_lines(scene)}
+    return np.array([ends[name] - loads[name][2] for name in names]), by_line
 
 
 def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> dict[str, Any]:

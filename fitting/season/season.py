@@ -274,8 +274,7 @@ def draw(found: dict[str, Any], path: Path) -> Path:
     top = [max(row["least"], min(row["most"], int(1.5 * most) + 1)) for row in months]
     upper.fill_between(at, [row["least"] for row in months], top, step="mid", color="#E3E5E8", label="allowed")
     upper.step(at, [row["floats"] for row in months], where="mid", color=style.FIRST, lw=2, label="floats")
-    upper.set_ylabel("floats")
-    upper.set_ylim(0.0, None)
+    upper.set(ylabel="floats", ylim=(0.0, None))
     upper.locator_params(axis="y", integer=True)
     upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     for key, margin, sign, colour in (
@@ -286,8 +285,8 @@ def draw(found: dict[str, Any], path: Path) -> Path:
         if months[0][margin] is not None:
             lower.axhline(months[0][key] + sign * months[0][margin], color=colour, lw=1, ls="--", label="its limit")
     lower.invert_yaxis()
-    lower.set_ylabel("backbone, depth [m]")
+    # half a name of a month on either side
+    lower.set(ylabel="backbone, depth [m]", xlim=(-0.4, len(months) - 0.6))
     lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
-    lower.set_xlim(-0.4, len(months) - 0.6)  # half a name of a month on either side
     lower.set_xticks(list(at), [row["month"] for row in months], rotation=30 if len(months) > 6 else 0)
     return style.save(figure, path)

@@ -45,10 +45,6 @@ class Plan:
     run: RunSpec
     stepper: Stepper
 
-    def initial_state(self, model: Model, near: State) -> State:
-        """The start of the changed model: static poses follow it, given angles and positions stay."""
-        return initial_state(model, self.start, near=near)
-
     def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
         """Saved states of a run from s."""
         every = self.run.save_every
@@ -66,7 +62,7 @@ class Plan:
     ) -> tuple[jax.Array, Trajectory]:
         """The quantity of the model with these values (p,), and the corresponding run."""
         model = apply(model, self.parameters, values)
-        s = self.initial_state(model, near)
+        s = initial_state(model, self.start, near=near)
         run = standing(s) if self.of.at_rest else self.march(model, s, self.run.saves, checkpoint)
         return self.measure(model, s, run), run
 
@@ -108,7 +104,7 @@ class Study:
 
     def begin(self, model: Model) -> State:
         """The start of the changed model: static poses follow it, given angles and positions stay."""
-        return self.plan.initial_state(model, self.start)
+        return initial_state(model, self.scene.start, near=self.start)
 
     def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
         """Saved states of a run from s."""

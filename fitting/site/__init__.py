@@ -53,8 +53,8 @@
     factor = 2.0                    or { intact = 2.0, broken = 1.5 }, or a standard; default: that of [factors]
     curve = { k = 25000.0, m = 5.2, source = "..." }    N = k (range/capacity)^-m; "no curve given" without
 
-    [[anchor]]                      fixed points: name, points (patterns), kind, weight, friction, capacity as in
-    points = "*-anchor"             [[anchor]] of a scene; factor; uplift [deg], the maximum allowed
+    [[anchor]]                      fixed points: name, points (patterns), kind with its values as in [[anchor]] of a
+    points = "*-anchor"             scene; factor; uplift [deg], the maximum allowed
     kind = "tested"
     capacity = 80e3
 

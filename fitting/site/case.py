@@ -13,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import refuse
 from dropper_jax.load.scene import Scene
-from dropper_jax.scene import AnchorSpec, LineSpec, whole_lines
+from dropper_jax.scene import LineSpec, whole_lines
 from fitting.site.case_lists import CASE_KINDS
 from fitting.site.sections import AnchorTable, Curve, Factors, SeaState
 
@@ -52,9 +52,7 @@ class Anchor:
 
     def utilisation(self, horizontal: np.ndarray, upward: np.ndarray) -> np.ndarray:
         """Ratio of load to capacity (...), without a factor, for horizontal and upward loads (...) [N]."""
-        table = self.table
-        spec = AnchorSpec(self.points[0], table.kind, table.weight, table.friction, table.capacity, 1.0)
-        return spec.utilisation(horizontal, upward)
+        return self.table.utilisation(horizontal, upward)
 
 
 def match_names(patterns: Iterable[str], names: Sequence[str], path: str, what: str = "line") -> tuple[str, ...]:
@@ -238,7 +236,7 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
         if state == INTACT:
             found.append(None)
             continue
-        pattern, colon, link = state.rpartition(":") if ":" in state else (state, "", "")
+        pattern, colon, link = state.partition(":")
         if colon and not link.isdecimal():
             raise refuse(f"{path}.{i}", state, "has no link number after its colon", "LINE or LINE:LINK, links from 1")
         for name in match_names([pattern], list(lines), f"{path}.{i}"):

@@ -22,7 +22,7 @@ from dropper_jax.run.growth import overgrown
 from dropper_jax.run.quantities import PERIOD, quantity
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
-from dropper_jax.sea.spec import SeaSpec, WaveSpec
+from dropper_jax.sea.spec import SeaSpec
 from fitting.site.case import Anchor, Part, breaks, match_names, refuse_overlap, short
 from fitting.site.case_lists import CaseLists
 from fitting.site.sections import (
@@ -80,22 +80,21 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     _check_times(run, lists, "broken" in kinds)
     factors = Factors.read(table.get("factors", {}), "factors")
     growth = _growth(table, lines)
-    for i, month in enumerate(lists.months):
-        read_text(month, f"cases.months.{i}", growth)
-    _unique("cases.months", list(lists.months))
     crop = _crop(table)
-    for i, level in enumerate(lists.crops):
-        read_text(level, f"cases.crops.{i}", crop)
-    _unique("cases.crops", list(lists.crops))
+    for path, names, known in (("cases.months", lists.months, growth), ("cases.crops", lists.crops, crop)):
+        for i, name in enumerate(names):
+            read_text(name, f"{path}.{i}", known)
+        _unique(path, names)
     unchecked = table.get("unchecked", [])
     unchecked = [unchecked] if isinstance(unchecked, str) else read_list(unchecked, "unchecked", None, "patterns")
-    held = [point.name for point in scene.points if not point.is_free]
-    free = [point.name for point in scene.points if point.is_free]
     kinds_of_section = {"exclusion": Exclusion, "backbone": Backbone, "season": SeasonValues}
-    sections = {name: cls.read(table[name], name) for name, cls in kinds_of_section.items() if name in table}
+    sections: dict[str, Any] = {
+        name: cls.read(table[name], name) for name, cls in kinds_of_section.items() if name in table
+    }
     for name in sorted(sections.keys() & {"exclusion", "backbone"}):
         match_names(sections[name].lines, lines, f"{name}.lines")
     if "season" in sections:
+        free = [point.name for point in scene.points if point.is_free]
         match_names(sections["season"].points, free, "season.points", "free point")
     site = Site(
         name=read_text(table.get("name", scene.name if file is None else file.stem), "name"),
@@ -109,7 +108,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
         states=broken,
         factors=factors,
         parts=_parts(table, scene, lines, factors, kinds, unchecked),
-        anchors=_anchors(table, held, factors, kinds),
+        anchors=_anchors(table, scene, factors, kinds),
         quantities=_quantities(table, scene),
         raw={key: plain(table[key]) for key in PASSED if key in table},
         table=plain(dict(table)),
@@ -288,7 +287,8 @@ def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> Factors
     return found
 
 
-def _anchors(table: Mapping[str, Any], held: Sequence[str], factors: Factors, kinds: set[str]) -> tuple[Anchor, ...]:
+def _anchors(table: Mapping[str, Any], scene: Scene, factors: Factors, kinds: set[str]) -> tuple[Anchor, ...]:
+    held = [point.name for point in scene.points if not point.is_free]
     found, groups = [], []
     for i, item in _items(table, "anchor"):
         path, own = f"anchor.{i}", dict(read_table(item, f"anchor.{i}"))
@@ -329,10 +329,9 @@ def check_breaking(site: Any) -> None:
             raise SceneError(f"cases.levels: {level:g} m is below the seabed; allowed: above {-spec.depth:g} m")
     lowest = min(levels)
     for i, state in enumerate(site.sea_states):
-        if state.hs == 0.0:
+        if state.sea.hs == 0.0:
             continue
-        waves = WaveSpec.read(state.waves(0.0, 0), f"sea_state.{i}")
-        sea = make_sea(SeaSpec(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=waves))
+        sea = make_sea(SeaSpec(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=state.sea))
         tz = mean_period(sea)
         limits = {
             f"0.6 of the depth of {spec.depth + lowest:g} m at the level of {lowest:+g} m": SHALLOW_HEIGHT
@@ -340,7 +339,7 @@ def check_breaking(site: Any) -> None:
             f"the steepest seas of mean period {tz:.3g} s (DNV-RP-C205)": steepest_sea(tz, spec.gravity),
         }
         why, limit = min(limits.items(), key=lambda item: item[1])
-        if state.hs > limit:
+        if state.sea.hs > limit:
             raise SceneError(
-                f"sea_state.{i}.hs: {state.name!r} of {state.hs:g} m breaks; allowed: at most {limit:.3g} m, {why}"
+                f"sea_state.{i}.hs: {state.name!r} of {state.sea.hs:g} m breaks; allowed: at most {limit:.3g} m, {why}"
             )

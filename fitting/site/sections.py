@@ -8,20 +8,20 @@ from collections.abc import Mapping
 from importlib import resources
 from typing import Any, Self
 
-from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
+    DeclaredSection,
     Plain,
-    read_fields,
+    check_keys,
+    declared_fields,
     read_number,
     read_table,
     read_text,
     refuse,
 )
 from dropper_jax.base.read import count as whole_number
-from dropper_jax.scene import GrowthSpec
-from dropper_jax.scene.point import KINDS
-from dropper_jax.sea.spectrum import SHAPES
+from dropper_jax.scene import AnchorSpec, GrowthSpec
+from dropper_jax.sea.spec import WaveSpec
 
 
 def standards(what: str) -> dict[str, dict[str, Any]]:
@@ -36,7 +36,7 @@ def read_years(value: Plain, path: str) -> str:
     return f"{read_number(value, path, {'low': 0.0, 'open_low': True, 'unit': 'years'}, 'years, or a text'):g}"
 
 
-class Section:
+class Section(DeclaredSection):
     """A section with declared fields; `PATTERNS` lists the keys that take a pattern or a list of them."""
 
     PATTERNS: tuple[str, ...] = ()
@@ -52,7 +52,7 @@ class Section:
         for key in cls.PATTERNS:
             if isinstance(table.get(key), str):
                 table[key] = [table[key]]
-        return cls(**read_fields(cls, table, path, {}))
+        return super().read(table, path)
 
 
 def patterns(meaning: str, **kwargs: Any) -> Any:
@@ -82,31 +82,24 @@ class SeaState(Section):
     """`[[sea_state]]`: an irregular sea; Hs = 0 is calm water."""
 
     name: str = option("name", type=str)
-    hs: float = parameter("significant wave height", unit="m", low=0.0)
-    tp: float = parameter("peak period", unit="s", low=0.0, open_low=True)
-    spectrum: str = option("shape", choices=SHAPES, default="jonswap")
-    gamma: float = parameter("peak factor", unit="-", low=1.0, default=3.3)
-    count: int = whole_number("number of frequencies", default=200)
-    frequencies: str = option(
-        "how they are chosen", choices=("equal_energy", "equal_frequency", "even"), default="equal_energy"
-    )
-    spreading: float | None = parameter("s of cos^2s spreading", unit="-", low=0.0, optional=True)
-    directions: int = whole_number("directions per frequency", default=1)
     hours: float | None = parameter("hours of it in a year", unit="h", low=0.0, high=8766.0, optional=True)
     return_period: str | None = option("years, or `associated`", type=str, default=None)
+    sea: WaveSpec | None = None
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
         own: dict[str, Any] = dict(read_table(table, path))
         if "return_period" in own:
             own["return_period"] = read_years(own["return_period"], f"{path}.return_period")
-        return super().read(own, path)
+        of_sea = [key for key in WaveSpec.FIELDS["spectrum"] if key not in ("seed", "direction")]
+        check_keys(own, [*declared_fields(cls), *of_sea], path)
+        sea = {key: own.pop(key) for key in of_sea if key in own}
+        found = super().read(own, path)
+        return dataclasses.replace(found, sea=WaveSpec.read({"kind": "spectrum", **sea}, path))
 
     def waves(self, direction: float, seed: int) -> dict[str, Any]:
         """`[sea.waves]` for a travel direction [rad] and a seed."""
-        keys = ("hs", "tp", "spectrum", "gamma", "count", "frequencies", "spreading", "directions")
-        given = {key: getattr(self, key) for key in keys if getattr(self, key) is not None}
-        return {"kind": "spectrum", **given, "direction": direction, "seed": seed}
+        return {**self.sea.table(), "direction": direction, "seed": seed}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,29 +177,21 @@ class PartTable(Section):
     capacity: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, optional=True)
 
 
-@dataclasses.dataclass(frozen=True)
-class AnchorTable(Section):
-    """`[[anchor]]` as specified: kinds as in scenes."""
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class AnchorTable(Section, AnchorSpec):
+    """`[[anchor]]` of a site: an anchor as in scenes at several points, with the factors of the site."""
 
     PATTERNS = ("points",)
 
     points: tuple[str, ...] = patterns("fixed points")
     name: str | None = option("name in reports", type=str, default=None)
-    kind: str = option("how it holds", choices=tuple(KINDS), default="tested")
-    weight: float | None = parameter("weight in water", unit="N", low=0.0, open_low=True, optional=True)
-    friction: float | None = parameter("friction with the seabed", unit="-", low=0.0, open_low=True, optional=True)
-    capacity: float | None = parameter("load it was tested to", unit="N", low=0.0, open_low=True, optional=True)
     uplift: float | None = parameter("maximum angle of the load", unit="deg", low=0.0, high=90.0, optional=True)
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
-        found = super().read(table, path)
-        for key in ("weight", "friction", "capacity"):
-            given, needed = getattr(found, key) is not None, key in KINDS[found.kind]
-            if given != needed:
-                what = "missing" if needed else "is not used"
-                raise SceneError(f"{path}.{key}: {what}; kind {found.kind!r} takes {' and '.join(KINDS[found.kind])}")
-        return found
+        of_scene = ("point", "behind", "safety_factor")
+        check_keys(read_table(table, path), [key for key in declared_fields(cls) if key not in of_scene], path)
+        return super().read({"point": "", "kind": "tested", **table}, path)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -100,7 +100,7 @@ class Site:
         return tuple(kind for kind in (INTACT, BROKEN) if kind in found)
 
     @property
-    def curved(self) -> list[str]:
+    def curve_lines(self) -> list[str]:
         """Lines of the parts with a fatigue curve."""
         return [name for part in self.parts if part.curve is not None for name in part.lines]
 

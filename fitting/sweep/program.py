@@ -6,7 +6,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -59,7 +59,12 @@ class Program:
         self.by_scene = [i for i, axis in enumerate(plan.axes) if not axis.parameters]
         self.by_start = [i for i, axis in enumerate(plan.axes) if axis.moves_start]
         #: Axis of cases of the model, the start, the values and the step; None for one of all cases.
-        self.in_axes = 0 if self.by_scene else None, 0 if self.by_start else None, 0, None
+        self.in_axes: tuple[Literal[0] | None, ...] = (
+            0 if self.by_scene else None,
+            0 if self.by_start else None,
+            0,
+            None,
+        )
         self.mesh = jax.make_mesh((self.devices,), ("device",), devices=jax.local_devices()[: self.devices])
         self.fallbacks = Fallbacks()
         # On a CPU, cases of a system run one after another. Processor time of nine cases of a longline (52 links, 750
@@ -83,8 +88,7 @@ class Program:
     def _arguments(self, chunks: list[int]) -> tuple[tuple[Any, ...], np.ndarray]:
         plan = self.plan
         padded = [*chunks, *([chunks[-1]] * (self.devices - len(chunks)))]
-        cases = np.concatenate([np.resize(plan.cases_of(c), plan.chunk) for c in padded])
-        values = plan.inputs(cases)
+        values = plan.inputs(np.concatenate([np.resize(plan.cases_of(c), plan.chunk) for c in padded]))
         model, start, refused = self._members(values)
         dtype = plan.base[0].dtype
         batched = jax.NamedSharding(self.mesh, PartitionSpec("device"))
@@ -116,25 +120,19 @@ class Program:
 
     def _members(self, values: np.ndarray) -> tuple[Model, State, np.ndarray]:
         """Models and starts, one for all or one per case, and which cases the scene rejects."""
-        refused = np.zeros(len(values), bool)
         if not self.by_start:
-            return *self.plan.base, refused
-        found, built = [], {}
-        for i, row in enumerate(values):
-            key = tuple(row[self.by_start])
-            if key not in built:
-                built[key] = self._build(key)
-            refused[i] = built[key] is None
-            found.append(self.plan.base if refused[i] else built[key])
+            return *self.plan.base, np.zeros(len(values), bool)
+        keys = [tuple(row[self.by_start]) for row in values]
+        built = {key: self._build(key) for key in dict.fromkeys(keys)}
+        refused = np.array([built[key] is None for key in keys])
+        found = [built[key] or self.plan.base for key in keys]
         starts = stack([s for _, s in found])
         return stack([m for m, _ in found]) if self.by_scene else self.plan.base[0], starts, refused
 
     def _build(self, key: tuple[float, ...]) -> tuple[Model, State] | None:
         plan = self.plan
-        values = {}
-        for i, value in zip(self.by_start, key, strict=True):
-            whole = np.issubdtype(plan.axes[i].values.dtype, np.integer)
-            values[plan.axes[i].path] = int(value) if whole else float(value)
+        axes = [plan.axes[i] for i in self.by_start]
+        values = {axis.path: axis.values.dtype.type(x).item() for axis, x in zip(axes, key, strict=True)}
         try:
             model, start = build(plan.scene.with_values(values))
         except SceneError:

@@ -136,9 +136,9 @@ def _local(plan: Plan, todo: list[int], fallbacks: Fallbacks) -> Iterator[tuple[
 
 def _results_ahead(program: Program, groups: list[list[int]]) -> Iterator[tuple[int, Found]]:
     """Results chunk by chunk; the next chunks run while these are written."""
-    pending = program(groups[0])
-    for group in groups[1:]:
-        ahead = program(group)
+    running = map(program, groups)
+    pending = next(running)
+    for ahead in running:
         yield from program.collect(pending).items()
         pending = ahead
     yield from program.collect(pending).items()

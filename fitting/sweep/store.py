@@ -120,16 +120,13 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             array = group.create_array(name, data=value, chunks=(plan.cases,), dimension_names=("case",))
             array.attrs.update({"units": axis.unit, "long_name": axis.path})
         names = " ".join(input_names([axis.path for axis in plan.axes]))
-        for name, (inner, dimensions, unit, meaning, dtype, fill) in self._variables().items():
+        for name, (inner, dimensions, unit, meaning, numbers) in self._variables().items():
             array = group.create_array(
                 name,
                 shape=(plan.cases, *inner),
                 chunks=(plan.chunk, *inner),
-                dtype=dtype,
-                fill_value=fill,
                 dimension_names=("case", *dimensions),
-                # stored raw, one byte per case: a status file is either whole or not readable
-                **({"compressors": None} if name == "status" else {}),
+                **numbers,
             )
             # xarray reads the inputs as coordinates
             array.attrs.update({"units": unit, "long_name": meaning, "coordinates": names})
@@ -142,20 +139,22 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             extra("zarr", "sweep").consolidate_metadata(group.store)
 
     def _variables(self) -> dict[str, tuple[Any, ...]]:
-        """Shape of a case, its dimensions, unit, meaning, type and value before it has run, by name; the mark last."""
+        """Shape of a case, its dimensions, unit, meaning, and numbers in the store, by name; the mark last."""
         model, run = self.plan.base[0], self.plan.scene.run
         links = model.line.links
-        number = run.dtype, np.nan
+        number = {"dtype": run.dtype, "fill_value": np.nan}
         found: dict[str, tuple[Any, ...]] = {}
         for name in self.plan.quantities:
             inner = ((links,), ("link",)) if name == "angle_max" else ((), ())
-            found[name] = (*inner, *describe_quantity(self.plan, name), *number)
+            found[name] = (*inner, *describe_quantity(self.plan, name), number)
         if self.plan.traces:
             of_nodes = (run.saves, model.free_nodes, 3), ("time", "node", "axis")
-            found["positions"] = (*of_nodes, "m", "position of the free nodes", *number)
-            found["tension"] = ((run.saves, links), ("time", "link"), "N", "tension of the links", *number)
-        found["failed_at"] = ((), (), "s", "time of the first failed step", "float64", np.nan)
-        found["status"] = ((), (), "1", "how the case ended", "int8", PENDING)
+            found["positions"] = (*of_nodes, "m", "position of the free nodes", number)
+            found["tension"] = ((run.saves, links), ("time", "link"), "N", "tension of the links", number)
+        found["failed_at"] = ((), (), "s", "time of the first failed step", number | {"dtype": "float64"})
+        # stored raw, one byte per case: a status file is either whole or not readable
+        raw = {"dtype": "int8", "fill_value": PENDING, "compressors": None}
+        found["status"] = ((), (), "1", "how the case ended", raw)
         return found
 
     def has(self, key: int) -> bool:

@@ -119,9 +119,9 @@ def _lens(found: list[np.ndarray], board: tuple[int, int], size: tuple[int, int]
     """The lens from boards with corners `found`, or None if the calibration diverges."""
     cv2 = opencv()
     points = [board_points(board, 1.0)] * len(found)
-    fixed = cv2.CALIB_FIX_K3  # a third radial term is not determined by ordinary lenses
+    flags = cv2.CALIB_FIX_K3  # a third radial term is not determined by ordinary lenses
     try:
-        error, matrix, bending, *_ = cv2.calibrateCamera(points, found, size, None, None, flags=fixed)
+        error, matrix, bending, *_ = cv2.calibrateCamera(points, found, size, None, None, flags=flags)
     except cv2.error:
         return None
     focus = matrix[[0, 1], [0, 1]]

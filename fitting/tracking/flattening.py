@@ -65,7 +65,7 @@ class Flat:
         guess = np.broadcast_to(self.middle, flat.shape).copy()
         limit = 0.5 * np.array(self.size)
         for _ in range(12):
-            slopes = np.stack([self(guess + d) - self(guess - d) for d in 0.5 * np.eye(2)], axis=-1)
+            slopes = central_differences(self, guess, 0.5)
             move = np.linalg.solve(slopes, (flat - self(guess))[..., None])[..., 0]
             guess = np.clip(guess + np.clip(move, -limit, limit), -limit, 3 * limit)
         return guess
@@ -101,6 +101,11 @@ def rotation(pan: float, pitch: float) -> np.ndarray:
     (cp, ct), (sp, st) = np.cos([pan, pitch]), np.sin([pan, pitch])
     around = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
     return np.array([[1.0, 0.0, 0.0], [0.0, ct, st], [0.0, -st, ct]]) @ around
+
+
+def central_differences(f: Callable[[np.ndarray], np.ndarray], at: np.ndarray, step: float) -> np.ndarray:
+    """Derivatives (..., n) of f by the n entries of the last axis of its argument."""
+    return np.stack([f(at + d) - f(at - d) for d in step * np.eye(np.shape(at)[-1])], axis=-1) / (2 * step)
 
 
 def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) -> Flat:
@@ -185,9 +190,8 @@ def _covariance(
     fps: float,
 ) -> np.ndarray:
     """Sandwich over blocks of time: persistent deviations count as often as they change, not once per frame."""
-    step = 1e-4
-    slopes = np.stack([(off(found + d) - off(found - d)) / (2 * step) for d in step * np.eye(len(found))], axis=-1)
-    slopes, left = slopes / noise[:, None], np.clip(off(found) / noise, -5.0, 5.0)
+    slopes = central_differences(off, found, 1e-4) / noise[:, None]
+    left = np.clip(off(found) / noise, -5.0, 5.0)
     prior = np.diag(1 / spread**2)
     bread = np.linalg.inv(np.einsum("kja,kjb->ab", slopes, slopes) + prior)
     # blocks of 0.25 s

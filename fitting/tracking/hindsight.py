@@ -53,12 +53,12 @@ def reverse_chain(found: TrackedChain) -> TrackedChain:
 def fill_missed(found: TrackedChain, mapped: list[Circles], circles: list[Circles], which: np.ndarray) -> None:
     """Fill in existing circles that were not assigned, and bridge the rest, in place."""
 
-    def unused(i: int) -> tuple[np.ndarray, Circles]:
+    def free_circles(i: int) -> tuple[np.ndarray, Circles]:
         free = np.setdiff1d(np.arange(len(circles[i])), which[i])
         return mapped[i].centre[free], circles[i].pick(free)
 
     bridge_gaps(found)
-    _take(found, unused)
+    _take(found, free_circles)
     bridge_gaps(found)
 
 

@@ -21,8 +21,6 @@ from fitting.tracking.flattening import robust_lengths
 from fitting.tracking.identity import Follower
 from fitting.tracking.ordering import Chain, rates
 
-SWAPPED, JUMPED, OFF_LENGTH = "swapped", "jumped", "length"
-
 
 @dataclass(frozen=True)
 class Marks:
@@ -56,10 +54,14 @@ class Marks:
             links = self.length[part].any(axis=0)
             if not nodes.any():
                 nodes = np.append(links, False) | np.insert(links, 0, False)
-            kinds = ((SWAPPED, self.swapped), (JUMPED, self.jumped), (OFF_LENGTH, self.length))
-            why = [name for name, each in kinds if each[part].any()]
-            span = {"from_s": float(t[part[0]]), "to_s": float(t[part[-1]])}
-            found.append({**span, "nodes": [int(k) for k in np.flatnonzero(nodes)], "why": why})
+            found.append(
+                {
+                    "from_s": float(t[part[0]]),
+                    "to_s": float(t[part[-1]]),
+                    "nodes": np.flatnonzero(nodes).tolist(),
+                    "why": [name for name in ("swapped", "jumped", "length") if getattr(self, name)[part].any()],
+                }
+            )
         return found
 
 
@@ -141,8 +143,6 @@ def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) ->
         way = np.linalg.norm(np.diff(positions[frames, k], axis=0), axis=-1)
         # a node cannot move by more than nearly the fastest steps and 0.2 links
         broken = np.flatnonzero(way > fastest * np.diff(frames) + 0.2 * length) + 1
-        if not len(broken):
-            continue
         for run in np.split(frames, broken):
             if len(run) <= 6 and len(run) < len(frames) / 2:
                 result[run, k] = True

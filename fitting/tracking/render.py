@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from dropper_jax.base.files import atomic_write
 from fitting.traces.synthetic import Motion
 from fitting.tracking.calibration import Lens
-from fitting.tracking.flattening import rotation
+from fitting.tracking.flattening import central_differences, rotation
 from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.track import Tracked
 from fitting.tracking.video import Video, opencv, write_video
@@ -107,9 +107,7 @@ class View:
 
     def stretch(self, positions: np.ndarray) -> np.ndarray:
         """Derivatives (k, 2, 2) [pixel/m] of the pixels by the positions (k, 2) [m]."""
-        step = 1e-4
-        sides = [self.to_pixels(positions + d) - self.to_pixels(positions - d) for d in step * np.eye(2)]
-        return np.stack(sides, axis=-1) / (2 * step)
+        return central_differences(self.to_pixels, positions, 1e-4)
 
 
 def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.ndarray]:

@@ -16,6 +16,7 @@ from fitting.tracking.calibration import Lens, calibrate, plane_from_board
 from fitting.tracking.detection import Circles, MarkerAppearance, detect_at, scan
 from fitting.tracking.flattening import (
     Flat,
+    central_differences,
     changing_lengths,
     four_quadrant,
     level_error,
@@ -260,12 +261,11 @@ def _errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
     flat = chain.map
     if flat.covariance is None:
         return found
-    step = 1e-4
-    slopes = []
-    for d in step * np.eye(len(flat.parameters)):
-        low, high = (four_quadrant(replace(flat, parameters=flat.parameters + s)(chain.pixels)) for s in (-d, d))
-        slopes.append((high - low) / (2 * step))
-    jacobian = np.stack(slopes, axis=-1)
+
+    def angles(parameters: np.ndarray) -> np.ndarray:
+        return four_quadrant(replace(flat, parameters=parameters)(chain.pixels))
+
+    jacobian = central_differences(angles, flat.parameters, 1e-4)
     return np.sqrt(found**2 + np.einsum("kja,ab,kjb->kj", jacobian, flat.covariance, jacobian))
 
 
@@ -274,19 +274,15 @@ def _level_chain(metres: np.ndarray) -> np.ndarray:
     span = np.mean(metres[:, -1] - metres[:, 0], axis=0)
     if not np.hypot(*span) > 0:
         return metres
-    c, s = span / np.hypot(*span)
     # nearest level direction: the chain may run from right to left
-    c, s = (c, s) if c > 0 else (-c, -s)
+    c, s = np.copysign(1.0, span[0]) * span / np.hypot(*span)
     return metres @ np.array([[c, -s], [s, c]])
 
 
 def _longest_gaps(detected: np.ndarray) -> np.ndarray:
     """Longest run of frames without a detection of each node (n,)."""
-    run = longest = np.zeros(detected.shape[1], int)
-    for row in detected:
-        run = np.where(row, 0, run + 1)
-        longest = np.maximum(longest, run)
-    return longest
+    seen = np.pad(detected, ((1, 1), (0, 0)), constant_values=True)
+    return np.array([np.diff(np.flatnonzero(column)).max() - 1 for column in seen.T])
 
 
 def _warnings(
@@ -307,11 +303,8 @@ def _warnings(
             f"{name}: marker {node} not seen in {(~detected[:, node]).sum()} frames, bridged and left empty{long}"
         )
     for span in marks.spans(t):
-        nodes, why = ", ".join(map(str, span["nodes"])), " and ".join(WORDS[word] for word in span["why"])
-        when = (
-            f"{span['from_s']:.4g} s"
-            if span["from_s"] == span["to_s"]
-            else f"{span['from_s']:.4g} to {span['to_s']:.4g} s"
-        )
-        found.append(f"{name}: {when}: nodes {nodes} {why}; marked and left empty")
+        when = " to ".join(dict.fromkeys(f"{span[key]:.4g}" for key in ("from_s", "to_s")))
+        nodes = ", ".join(map(str, span["nodes"]))
+        why = " and ".join(WORDS[word] for word in span["why"])
+        found.append(f"{name}: {when} s: nodes {nodes} {why}; marked and left empty")
     return tuple(found)

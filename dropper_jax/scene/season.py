@@ -104,7 +104,7 @@ class SeasonSpec:
         )
         yield (
             (self.attachment is None) != (self.mussel_mass is None),
-            f"growth.{'attachment' if self.attachment is None else 'mussel_mass'}: missing; a drop-off needs both "
+            f"growth.{'attachment' if self.mussel_mass else 'mussel_mass'}: missing; a drop-off needs both "
             "`attachment` and `mussel_mass`",
         )
         for key in ("lines", "harvested_lines"):

@@ -298,8 +298,8 @@ def _apply_free_text(deck: Deck, scene: dict[str, Any]) -> None:
 
 def _join_pieces(lines: list[dict[str, Any]], given: Any) -> None:
     """Set the line from which each piece was cut; a list of anything else is a remark of the user."""
-    for names in given if isinstance(given, list) else ():
-        if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
-            for line in lines:
-                if line["name"] in names[1:]:
-                    line["piece_of"] = names[0]
+    lists = [names for names in given if isinstance(names, list)] if isinstance(given, list) else []
+    whole = {name: names[0] for names in lists if all(isinstance(name, str) for name in names) for name in names[1:]}
+    for line in lines:
+        if line["name"] in whole:
+            line["piece_of"] = whole[line["name"]]

@@ -279,21 +279,20 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
 def _apply_free_text(deck: Deck, scene: dict[str, Any]) -> None:
     """Names, run settings and lines in several pieces, from the free text."""
     for key, text in deck.given.items():
-        if key not in ("name", "description", "notes", "pieces", "law") and not key.startswith("run."):
-            continue
         try:
             value = parsed_toml(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             continue  # a remark of the user, not a value written by this package
-        if key == "pieces":
-            _join_pieces(scene["line"], value)
-        elif key == "law":
-            for kind in scene["line_type"]:
-                kind.setdefault("law", value)  # tables have their own
-        elif key.startswith("run."):
-            scene["run"][key.removeprefix("run.")] = value
-        else:
-            scene[key] = value
+        match key.split("."):
+            case ["pieces"]:
+                _join_pieces(scene["line"], value)
+            case ["law"]:
+                for kind in scene["line_type"]:
+                    kind.setdefault("law", value)  # tables have their own
+            case ["run", name]:
+                scene["run"][name] = value
+            case ["name" | "description" | "notes"]:
+                scene[key] = value
 
 
 def _join_pieces(lines: list[dict[str, Any]], given: Any) -> None:

@@ -330,10 +330,10 @@ def _with_coefficients(effects: Plain, used: list[list[Section]]) -> Plain:
         return effects
     effects = {name: dict(values) if isinstance(values, Mapping) else values for name, values in effects.items()}
     sections = [s for part in used for s in part]
-    stiff = next((s.type.name for s in sections if s.type.EI), None)
-    if stiff is not None and "bending" not in effects:
-        raise SceneError(f"line_type.{stiff}.EI: needs [effects.bending], which is missing")
-    if stiff is not None and isinstance(effects["bending"], dict):
+    stiff = [s.type.name for s in sections if s.type.EI]
+    if stiff and "bending" not in effects:
+        raise SceneError(f"line_type.{stiff[0]}.EI: needs [effects.bending], which is missing")
+    if stiff and isinstance(effects["bending"], dict):
         effects["bending"].setdefault("EI", _each(sections, lambda s: s.type.EI or 0.0))
     for key, effect in COEFFICIENTS.items():
         if not isinstance(effects.get(effect), dict) or key in effects[effect]:

@@ -68,13 +68,16 @@ def dot(a: jax.Array, b: jax.Array) -> jax.Array:
     Written out, because on the CPU a sum over an axis of three is a separate kernel, while three products fuse with the
     operations that use them.
     """
-    return dot_components(components(a), components(b))
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 @trace_once
 def cross(a: jax.Array, b: jax.Array) -> jax.Array:
     """Vector products of 3-vectors (..., 3), written out for the same reason (and half the operations of jnp's)."""
-    return jnp.stack(_cross(components(a), components(b)), axis=-1)
+    x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    y = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    z = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return jnp.stack([x, y, z], axis=-1)
 
 
 def upright(z: jax.Array) -> jax.Array:

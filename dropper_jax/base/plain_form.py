@@ -35,25 +35,28 @@ def to_plain(value: object) -> Plain:
     Raises:
         NoPlainForm: the value has no plain form.
     """
-    if value is None or isinstance(value, (bool, str)) or type(value) is int:
-        return value
-    if isinstance(value, float):
-        return ["float", float(value).hex()]
-    if type(value) in (tuple, list):
-        return [type(value).__name__, *map(to_plain, value)]
-    if type(value) is dict:
-        return ["dict", *([to_plain(key), to_plain(one)] for key, one in value.items())]
-    if isinstance(value, frozenset):
-        return ["frozenset", *sorted((to_plain(one) for one in value), key=repr)]
-    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        return ["array", value.dtype.str, [*value.shape], value.tobytes().hex()]
-    if isinstance(value, tuple):  # a named tuple
-        return ["made", name_of(type(value)), *map(to_plain, value)]
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = ((f.name, getattr(value, f.name)) for f in dataclasses.fields(value))
-        return ["of", name_of(type(value)), *([name, to_plain(one)] for name, one in fields)]
-    if isinstance(value, type) or callable(value):
-        return ["name", name_of(value)]
+    match value:
+        case None | bool() | str():
+            return value
+        case int() if type(value) is int:
+            return value
+        case float():
+            return ["float", float(value).hex()]
+        case tuple() | list() if type(value) in (tuple, list):
+            return [type(value).__name__, *map(to_plain, value)]
+        case dict() if type(value) is dict:
+            return ["dict", *([to_plain(key), to_plain(one)] for key, one in value.items())]
+        case frozenset():
+            return ["frozenset", *sorted((to_plain(one) for one in value), key=repr)]
+        case np.ndarray() if value.dtype.kind in "biuf":
+            return ["array", value.dtype.str, [*value.shape], value.tobytes().hex()]
+        case tuple():  # a named tuple
+            return ["made", name_of(type(value)), *map(to_plain, value)]
+        case _ if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            names = [field.name for field in dataclasses.fields(value)]
+            return ["of", name_of(type(value)), *([name, to_plain(getattr(value, name))] for name in names)]
+        case _ if callable(value):
+            return ["name", name_of(value)]
     raise NoPlainForm(f"{type(value).__name__} has no plain form")
 
 
@@ -63,25 +66,28 @@ def read(plain: Plain) -> object:
     Raises:
         NoPlainForm: the form is invalid or its types have changed.
     """
-    if not isinstance(plain, list):
-        return plain
-    kind, *parts = plain
-    if kind == "float":
-        return float.fromhex(parts[0])
-    if kind in ("tuple", "list", "frozenset"):
-        return {"tuple": tuple, "list": list, "frozenset": frozenset}[kind](map(read, parts))
-    if kind == "dict":
-        return {read(key): read(one) for key, one in parts}
-    if kind == "array":
-        dtype, shape, data = parts
-        return np.frombuffer(bytes.fromhex(data), dtype).reshape(shape)
-    if kind == "name":
-        return import_named(parts[0])
-    if kind == "made":
-        return import_named(parts[0])(*map(read, parts[1:]))
-    if kind == "of":
-        return import_named(parts[0])(**{name: read(one) for name, one in parts[1:]})
-    raise NoPlainForm(f"{kind!r} is not a kind of plain form")
+    match plain:
+        case ["float", text]:
+            return float.fromhex(text)
+        case ["tuple", *parts]:
+            return tuple(map(read, parts))
+        case ["list", *parts]:
+            return [*map(read, parts)]
+        case ["frozenset", *parts]:
+            return frozenset(map(read, parts))
+        case ["dict", *pairs]:
+            return {read(key): read(one) for key, one in pairs}
+        case ["array", dtype, shape, data]:
+            return np.frombuffer(bytes.fromhex(data), dtype).reshape(shape)
+        case ["name", name]:
+            return import_named(name)
+        case ["made", name, *parts]:
+            return import_named(name)(*map(read, parts))
+        case ["of", name, *fields]:
+            return import_named(name)(**{key: read(one) for key, one in fields})
+        case list():
+            raise NoPlainForm(f"{plain[:1]} is not a kind of plain form")
+    return plain
 
 
 def name_of(value: type | Callable[..., object]) -> str:

@@ -215,12 +215,16 @@ def read_parameter(
             return read_number(value, path, declared, allowed)
         return _read_numbers(value, path, declared, count, allowed)
     if shape == "vectors":
-        allowed = f"a list of 3-vectors{each}"
-        rows = read_list(value, path, None, allowed)
-        found = [_read_numbers(row, f"{path}.{i}", declared, 3, f"3 numbers{each}") for i, row in enumerate(rows)]
-        return np.array(found).reshape(-1, 3)
+        rows = read_list(value, path, None, f"a list of 3-vectors{each}")
+        return read_rows(rows, path, declared, 3, f"3 numbers{each}")
     count = 3 if shape == "vector" else None
     return _read_numbers(value, path, declared, count, f"{'3' if count else 'a list of'} numbers{each}")
+
+
+def read_rows(rows: Sequence[Plain], path: str, declared: Mapping[str, Any], count: int, allowed: str) -> np.ndarray:
+    """Rows of `count` numbers each (k, count)."""
+    found = [_read_numbers(row, f"{path}.{i}", declared, count, allowed) for i, row in enumerate(rows)]
+    return np.array(found).reshape(-1, count)
 
 
 def _read_numbers(value: Plain, path: str, declared: Mapping[str, Any], count: int | None, allowed: str) -> np.ndarray:

@@ -19,14 +19,15 @@ SCHEMA = 1
 
 def jsonable(value: Any) -> Json:
     """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
-    if isinstance(value, dict):
-        return with_old_keys({str(key): jsonable(item) for key, item in value.items()})
-    if hasattr(value, "tolist"):
-        return jsonable(value.tolist())
-    if isinstance(value, list | tuple):
-        return [jsonable(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
+    match value:
+        case dict():
+            return with_old_keys({str(key): jsonable(item) for key, item in value.items()})
+        case list() | tuple():
+            return [jsonable(item) for item in value]
+        case _ if hasattr(value, "tolist"):
+            return jsonable(value.tolist())
+        case float() if not math.isfinite(value):
+            return None
     return value
 
 

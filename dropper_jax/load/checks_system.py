@@ -43,8 +43,10 @@ def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> Iterator[Check]
     polygon exceeds the sum of the others."""
     check_ends((line,), points)
     start, end = point_named(points, line.start), point_named(points, line.end)
-    path = f"point.{points.index(start)}.kind"
-    yield start.is_free, f"{path}: {start.kind!r} cannot be the start of a rigid line; allowed: fixed"
+    yield (
+        start.is_free,
+        f"point.{points.index(start)}.kind: {start.kind!r} cannot be the start of a rigid line; allowed: fixed",
+    )
     if end.is_free:
         return
     yield line.links < 2, f"line.0.links: {line.links} leaves no free node between two fixed ends; {AT_LEAST_2}"
@@ -142,8 +144,7 @@ def _check_system_effects(scene: SceneData) -> Iterator[Check]:
             "the line written from its other end",
         )
     for name in scene.effects:
-        one = EFFECTS[name].single_line
-        yield one, f"effects.{name}: acts on the nodes of one line; allowed: scenes with one line"
+        yield EFFECTS[name].single_line, f"effects.{name}: acts on the nodes of one line; allowed: scenes with one line"
     for i, buoy in enumerate(scene.buoys):
         yield (
             scene.sea is None,
@@ -164,17 +165,20 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> Iterator
         return
     # depth below the seabed at which a point may be due to rounding [m]
     for i in np.flatnonzero(positions[:, 2] < bed - 1e-9):
-        z = positions[i, 2]
         yield (
             True,
-            f"point.{i}.position: z = {z:g} m is below the seabed; allowed: >= {bed[i]:g} m at its x and y",
+            f"point.{i}.position: z = {positions[i, 2]:g} m is below the seabed; allowed: >= {bed[i]:g} m at its x "
+            "and y",
         )
     if pose is not None:
         path, nodes = pose
         bed = bed_height(scene, nodes)
         for i in np.flatnonzero(nodes[:, 2] < bed - np.max(scene.lines[0].diameter)):
-            at = f"{bed[i]:g} m at its x and y"
-            yield True, f"{path}: node {i} is at z = {nodes[i, 2]:g} m, below the seabed; allowed: >= {at}"
+            yield (
+                True,
+                f"{path}: node {i} is at z = {nodes[i, 2]:g} m, below the seabed; allowed: >= {bed[i]:g} m at its x "
+                "and y",
+            )
 
 
 def motion_warnings(scene: SceneData) -> tuple[str, ...]:

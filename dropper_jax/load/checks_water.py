@@ -29,9 +29,9 @@ SHALLOW_HEIGHT = 0.6
 def check_water(effect: str, scene: SceneData) -> Iterator[Check]:
     """Check that an effect of the water has a sea, a diameter, and fixed points above the seabed."""
     yield scene.sea is None, f"effects.{effect}: {NEEDS_WATER}"
-    morison = effect in ("morison_drag", "morison_inertia", "thesis_wave_force")
     yield (
-        morison and displaced_diameter(scene.line, scene) is None,
+        effect in ("morison_drag", "morison_inertia", "thesis_wave_force")
+        and displaced_diameter(scene.line, scene) is None,
         f"line.0.diameter: missing; effects.{effect} needs it, > 0 m",
     )
     if scene.effects.get("seabed", {}).get("bed_x") is not None:
@@ -174,8 +174,7 @@ def steepest_sea(tz: float, gravity: float) -> float:
 
     `2 pi Hs/(g Tz^2)` = 1/10 up to Tz = 6 s, 1/15 from 12 s, linear between (DNV-RP-C205, October 2010).
     """
-    steepness = float(np.interp(tz, [6.0, 12.0], [1.0 / 10.0, 1.0 / 15.0]))
-    return steepness * gravity * tz**2 / (2 * np.pi)
+    return float(np.interp(tz, [6.0, 12.0], [1.0 / 10.0, 1.0 / 15.0])) * gravity * tz**2 / (2 * np.pi)
 
 
 def _finite(scene: SceneData, waves: BoundWaves) -> Iterator[str]:
@@ -187,10 +186,13 @@ def _finite(scene: SceneData, waves: BoundWaves) -> Iterator[str]:
         yield f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the maximum, {limit:.4g} m"
     long = length >= STOKES_LENGTH * depth
     if waves.theory == "stokes5" and (long or height > STOKES_HEIGHT * limit):
-        high = f"it is {height / limit:.2g} of the maximum height"
+        why = (
+            f"its length is {length / depth:.3g} depths"
+            if long
+            else f"it is {height / limit:.2g} of the maximum height"
+        )
         yield (
-            "sea.waves.theory: 'stokes5' is inaccurate for this wave, "
-            f"{f'its length is {length / depth:.3g} depths' if long else high} (at most {STOKES_LENGTH:g} depths and "
+            f"sea.waves.theory: 'stokes5' is inaccurate for this wave, {why} (at most {STOKES_LENGTH:g} depths and "
             f"{STOKES_HEIGHT:g} of the maximum height). Use 'stream'"
         )
 

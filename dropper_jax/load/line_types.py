@@ -29,6 +29,7 @@ from dropper_jax.base.read import (
     plain,
     read_fields,
     read_integer,
+    read_items,
     read_list,
     read_number,
     read_table,
@@ -84,6 +85,7 @@ class LineType:
         given = {key: own.pop(key) for key in more if key in own}
         kind = cls(**read_fields(cls, own, path, {}))
         values = read_fields(LAWS[law], {"EA": 1.0, **given}, path, {"link": 1}) if more else {}
+        kind.check(path)
         return dataclasses.replace(kind, constants={key: values[key] for key in more if values[key] is not None})
 
     @property
@@ -196,11 +198,9 @@ def _check_keys_of_types(line: Mapping[str, Any], path: str) -> Iterator[Check]:
 
 def _types(items: Plain) -> dict[str, LineType]:
     found: dict[str, LineType] = {}
-    for i, item in enumerate(read_list(items, "line_type", None, "one or more [[line_type]] tables")):
-        kind = LineType.read(item, f"line_type.{i}")
+    for i, kind in enumerate(read_items(LineType.read, items, "line_type")):
         if kind.name in found:
             raise refuse(f"line_type.{i}.name", kind.name, "is used twice", "a unique name")
-        kind.check(f"line_type.{i}")
         found[kind.name] = kind
     return found
 
@@ -247,9 +247,7 @@ def _split(
     if attached is None:
         return [(line, sections)]
     total = sum(s.length for s in sections)
-    items = read_list(attached, f"{path}.attach", None, "a list of {point, at}")
-    stops = [_stop(item, f"{path}.attach.{i}", line.get("name", "line"), total) for i, item in enumerate(items)]
-    stops.sort()
+    stops = sorted(read_items(_stop, attached, f"{path}.attach", line.get("name", "line"), total))
     for (at, name), (further, other) in pairwise(stops):
         if further - at <= SAME_POSITION * total:
             raise SceneError(
@@ -332,10 +330,10 @@ def _with_coefficients(effects: Plain, used: list[list[Section]]) -> Plain:
         return effects
     effects = {name: dict(values) if isinstance(values, Mapping) else values for name, values in effects.items()}
     sections = [s for part in used for s in part]
-    stiff = next((s.type.name for s in sections if s.type.EI), None)
-    if stiff is not None and "bending" not in effects:
-        raise SceneError(f"line_type.{stiff}.EI: needs [effects.bending], which is missing")
-    if stiff is not None and isinstance(effects["bending"], dict):
+    stiff = [s.type.name for s in sections if s.type.EI]
+    if stiff and "bending" not in effects:
+        raise SceneError(f"line_type.{stiff[0]}.EI: needs [effects.bending], which is missing")
+    if stiff and isinstance(effects["bending"], dict):
         effects["bending"].setdefault("EI", _each(sections, lambda s: s.type.EI or 0.0))
     for key, effect in COEFFICIENTS.items():
         if not isinstance(effects.get(effect), dict) or key in effects[effect]:

@@ -115,8 +115,7 @@ def locate(table: Mapping[str, Any]) -> dict[str, Steps]:
     found: dict[str, Steps] = {}
     for pattern, _, cls in declared_sections():
         if pattern not in (*WITHOUT_PATHS, *BY_NAME) and (pattern != "growth" or "growth" in table):
-            declared = () if cls is None else declared_fields(cls)
-            found |= _steps(table, pattern, (*declared, *MORE_KEYS.get(pattern, ())))
+            found |= _steps(table, pattern, (*(declared_fields(cls) if cls else ()), *MORE_KEYS.get(pattern, ())))
     for pattern in BY_NAME:
         found |= _steps(table, pattern)
     return found
@@ -265,13 +264,9 @@ class Written:
         given = {point.get("name") for point in table.get("point", [])}
         made = tuple(p["name"] for p in expanded["point"] if p.get("name") not in given)
         effects = {name: values or {} for name, values in table.get("effects", {}).items()}
-        keys = [(effect, key) for key, effect in COEFFICIENTS.items()] + [
-            ("morison_drag", "shelter"),
-            ("bending", "EI"),
-        ]
         taken = tuple(
             (effect, key)
-            for effect, key in keys
+            for key, effect in {**COEFFICIENTS, "shelter": "morison_drag", "EI": "bending"}.items()
             if key in expanded["effects"].get(effect, {}) and key not in effects.get(effect, {})
         )
         return cls(plain(table["line_type"]), plain(table["line"]), made, taken)
@@ -315,7 +310,7 @@ class Written:
         for i, line in enumerate(self.line if ScenePath(path).section == "line" else []):
             for stem in (f"line.{label}" for label in (i, line.get("name", i)) if "sections" in line):
                 if path in [f"{stem}.{key}" for key in OF_SECTIONS]:
-                    key = ScenePath(path).key
-                    raise SceneError(f"{path}: the line has sections. Use {stem}.sections.0.{key} and so on")
+                    inner = f"{stem}.sections.0.{ScenePath(path).key}"
+                    raise SceneError(f"{path}: the line has sections. Use {inner} and so on")
         taken = [f"effects.{effect}.{key}." for effect, key in self.taken]
         return ScenePath(path).section == "line" or path.startswith(tuple(taken))

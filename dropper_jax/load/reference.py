@@ -203,16 +203,16 @@ def _option(name: str, about: Mapping[str, Any]) -> Key:
 
 
 def _default(field: dataclasses.Field) -> str:
-    if field.default is dataclasses.MISSING:
-        return "needed"
-    value = field.default
-    if value is None:
-        return "none"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, tuple | list | np.ndarray):
-        return str([float(x) if isinstance(x, int | float) else x for x in value])
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    match value := field.default:
+        case dataclasses.MISSING:
+            return "needed"
+        case None | bool():
+            return {None: "none", True: "true", False: "false"}[value]
+        case tuple() | list() | np.ndarray():
+            return str([float(x) if isinstance(x, int | float) else x for x in value])
+        case float():
+            return f"{value:g}"
+    return str(value)
 
 
 def _schema(about: Mapping[str, Any]) -> dict[str, Any]:

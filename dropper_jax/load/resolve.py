@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Plain, check_keys, declared_fields, read_list, read_number, read_table, read_text
+from dropper_jax.base.read import Plain, check_keys, declared_fields, read_items, read_number, read_table, read_text
 from dropper_jax.base.renamed import new_keys
 from dropper_jax.load.library import FLOAT_DENSITY, PREFIX, float_of, part
 from dropper_jax.load.line_types import expand
@@ -51,14 +51,14 @@ def with_library_lines(table: Mapping[str, Any]) -> dict[str, Any]:
         SceneError: an unknown part, or a part that is not a line.
     """
     own = {name for item in _tables(table.get("line_type")) if isinstance(name := item.get("name"), str)}
+    items = {f"line.{i}": line for i, line in enumerate(_tables(table.get("line")))}
+    for path, line in list(items.items()):
+        items |= {f"{path}.sections.{k}": section for k, section in enumerate(_tables(line.get("sections")))}
     wanted = {}
-    for i, line in enumerate(_tables(table.get("line"))):
-        paths = [(f"line.{i}.type", line)]
-        paths += [(f"line.{i}.sections.{k}.type", s) for k, s in enumerate(_tables(line.get("sections")))]
-        for path, item in paths:
-            name = item.get("type")
-            if isinstance(name, str) and name.startswith(PREFIX) and name not in own:
-                wanted.setdefault(name, path)
+    for path, item in items.items():
+        name = item.get("type")
+        if isinstance(name, str) and name.startswith(PREFIX) and name not in own:
+            wanted.setdefault(name, f"{path}.type")
     if not wanted:
         return dict(table)
     found = [_part_for(path, name, "line_type", "lines", "a rope, a chain or a crop") for name, path in wanted.items()]
@@ -116,16 +116,18 @@ def _tables(items: Plain) -> list[Any]:
 def with_point_types(table: dict[str, Any], types: Plain) -> dict[str, Any]:
     """The scene with the values that its points take from types and from `float` written out; a point's own values
     win."""
-    known = {}
-    keys = [key for key in declared_fields(PointSpec) if key not in ("position",)]
-    for i, item in enumerate(read_list(types, "point_type", None, "one or more [[point_type]] tables")):
-        item = read_table(item, f"point_type.{i}")
-        check_keys(item, [*keys, "float", "float_density"], f"point_type.{i}")
-        known[read_text(item.get("name"), f"point_type.{i}.name")] = {k: v for k, v in item.items() if k != "name"}
+    known = dict(read_items(_point_type, types, "point_type"))
     points = table.get("point", [])
     if not isinstance(points, Sequence) or isinstance(points, str):
         return table
     return {**table, "point": [_written_out(point, known, f"point.{i}") for i, point in enumerate(points)]}
+
+
+def _point_type(item: Plain, path: str) -> tuple[str, dict[str, Any]]:
+    """Name and values of a type of points."""
+    own = dict(read_table(item, path))
+    check_keys(own, {*declared_fields(PointSpec), "float", "float_density"} - {"position"}, path)
+    return read_text(own.pop("name", None), f"{path}.name"), own
 
 
 def _written_out(point: Plain, types: Mapping[str, Mapping[str, Any]], path: str) -> Plain:
@@ -134,9 +136,9 @@ def _written_out(point: Plain, types: Mapping[str, Mapping[str, Any]], path: str
     found = dict(point)
     if "type" in found:
         found = {**types[read_text(found.pop("type"), f"{path}.type", types)], **found}
+    if "float" not in found and "float_density" in found:
+        raise SceneError(f"{path}.float_density: is only used together with `float`, its volume [m^3]")
     if "float" not in found:
-        if "float_density" in found:
-            raise SceneError(f"{path}.float_density: is only used together with `float`, its volume [m^3]")
         return found
     volume = read_number(found.pop("float"), f"{path}.float", {"low": 0.0, "open_low": True, "unit": "m^3"})
     given = found.pop("float_density", FLOAT_DENSITY)

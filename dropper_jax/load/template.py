@@ -92,21 +92,23 @@ def evaluate(text: str, names: Mapping[str, Number], path: str, limit: int = 500
 
 
 def _value(node: ast.expr, names: Mapping[str, Number], path: str) -> Number:
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        return node.value
-    if isinstance(node, ast.Name):
-        known = names if node.id in names else CONSTANTS
-        if node.id in known:
-            return known[node.id]
-        raise SceneError(f"{path}: {node.id!r} is unknown; {nearest(node.id, [*names, *CONSTANTS, *FUNCTIONS])}")
-    if isinstance(node, ast.BinOp) and type(node.op) in BINARY:
-        return BINARY[type(node.op)](_value(node.left, names, path), _value(node.right, names, path))
-    if isinstance(node, ast.UnaryOp) and type(node.op) in UNARY:
-        return UNARY[type(node.op)](_value(node.operand, names, path))
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
-        if node.func.id not in FUNCTIONS:
-            raise SceneError(f"{path}: {node.func.id}() is unknown; {nearest(node.func.id, FUNCTIONS)}")
-        return FUNCTIONS[node.func.id](*(_value(a, names, path) for a in node.args))
+    match node:
+        case ast.Constant(value=number) if type(number) in (int, float):
+            return number
+        case ast.Name(id=name) if name in names:
+            return names[name]
+        case ast.Name(id=name) if name in CONSTANTS:
+            return CONSTANTS[name]
+        case ast.Name(id=name):
+            raise SceneError(f"{path}: {name!r} is unknown; {nearest(name, [*names, *CONSTANTS, *FUNCTIONS])}")
+        case ast.BinOp(left=left, op=operation, right=right) if type(operation) in BINARY:
+            return BINARY[type(operation)](_value(left, names, path), _value(right, names, path))
+        case ast.UnaryOp(op=operation, operand=operand) if type(operation) in UNARY:
+            return UNARY[type(operation)](_value(operand, names, path))
+        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
+            return FUNCTIONS[name](*(_value(argument, names, path) for argument in arguments))
+        case ast.Call(func=ast.Name(id=name), keywords=[]):
+            raise SceneError(f"{path}: {name}() is unknown; {nearest(name, FUNCTIONS)}")
     raise SceneError(f"{path}: {ast.unparse(node)!r} is not allowed in an expression; allowed: {ALLOWED}")
 
 
@@ -308,17 +310,16 @@ def _read_integral(value: Plain, path: str) -> int:
 
 def evaluate_values(value: Plain, names: Names, path: str) -> Plain:
     """Plain values with all expressions evaluated."""
-    if isinstance(value, Mapping):
-        return {key: evaluate_values(item, names, f"{path}.{key}" if path else key) for key, item in value.items()}
-    if isinstance(value, list):
-        return [each for i, item in enumerate(value) for each in _repeat_item(item, names, f"{path}.{i}")]
-    if not isinstance(value, str):
-        return value
-    if value.lstrip().startswith("="):
-        return evaluate(value.lstrip()[1:], names, path)
-    if path.endswith(("description", "notes")) or "{" not in value:
-        return value
-    return BRACES.sub(lambda found: _text(evaluate(found[1], names, path)), value)
+    match value:
+        case Mapping():
+            return {key: evaluate_values(item, names, f"{path}.{key}" if path else key) for key, item in value.items()}
+        case list():
+            return [each for i, item in enumerate(value) for each in _repeat_item(item, names, f"{path}.{i}")]
+        case str() if value.lstrip().startswith("="):
+            return evaluate(value.lstrip()[1:], names, path)
+        case str() if not path.endswith(("description", "notes")):
+            return BRACES.sub(lambda found: _text(evaluate(found[1], names, path)), value)
+    return value
 
 
 def _repeat_item(item: Plain, names: Names, path: str) -> Iterator[Plain]:

@@ -69,8 +69,7 @@ class PathPart(Part):
     def spread(self, per_node: jax.Array, links: int) -> jax.Array:
         """The transpose of `take`: values of the nodes (nodes, 3) on their links (n, 3)."""
         kept = per_node[: links - self.first]
-        after = links - self.first - kept.shape[0]
-        return jnp.pad(kept, ((self.first, after), (0, 0)))
+        return jnp.pad(kept, ((self.first, links - self.first - kept.shape[0]), (0, 0)))
 
 
 class Ends(NamedTuple):

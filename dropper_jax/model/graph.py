@@ -99,8 +99,8 @@ class LinkEnd(Part):
     def __init__(self, graph: Graph, last: bool) -> None:
         self.graph, self.last = graph, last
         self.share = 1.0 - graph.near_share if last else graph.near_share
-        node = graph.last if last else graph.first
-        self._node = np.minimum(node, max(graph.free - 1, 0))  # values at fixed nodes are arbitrary and not collected
+        # values at fixed nodes are arbitrary and not collected
+        self._node = np.minimum(graph.last if last else graph.first, max(graph.free - 1, 0))
 
     def take(self, per_link: jax.Array) -> jax.Array:
         return per_link
@@ -150,12 +150,11 @@ class Graph(Geometry):
     @cached_property
     def paths(self) -> tuple[np.ndarray, ...]:
         """Numbers of each line's nodes (links + 1,) among all nodes, both ends included."""
-        found, begin = [], 0
-        for m in self.members:
-            inner = begin + np.arange(m.links - 1)
-            found.append(np.concatenate([[self.point_node[m.start]], inner, [self.point_node[m.end]]]).astype(int))
-            begin += m.links - 1
-        return tuple(found)
+        node, ends = self.point_node, np.cumsum([m.links - 1 for m in self.members])
+        return tuple(
+            np.array([node[m.start], *range(end - m.links + 1, end), node[m.end]], int)
+            for m, end in zip(self.members, ends, strict=True)
+        )
 
     @cached_property
     def near_share(self) -> np.ndarray | float:
@@ -179,10 +178,7 @@ class Graph(Geometry):
         """Links (free points, most) that have the free point on that side; `links` as padding."""
         lists = [np.flatnonzero(node_of_link == self.inner + p) for p in range(len(self.free_points))]
         most = max((len(a) for a in lists), default=0)
-        table = np.full((len(lists), most), self.links, int)
-        for row, links in zip(table, lists, strict=True):
-            row[: len(links)] = links
-        return table
+        return np.array([[*a, *[self.links] * (most - len(a))] for a in lists], int).reshape(len(lists), most)
 
     @cached_property
     def leaving(self) -> np.ndarray:

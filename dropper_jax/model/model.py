@@ -208,6 +208,8 @@ class Model:
 
     def lump_mass(self) -> Model:
         """The same with `node_mass` and the couplings between nodes computed."""
+        if not self.having(CoupledMass):
+            return dataclasses.replace(self, lump=self.node_mass)
         own = tuple(e.at_hand() if isinstance(e, CoupledMass) else e for e in self.effects)
         known = dataclasses.replace(self, effects=own)
         return dataclasses.replace(known, lump=known.node_mass)
@@ -255,6 +257,8 @@ class Model:
 
     def with_internal_state(self, internal: Mapping[str, Frozen]) -> Model:
         """The model whose effects use their internal states (`State.own`)."""
+        if not internal:
+            return self
         effects = tuple(e.entered(internal[e.name]) if isinstance(e, Stateful) else e for e in self.effects)
         return dataclasses.replace(self, effects=effects)
 

@@ -175,8 +175,7 @@ class BodySpec(DeclaredSection):
         """Longest side of the box around its shapes [m]."""
         positions = [p for c in self.cylinders for p in (c.start, c.end)]
         positions += [s.centre + 0.5 * s.diameter * sign for s in self.spheres for sign in (-1.0, 1.0)]
-        wide = max((s.diameter for s in self.shapes), default=0.0)
-        return max(float(np.max(np.ptp(positions, axis=0))), wide) if positions else 0.0
+        return float(np.max([*np.ptp(positions, axis=0), *(s.diameter for s in self.shapes)])) if positions else 0.0
 
     def distance(self, position: np.ndarray) -> float:
         """Distance of a position (3,) from its shapes [m]; 0 for a body without shapes."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from itertools import groupby
+from itertools import accumulate, groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -180,12 +180,11 @@ class WholeLine(NamedTuple):
 
 def line_slices(scene: SceneData) -> tuple[LineSlice, ...]:
     """Index ranges of the lines of a scene in arrays of all nodes and of all links."""
-    found, node, link = [], 0, 0
-    for line in scene.lines:
-        nodes = slice(node, node + line.links + 1)
-        found.append(LineSlice(line.name, nodes, slice(link, link + line.links)))
-        node, link = nodes.stop, link + line.links
-    return tuple(found)
+    ends = accumulate(line.links for line in scene.lines)
+    return tuple(
+        LineSlice(line.name, slice(end - line.links + i, end + i + 1), slice(end - line.links, end))
+        for i, (line, end) in enumerate(zip(scene.lines, ends, strict=True))
+    )
 
 
 def line_offsets(scene: SceneData) -> list[dict[str, Any]]:

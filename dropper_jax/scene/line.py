@@ -224,28 +224,23 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
     if len(lines) == 1:
         return lines[0]
 
-    def together(key: str) -> np.ndarray | None:
+    def together(key: str, *instead: np.ndarray | None) -> np.ndarray | None:
+        """The arrays of all lines; those missing in some are replaced if `instead` has one for each line."""
         values = [getattr(line, key) for line in lines]
-        return None if any(v is None for v in values) else np.concatenate(values)
+        if instead and any(value is not None for value in values):
+            values = [other if value is None else value for value, other in zip(values, instead, strict=True)]
+        return None if any(value is None for value in values) else np.concatenate(values)
 
     arrays = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA")
-    damping = None
-    if any(line.axial_damping is not None for line in lines):
-        damping = np.concatenate([np.zeros(n.links) if n.axial_damping is None else n.axial_damping for n in lines])
-    outer = None
-    if any(line.outer_diameter is not None for line in lines):
-        outer = np.concatenate([n.diameter if n.outer_diameter is None else n.outer_diameter for n in lines])
     keys = lines[0].constants if len({line.axial_law for line in lines}) == 1 else ()
-    tables = None
-    if all(line.tables is not None for line in lines):
-        tables = tuple(table for line in lines for table in line.tables)
+    tables = [line.tables for line in lines]
     return dataclasses.replace(
         lines[0],
-        tables=tables,
+        tables=None if None in tables else tuple(table for own in tables for table in own),
         links=sum(line.links for line in lines),
         end=lines[-1].end,
-        axial_damping=damping,
-        outer_diameter=outer,
+        axial_damping=together("axial_damping", *(np.zeros(line.links) for line in lines)),
+        outer_diameter=together("outer_diameter", *(line.diameter for line in lines)),
         constants={key: np.concatenate([line.constants[key] for line in lines]) for key in keys},
         **{key: together(key) for key in arrays},
     )

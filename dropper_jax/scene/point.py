@@ -204,13 +204,11 @@ class AnchorSpec(DeclaredSection):
         For a dead weight `(H/mu + V)/W` with V not below 0: both loads may grow by the inverse of this factor.
         """
         up = np.maximum(upward, 0.0)
-        if self.kind == "tested":
-            return np.hypot(horizontal, up) / self.capacity
-        if self.kind == "screw":
-            if self.lateral is None:
-                return np.hypot(horizontal, up) / self.screw_capacity
+        if self.kind == "dead_weight":
+            return (horizontal / self.friction + up) / self.weight
+        if self.lateral is not None:
             return up / self.screw_capacity + horizontal / self.lateral
-        return (horizontal / self.friction + up) / self.weight
+        return np.hypot(horizontal, up) / (self.screw_capacity if self.capacity is None else self.capacity)
 
 
 def utilisations(

@@ -20,7 +20,7 @@ from dropper_jax.base.read import (
     plain,
     read_fields,
     read_list,
-    read_parameter,
+    read_rows,
     read_table,
     short_text,
 )
@@ -80,9 +80,9 @@ class SeasonSpec:
         spec._check(names)
         months = len(spec.months)
         given = read_list(rows, "growth.thickness", months, f"{months} rows, one for each month")
-        found = [read_parameter(row, f"growth.thickness.{i}", THICKNESS, {}) for i, row in enumerate(given)]
-        spec._check_rows(found)
-        return dataclasses.replace(spec, thickness=np.array(found))
+        depths = len(spec.depth)
+        thickness = read_rows(given, "growth.thickness", THICKNESS, depths, f"{depths}, as `depth`, each >= 0 m")
+        return dataclasses.replace(spec, thickness=thickness)
 
     @raises_first
     def _check(self, names: list[tuple[str, str | None]]) -> Iterator[Check]:
@@ -104,7 +104,7 @@ class SeasonSpec:
         )
         yield (
             (self.attachment is None) != (self.mussel_mass is None),
-            f"growth.{'attachment' if self.attachment is None else 'mussel_mass'}: missing; a drop-off needs both "
+            f"growth.{'attachment' if self.mussel_mass else 'mussel_mass'}: missing; a drop-off needs both "
             "`attachment` and `mussel_mass`",
         )
         for key in ("lines", "harvested_lines"):
@@ -117,15 +117,6 @@ class SeasonSpec:
                     not any(_matches_any(name, (pattern,)) for name in names),
                     f"growth.{key}.{i}: {pattern!r} does not match any line; allowed: names, with * for any letters",
                 )
-
-    @raises_first
-    def _check_rows(self, rows: list[np.ndarray]) -> Iterator[Check]:
-        for i, row in enumerate(rows):
-            yield (
-                len(row) != len(self.depth),
-                f"growth.thickness.{i}: {short_text(plain(row))} has {len(row)} entries; allowed: {len(self.depth)}, "
-                "as `depth`",
-            )
 
     def table(self) -> dict[str, Any]:
         """Plain values from which `read` recreates the section."""

@@ -17,6 +17,7 @@ from dropper_jax.base.read import (
     declared_fields,
     read_fields,
     read_parameter,
+    read_rows,
     read_table,
     short_text,
 )
@@ -164,7 +165,9 @@ class VesselSpec:
         vessel = cls(
             **read_fields(cls, own, path, {}),
             rao=RaoSpec.read(more["rao"], f"{path}.rao") if "rao" in more else None,
-            motion=_motion(more["motion"], f"{path}.motion") if "motion" in more else None,
+            motion=read_rows(more["motion"], f"{path}.motion", {}, 6, f"6, {', '.join(MOTIONS)}")
+            if "motion" in more
+            else None,
             attachments={
                 str(name): read_parameter(position, f"{path}.attachments.{name}", POSITION, {})
                 for name, position in given.items()
@@ -202,12 +205,3 @@ class VesselSpec:
         if self.motion is not None:
             found["motion"] = self.motion.tolist()
         return {**found, "attachments": {name: position.tolist() for name, position in self.attachments.items()}}
-
-
-def _motion(value: Plain, path: str) -> np.ndarray:
-    """Rows of surge, sway, heave [m], roll, pitch and yaw [rad] (k, 6)."""
-    rows = [read_parameter(row, f"{path}.{i}", {"unit": "-", "shape": "table"}, {}) for i, row in enumerate(value)]
-    for i, row in enumerate(rows):
-        if len(row) != len(MOTIONS):
-            raise SceneError(f"{path}.{i}: has {len(row)} entries; allowed: 6, {', '.join(MOTIONS)}")
-    return np.array(rows)

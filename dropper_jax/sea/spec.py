@@ -33,8 +33,8 @@ from dropper_jax.sea.steady import CRITERIA, THEORIES
 from dropper_jax.sea.water import Current, Level
 from dropper_jax.sea.waves import STRETCHING, read_components, read_elevation
 
-#: Alternative keys of a regular wave.
-OR = {"amplitude": "height", "period": "length"}
+#: Alternative keys of waves, by their kind.
+OR = {"regular": {"amplitude": "height", "period": "length"}}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,8 +95,8 @@ class WaveSpec(DeclaredSection):
     def check(self, path: str) -> Iterator[Check]:
         needed = {"spectrum": ("hs", "tp"), "elevation": ("file",)}.get(self.kind, ("amplitude", "period"))
         for key in needed:
-            either = (key, OR[key]) if self.kind == "regular" else (key,)
-            given = [name for name in either if getattr(self, name) is not None]
+            either = [key, OR.get(self.kind, {}).get(key, key)]
+            given = {name for name in either if getattr(self, name) is not None}
             yield not given, f"{path}.{key}: missing; kind {self.kind!r} needs {' and '.join(needed)}"
             yield len(given) > 1, f"{path}.{either[-1]}: cannot be combined with `{key}`; allowed: one of the two"
         theory = self.theory
@@ -168,7 +168,7 @@ class CurrentSpec(Current, DeclaredSection):
             f"{path}.amplitude: cannot be combined with `time`; allowed: one of the two",
         )
         yield (
-            self.veer is not None and self.kind == "table",
+            self.veer is not None and self.velocities is not None,
             f"{path}.veer: given with kind 'table', which turns itself; allowed: uniform, power",
         )
 
@@ -253,10 +253,10 @@ class SeaSpec(DeclaredSection):
 
     @raises_first
     def check(self, path: str) -> Iterator[Check]:
+        lowest = 0.0 if self.level is None else self.level.lowest
         yield (
-            self.level is not None and self.depth + self.level.lowest <= 0.0,
-            f"{path}.level: falls to {0.0 if self.level is None else self.level.lowest:.4g} m, below the seabed; "
-            f"allowed: above {-self.depth:g} m",
+            self.depth + lowest <= 0.0,
+            f"{path}.level: falls to {lowest:.4g} m, below the seabed; allowed: above {-self.depth:g} m",
         )
         yield (
             self.wave_current != "none" and (self.waves is None or self.current is None),

@@ -143,8 +143,7 @@ def _table(gamma: float) -> tuple[np.ndarray, np.ndarray]:
     """Points x and energies per point of the shape, trapezoidal on a logarithmic grid."""
     # range of the tabulated shape in peak frequencies: less than 1e-6 of the energy is outside
     x = np.geomspace(0.3, 30.0, 20001)
-    energy = shape(x, gamma) * np.gradient(x)
-    return x, energy
+    return x, shape(x, gamma) * np.gradient(x)
 
 
 def depth_factor(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float) -> jax.Array:

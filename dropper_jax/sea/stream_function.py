@@ -200,8 +200,7 @@ def _first(problem: _Problem) -> tuple[float, float]:
     """Wave number and length of a linear wave on the current."""
     if problem.length is not None:
         return 2.0 * np.pi / problem.length, problem.length
-    k = (2.0 * np.pi / problem.period) ** 2
-    k = max(k, 2.0 * np.pi / problem.period)
+    k = max((2.0 * np.pi / problem.period) ** 2, 2.0 * np.pi / problem.period)
     for _ in range(200):
         c = np.sqrt(np.tanh(k) / k) + problem.current
         k = 0.5 * (k + 2.0 * np.pi / (problem.period * max(c, 1e-3)))

@@ -107,8 +107,7 @@ class Current:
         """Local acceleration (n, 3) [m/s^2]; None for a steady current."""
         if self.steady:
             return None
-        rate = jax.jvp(self.scale, (t,), (jnp.ones_like(t),))[1]
-        return rate * self.profile(z, depth)
+        return jax.jvp(self.scale, (t,), (jnp.ones_like(t),))[1] * self.profile(z, depth)
 
     def along(self, z: jax.Array, direction: jax.Array, depth: jax.Array) -> jax.Array:
         """Speed along directions (c,) [rad] at heights z (c, points), for waves on the current."""

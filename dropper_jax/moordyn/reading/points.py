@@ -151,8 +151,7 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
     position = [number(deck, row, w, "X, Y, Z") for w in row.words[2:5]]
     point: dict[str, Any] = {"name": name, "position": position}
     if kind in FREE:
-        point["kind"] = "free"
-        point.update(_body(deck, row, notes))
+        point |= {"kind": "free", **_body(deck, row, notes)}
     elif kind in COUPLED:
         notes.append(
             f"line {row.number}: point {key} is coupled: it is fixed at its position; use effects.end_motion to move it"
@@ -220,8 +219,7 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
         columns(deck, row, 10, "rod")
         a, b = ([number(deck, row, w, "Xa to Zb") for w in row.words[first : first + 3]] for first in (3, 6))
         connector = _is_connector(deck, row)
-        for end, position, sign in (("A", a, -1.0), ("B", a if connector else b, 1.0)):
-            word = f"R{key}{end}"
+        for word, position, sign in ((f"R{key}A", a, -1.0), (f"R{key}B", a if connector else b, 1.0)):
             if word in used:
                 found.names[word] = f"point-{word}"
                 found.points.append({"name": f"point-{word}", "position": position})
@@ -232,9 +230,8 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
         if holder.lower() in COUPLED:
             notes.append(f"{rod} is coupled: its ends are fixed; use [[vessel]] to move such points together")
         return ""
-    body = bodies.get(holder[4:]) if holder.lower().startswith("body") else None
-    name = row.name or f"buoy-{key}"
-    buoy = None if body is None else spar(deck, body, row, name)
+    body = bodies.get(_holder(row))
+    buoy = None if body is None else spar(deck, body, row, row.name or f"buoy-{key}")
     if buoy is None or f"R{key}B" in used:
         deck.refuse(
             row.number,

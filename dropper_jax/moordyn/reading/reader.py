@@ -279,27 +279,26 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
 def _apply_free_text(deck: Deck, scene: dict[str, Any]) -> None:
     """Names, run settings and lines in several pieces, from the free text."""
     for key, text in deck.given.items():
-        if key not in ("name", "description", "notes", "pieces", "law") and not key.startswith("run."):
-            continue
         try:
             value = parsed_toml(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             continue  # a remark of the user, not a value written by this package
-        if key == "pieces":
-            _join_pieces(scene["line"], value)
-        elif key == "law":
-            for kind in scene["line_type"]:
-                kind.setdefault("law", value)  # tables have their own
-        elif key.startswith("run."):
-            scene["run"][key.removeprefix("run.")] = value
-        else:
-            scene[key] = value
+        match key.split("."):
+            case ["pieces"]:
+                _join_pieces(scene["line"], value)
+            case ["law"]:
+                for kind in scene["line_type"]:
+                    kind.setdefault("law", value)  # tables have their own
+            case ["run", name]:
+                scene["run"][name] = value
+            case ["name" | "description" | "notes"]:
+                scene[key] = value
 
 
 def _join_pieces(lines: list[dict[str, Any]], given: Any) -> None:
     """Set the line from which each piece was cut; a list of anything else is a remark of the user."""
-    for names in given if isinstance(given, list) else ():
-        if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
-            for line in lines:
-                if line["name"] in names[1:]:
-                    line["piece_of"] = names[0]
+    lists = [names for names in given if isinstance(names, list)] if isinstance(given, list) else []
+    whole = {name: names[0] for names in lists if all(isinstance(name, str) for name in names) for name in names[1:]}
+    for line in lines:
+        if line["name"] in whole:
+            line["piece_of"] = whole[line["name"]]

@@ -144,8 +144,7 @@ def _line(solution: Solution, channel: str, number: str, numbers: Numbers) -> Li
 
 
 def _end_tension(solution: Solution, line: LineSlice, last: bool) -> np.ndarray:
-    found = end_forces(solution.scene, solution.positions, solution.tension, solution.lines)
-    return found[line.name][:, int(last)]
+    return end_forces(solution.scene, solution.positions, solution.tension, solution.lines)[line.name][:, int(last)]
 
 
 def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:

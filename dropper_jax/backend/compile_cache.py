@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
@@ -161,7 +161,7 @@ class _Quietly:
 
 
 @contextmanager
-def discard_output(*streams: int) -> Iterator[None]:
+def discard_output(*streams: int) -> Generator[None]:
     """Discard what libraries write to standard streams, 1 for output and 2 for errors; not if one does not exist."""
     sys.stdout.flush()
     sys.stderr.flush()

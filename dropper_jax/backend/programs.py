@@ -195,7 +195,8 @@ def lower_cached(
         function, settings: the identity of the program: a function of this project, and everything else that tracing
             depends on; arrays among it as `Constants`.
     """
-    return (TRACES and TRACES.lower(function, settings, values, one)) or jax.jit(one).lower(*values)
+    found = None if TRACES is None else TRACES.lower(function, settings, values, one)
+    return found or jax.jit(one).lower(*values)
 
 
 class CachedJit(Generic[P, R]):

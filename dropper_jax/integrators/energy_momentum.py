@@ -41,15 +41,17 @@ class EnergyMomentum(Implicit):
     takes_laws: ClassVar[bool] = True
     takes_constraints: ClassVar[bool] = True
     tension_time: ClassVar[float] = 0.5
-    #: Weight of the new time in the configuration.
-    gamma: ClassVar[float] = 0.5
+
+    @property
+    def weighting(self) -> float:
+        return 0.5
 
     def begin(self, model: Model, s: State) -> State:
         """The state with velocities that are consistent with links between moving ends."""
         return replace(s, v=consistent_velocity(model, s.r, s.v, s.t)) if model.moving else s
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
-        return MidpointProblem(model, s, h, self.gamma, alone=len(self.stages) == 1)
+        return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)
 
 
 class MidpointProblem(StepProblem):

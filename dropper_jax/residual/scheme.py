@@ -20,7 +20,9 @@ Prepared = TypeVar("Prepared")
 class Solver(Protocol[Prepared, Factors]):
     """The matrix may be approximate; Newton and derivatives are refined to the exact rows."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Its name in `[run]`."""
 
     def refuse(self, model: Model, integrator: Implicit) -> str | None:
         """Why it cannot solve the model with a scheme, or None."""

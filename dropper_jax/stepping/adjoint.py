@@ -100,23 +100,25 @@ def backward_pass(
     """
     leaves, tree = jax.tree.flatten(model)
     h = jnp.asarray(h, model.dtype)
+    inputs_of = lambda u: (leaves, h, u, None)  # noqa: E731
+    many = by_position.shape[1]
     chosen = [leaves[i] for i in moving]
 
     def one(carry: tuple[State, list[jax.Array]], row: tuple[State, Unknowns, jax.Array, jax.Array]) -> tuple:
         ct, total = carry
         before, u, by_r, by_t = row
-        inputs = partial(_inputs, tree, tuple(moving), (leaves, h, u, None))
+        at = _At(chosen, before, [])
 
         def backward_step(ct: State, by_r: jax.Array, by_t: jax.Array) -> _At:
             ct = replace(ct, r=ct.r + by_r, tension=ct.tension + by_t)
-            return _backward_step(stepper, stepper.solver, inputs, _At(chosen, before, []), ct, u)
+            model_of = partial(_inputs, tree, tuple(moving), inputs_of(u))
+            return _backward_step(stepper, stepper.solver, model_of, at, ct, u)
 
         found = jax.vmap(backward_step)(ct, by_r, by_t)
         return (found.s, [a + b for a, b in zip(total, found.model, strict=True)]), None
 
-    many = by_position.shape[1]
-    first = jax.tree.map(lambda a: jnp.zeros((many, *a.shape[1:]), a.dtype), run.before)
-    ct = first if by_end is None else by_end
+    first = jax.tree.map(lambda a: a[0], run.before)
+    ct = jax.tree.map(lambda a: jnp.zeros((many, *a.shape), a.dtype), first) if by_end is None else by_end
     total = [jnp.zeros((many, *a.shape), a.dtype) for a in chosen]
     rows = run.before, run.unknowns, by_position, by_tension
     (ct, total), _ = jax.lax.scan(one, (ct, total), rows, reverse=True)

@@ -282,7 +282,8 @@ def integrate_along(
     A pure function with derivatives by model and s in both modes, with these steps held constant. Reverse mode stores
     the end of every step and repeats the step in the backward pass.
     """
-    scheme, track = stepper.integrator, stepper.track_work
+    scheme: ProjectedRungeKutta = stepper.integrator
+    track = stepper.track_work
     first = scheme.start(model, begin(stepper, model, s).state, track)
 
     @jax.checkpoint

@@ -232,7 +232,8 @@ def responses(
 
 def _response(solution: Solution, period: float) -> dict[str, Any]:
     model = build_model(solution.scene, "float64")
-    last = solution.t > solution.t[-1] - np.floor(TAKEN * solution.t[-1] / period) * period
+    span = np.floor(TAKEN * solution.t[-1] / period) * period
+    last = solution.t > solution.t[-1] - span
     t, nodes = solution.t[last], solution.positions[last]
     course = float(model.sea.waves.direction)
     link = nodes[:, 1] - nodes[:, 0]
@@ -271,8 +272,9 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
     every = max(1, len(solution.t) // 400)
     free, links = _far_ends(solution, model)
     at = [take_every(a, every) for a in (solution.positions, solution.velocities, solution.t)]
-    looked = np.asarray(free), np.asarray(at[0]), np.asarray(at[1][:, free]), np.asarray(at[2])
-    speed = np.asarray(_across(model.sea, *looked)).max(axis=0)
+    looked = (at[0], at[1][:, free], at[2])
+
+    speed = np.asarray(_across(model.sea, np.asarray(free), *map(np.asarray, looked))).max(axis=0)
     diameter = np.asarray(model.line.drag_diameter)[links]
     period = shortest = float("nan")
     if model.sea.waves is not None:

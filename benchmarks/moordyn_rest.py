@@ -8,6 +8,7 @@ taken out of each scene, a steady current stays. Free points start where they re
 it runs for 120 s. Floats that are partly above the water are fixed where they rest here.
 """
 
+import contextlib
 import tempfile
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from dropper_jax.moordyn.writing.differences import moved_points
 from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.scene.data import point_nodes
 from dropper_jax.statics.search import Equilibrium
-from dropper_jax.study.peers.moordyn_run import inside, quiet
+from dropper_jax.study.peers.moordyn_run import quiet
 
 #: Time that MoorDyn runs [s], and the speed [m/s] below which its nodes count as at rest.
 SPAN, AT_REST = 120.0, 1e-3
@@ -99,7 +100,7 @@ def there(
     import moordyn
 
     still = [0.0] * len(held)
-    with inside(str(folder)), quiet():
+    with contextlib.chdir(folder), quiet():
         system = moordyn.Create(file)
         try:
             moordyn.Init(system, held, still)

@@ -1,5 +1,6 @@
 """The same scene in MoorDyn v2 and here: runs that give end tensions and the place of the far end at equal times."""
 
+import contextlib
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +22,7 @@ from dropper_jax.sea.make import make_sea
 from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import begin
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
-from dropper_jax.study.peers.moordyn_run import inside, quiet
+from dropper_jax.study.peers.moordyn_run import quiet
 
 #: Time between rows [s], in both codes.
 SAMPLE = 0.1
@@ -256,7 +257,7 @@ def moordyn_system(
     import moordyn
 
     options = {"tScheme": "rk2", "disableOutput": 1, "disableOutTime": 1, "dtOut": duration, **more}
-    with tempfile.TemporaryDirectory() as folder, inside(folder), quiet():
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), quiet():
         if across is not None:
             options |= {"WaveKin": 3, "dtWave": GRID_STEP}
             _write_grid(scene, Path(folder), duration, across)

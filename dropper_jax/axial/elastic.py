@@ -103,8 +103,7 @@ class Elastic(AxialLaw):
 
     def _stretching(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Link vectors as the law uses them, and rates of length (n,) [m/s]."""
-        stretching = self.zero_broken(dot(d, rate) / safe_norm(d))
-        return self.unstretch_broken(d, length), stretching
+        return self.unstretch_broken(d, length), self.zero_broken(dot(d, rate) / safe_norm(d))
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Stored energy, scalar [J]: `EA (|d| - L)^2 / (2 L)`."""

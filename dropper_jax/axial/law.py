@@ -71,8 +71,7 @@ class AxialLaw(ABC):
     ) -> jax.Array:
         """Derivative of the residual with respect to d1, (n, 3)."""
         unit = d1 / safe_norm(d1)[:, None]
-        slope = jax.jvp(lambda d: self.residual(start, d, tension, length, h), (d1,), (unit,))[1]
-        return slope[:, None] * unit
+        return jax.jvp(lambda d: self.residual(start, d, tension, length, h), (d1,), (unit,))[1][:, None] * unit
 
     @abstractmethod
     def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
@@ -122,8 +121,7 @@ class Groups(AxialLaw):
     def intact(self) -> jax.Array | None:
         if all(law.intact is None for law in self.laws):
             return None
-        kept = [jnp.ones(len(m)) if law.intact is None else law.intact for law, m in self._each()]
-        return self._together(kept)
+        return self._together([jnp.ones(len(m)) if law.intact is None else law.intact for law, m in self._each()])
 
     @property
     def EA(self) -> jax.Array:
@@ -162,8 +160,7 @@ class Groups(AxialLaw):
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
     ) -> jax.Array:
-        each = [law.residual(_of(start, m), d1[m], tension[m], length[m], h) for law, m in self._each()]
-        return self._together(each)
+        return self._together([law.residual(_of(start, m), d1[m], tension[m], length[m], h) for law, m in self._each()])
 
     def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
         return self._together([law.at_rest(d[m], tension[m], length[m]) for law, m in self._each()])
@@ -171,8 +168,7 @@ class Groups(AxialLaw):
     def gradient(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
     ) -> jax.Array:
-        each = [law.gradient(_of(start, m), d1[m], tension[m], length[m], h) for law, m in self._each()]
-        return self._together(each)
+        return self._together([law.gradient(_of(start, m), d1[m], tension[m], length[m], h) for law, m in self._each()])
 
     def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
         return self._together([law.compliance(length[m], h) for law, m in self._each()])

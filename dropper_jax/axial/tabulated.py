@@ -37,14 +37,12 @@ class ForceTable:
             SceneError: an entry is not a number, the numbers of rows differ, strain does not rise, the first strain is
                 negative, the first tension is not 0, tension falls, or does not rise at the end.
         """
-        columns = {}
-        for key, values in (("strain", strain), ("tension", tension)):
-            where, unit = f"{path}.{key}", {"strain": "-", "tension": "N"}[key]
+
+        def column(values: Plain, where: str, unit: str) -> np.ndarray:
             items = read_list(values, where, None, ROWS)
-            columns[key] = np.array(
-                [read_number(x, f"{where}.{i}", {"unit": unit}) for i, x in enumerate(items)], float
-            )
-        e, force = columns["strain"], columns["tension"]
+            return np.array([read_number(x, f"{where}.{i}", {"unit": unit}) for i, x in enumerate(items)], float)
+
+        e, force = column(strain, f"{path}.strain", "-"), column(tension, f"{path}.tension", "N")
         if len(e) < 2:
             raise refuse(f"{path}.strain", plain(e), "has too few rows", ROWS)
         if len(force) != len(e):

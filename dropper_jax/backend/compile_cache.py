@@ -16,8 +16,8 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -156,24 +156,34 @@ class _Quietly:
         self.function = function
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        sys.stderr.flush()
-        try:
-            kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-        except OSError:  # no standard error, or no file descriptor left
+        with discard_output(2):
             return self.function(*args, **kwargs)
-        try:
-            os.dup2(nowhere, 2)
-            return self.function(*args, **kwargs)
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-            os.close(nowhere)
+
+
+@contextmanager
+def discard_output(*streams: int) -> Generator[None]:
+    """Discard what libraries write to standard streams, 1 for output and 2 for errors; not if one does not exist."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    try:
+        kept, nowhere = [os.dup(i) for i in streams], os.open(os.devnull, os.O_WRONLY)
+    except OSError:  # no such stream, or no file descriptor left
+        yield
+        return
+    try:
+        for i in streams:
+            os.dup2(nowhere, i)
+        yield
+    finally:
+        for i, saved in zip(streams, kept, strict=True):
+            os.dup2(saved, i)
+            os.close(saved)
+        os.close(nowhere)
 
 
 def _jax_store() -> ModuleType | None:
     """JAX's own compilation cache module, if it has the structure known here."""
-    known = all(hasattr(compilation_cache, name) for name in NEEDED)
-    return compilation_cache if known else None
+    return compilation_cache if all(hasattr(compilation_cache, name) for name in NEEDED) else None
 
 
 def _processor() -> str:

@@ -157,7 +157,8 @@ def _kind(leaf: object) -> Plain:
     first = jax.devices()[0]
     if first.platform != "cpu" or not (sharding is None or isinstance(sharding, SingleDeviceSharding)):
         raise NoPlainForm("an argument that is not on a single processor")
-    if sharding is not None and (sharding.device_set != {first} or sharding.memory_kind not in (None, _memory(first))):
+    memory = None, first.default_memory().kind
+    if sharding is not None and (sharding.device_set != {first} or sharding.memory_kind not in memory):
         raise NoPlainForm("an argument that is not on the first processor")
     kind = jax.typeof(leaf)
     return [list(kind.shape), str(kind.dtype), bool(kind.weak_type)]
@@ -171,10 +172,6 @@ def _setting(value: object) -> Plain:
     arrays = [np.asarray(leaf) for leaf in leaves]
     digests = [[str(a.dtype), list(a.shape), hashlib.sha256(a.tobytes()).hexdigest()] for a in arrays]
     return ["constants", tree_written(tree), digests]
-
-
-def _memory(device: jax.Device) -> str:
-    return device.default_memory().kind
 
 
 def _settings() -> Plain:

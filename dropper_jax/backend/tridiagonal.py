@@ -28,8 +28,7 @@ def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, r
         if rhs.ndim == 1:
             return cyclic_reduction(lower, diagonal, upper, rhs)
         return jax.vmap(cyclic_reduction, in_axes=(None, None, None, 1), out_axes=1)(lower, diagonal, upper, rhs)
-    columns = rhs.reshape(rhs.shape[0], -1)
-    return linalg.tridiagonal_solve(lower, diagonal, upper, columns).reshape(rhs.shape)
+    return linalg.tridiagonal_solve(lower, diagonal, upper, rhs.reshape(rhs.shape[0], -1)).reshape(rhs.shape)
 
 
 def one_kernel_of(rows: int) -> bool:
@@ -87,8 +86,7 @@ def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
     kept = _halve_rows(-left * low0, own, -right * up1, rhs[0::2] - right * b1 - left * b0, target)
     following = kept[1 : odd + 1] if even > odd else _shift_rows(kept[1:], 0, odd)
     between = b - low * kept[:odd] - up * following
-    both = jnp.stack([kept, _shift_rows(between, 0, even)], axis=1)
-    return both.reshape(2 * even)[:n]
+    return jnp.stack([kept, _shift_rows(between, 0, even)], axis=1).reshape(2 * even)[:n]
 
 
 def _shift_rows(a: jax.Array, before: int, length: int) -> jax.Array:

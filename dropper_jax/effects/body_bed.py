@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.base.numerics import REST, dot, lag, mean_positive_part, never_more, safe_norm, trace_once
+from dropper_jax.base.numerics import dot, safe_norm, trace_once
 from dropper_jax.effects.body_buoyancy import Pieces
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, ModelView
@@ -48,8 +48,7 @@ class BodyBed(Effect):
         if self.pieces.sphere_of:
             positions = jnp.concatenate([positions, self.pieces.centres(model, r)])
             below = jnp.concatenate([below, self.pieces.ball])
-        up = self.bed.upward(positions)
-        return (self.bed.bed_height(positions) - positions[:, 2] + below) * up[..., 2]
+        return (self.bed.bed_height(positions) - positions[:, 2] + below) * self.bed.upward(positions)[..., 2]
 
     def _rates(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
         """Depths [m] and their rates of increase [m/s]."""
@@ -63,17 +62,7 @@ class BodyBed(Effect):
         """Contact forces of the points (2 c + s,) [N]."""
         half = self.pieces.radius * self.pieces.length
         area = jnp.concatenate([half, half, jnp.pi * self.pieces.ball**2])
-        deep, down = self._rates(k)
-        stiffness, damping = self.bed.stiffness, self.bed.damping
-        if k.h is None:
-            spring, rate = stiffness * jnp.maximum(deep, 0.0), down
-        else:
-            before, after = deep - 0.5 * k.h * down, deep + 0.5 * k.h * down
-            pressed = jnp.maximum(before, 0.0), jnp.maximum(after, 0.0)
-            expected = jnp.maximum(before + k.h * k.prepared(self), 0.0)
-            spring = jnp.maximum(stiffness * (mean_positive_part(before, after) + lag(*pressed, expected, REST)), 0.0)
-            rate = (pressed[1] - pressed[0]) / k.h
-        return area * (spring + never_more(damping * rate, spring))
+        return area * self.bed.pressure(k, self, *self._rates(k))
 
     def force(self, k: Kinematics) -> jax.Array:
         return self._contact_force(k, self.normal(k))

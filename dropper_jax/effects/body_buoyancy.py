@@ -57,8 +57,7 @@ class Pieces:
         own = jnp.sum(self.cut(model, r, level).energy())
         if not self.sphere_of:
             return own
-        balls = sphere_energy(self.centres(model, r), level[len(self.cylinder_of) :], self.ball)
-        return own + jnp.sum(balls)
+        return own + jnp.sum(sphere_energy(self.centres(model, r), level[len(self.cylinder_of) :], self.ball))
 
     def wet(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
         """Submerged volumes (c + s,) [m^3]."""
@@ -70,11 +69,9 @@ class Pieces:
 
     def push(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
         """Buoyancy divided by rho g on the free nodes (free, 3) [m^3]: minus the gradient of the energy."""
-        free, count = model.free_nodes, len(self.cylinder_of)
-        corners = self.body_nodes(model, self.cylinder_of)
-        ends = self.cut(model, r, level).push()
-        found = jnp.zeros_like(r)
-        if count:
+        free, corners = model.free_nodes, self.body_nodes(model, self.cylinder_of)
+        ends, found = self.cut(model, r, level).push(), jnp.zeros_like(r)
+        if self.cylinder_of:
             found = scatter_to_corners(np.concatenate([corners, corners]), _both(self.ends), _both(ends), free)
         if not self.sphere_of:
             return found

@@ -63,8 +63,7 @@ class BodyWater(Effect):
     def _across(self, along: jax.Array, field: jax.Array) -> jax.Array:
         """Components across the slices of vectors (p, 3) at the pieces; the full vectors at spheres."""
         count = along.shape[0]
-        across = field[:count] - dot(field[:count], along)[:, None] * along
-        return jnp.concatenate([across, field[count:]])
+        return jnp.concatenate([field[:count] - dot(field[:count], along)[:, None] * along, field[count:]])
 
     def prepare(self, k: Kinematics) -> Around:
         sea = k.model.sea
@@ -85,21 +84,19 @@ class BodyWater(Effect):
         """Added mass of the ends (e,) [kg]."""
         return density * under * self.cat * 2.0 / 3.0 * jnp.pi * self.end_radius**3
 
-    def _volume(self) -> jax.Array:
-        whole = jnp.pi * self.pieces.radius**2 * self.pieces.length
-        return jnp.concatenate([whole, 4.0 / 3.0 * jnp.pi * self.pieces.ball**3])
-
-    def _frontal(self) -> jax.Array:
-        """Areas (p,) [m^2] used by drag."""
-        side = 2.0 * self.pieces.radius * self.pieces.length
-        return jnp.concatenate([side, jnp.pi * self.pieces.ball**2])
+    def _drag_sizes(self) -> tuple[jax.Array, jax.Array]:
+        """Frontal areas (p,) [m^2] and volumes (p,) [m^3] of the pieces."""
+        radius, length, ball = self.pieces.radius, self.pieces.length, self.pieces.ball
+        frontal = jnp.concatenate([2.0 * radius * length, jnp.pi * ball**2])
+        return frontal, jnp.concatenate([jnp.pi * radius**2 * length, 4.0 / 3.0 * jnp.pi * ball**3])
 
     def force(self, k: Kinematics) -> jax.Array:
         model, around, pieces = k.model, k.prepared(self), self.pieces
         density = model.sea.density
         along, out, wet, under = self._cut(k)
         u = self._across(along, around.velocity - pieces.middles(model, k.v))
-        skin = 0.5 * density * self.cdn * self._frontal() * wet / self._volume()
+        frontal, volume = self._drag_sizes()
+        skin = 0.5 * density * self.cdn * frontal * wet / volume
         drag = (skin * safe_norm(u))[:, None] * u
         swung = around.acceleration + self.can[:, None] * self._across(along, around.acceleration)
         total = pieces.spread(model, drag + density * wet[:, None] * swung)

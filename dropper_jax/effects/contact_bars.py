@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.numerics import dot
-from dropper_jax.model import Graph, Kinematics, ModelView
+from dropper_jax.model import Graph, ModelView
 
 # --- the nearest points of two straight axes, and the force that pushes them apart ---
 #
@@ -98,10 +98,6 @@ class Bars:
         spread: see `segments.nearest_points`, (pieces,) [m^2].
     """
 
-    @classmethod
-    def of(cls, effect: Touching, k: Kinematics) -> Bars:
-        return cls(effect, k.model)
-
     def __init__(self, effect: Touching, model: ModelView) -> None:
         length, radius = model.line.length, jnp.broadcast_to(effect.radius, model.line.length.shape)
         first, second = _links(model.geometry, effect.beside)
@@ -118,8 +114,7 @@ class Bars:
         if not len(bar):
             return
         owner = np.array([number for _, number in effect.along])[bar]
-        if effect.rigid:
-            self.shares = effect.mixed[bar]
+        self.shares = effect.mixed[bar] if effect.rigid else None
         self.offset = jnp.where((owner < 0)[:, None, None], axis, 0.0)
 
     def axes(self, r: jax.Array) -> jax.Array:
@@ -127,9 +122,8 @@ class Bars:
         p = self.mix_velocities(r)
         if self.offset is None:
             return p
-        none = jnp.zeros((self.pairs, 4, 3), p.dtype)
         more = jnp.concatenate([jnp.zeros_like(self.offset), self.offset], axis=1)
-        return p + jnp.concatenate([none, more])
+        return p + jnp.concatenate([jnp.zeros((self.pairs, 4, 3), p.dtype), more])
 
     def mix_velocities(self, v: jax.Array) -> jax.Array:
         """The same for velocities."""
@@ -157,17 +151,13 @@ def _links(graph: Graph, beside: tuple[tuple[Group, Group], ...]) -> tuple[np.nd
         shared = points[0] & points[1]
         kept = [_links_except(graph, group, shared) for group in groups]
         found.append(np.stack([part.ravel() for part in np.meshgrid(*kept, indexing="ij")]))
-    first, second = np.concatenate(found, axis=1)
-    return first, second
+    return tuple(np.concatenate(found, axis=1))
 
 
 def _links_except(graph: Graph, group: Group, away: set[int]) -> np.ndarray:
     """Links of a group of lines, except those that end at given points."""
-    kept = []
-    for i in group:
-        member, span = graph.members[i], graph.spans[i]
-        kept.append(np.arange(span.start + (member.start in away), span.stop - (member.end in away)))
-    return np.concatenate(kept)
+    lines = [(graph.members[i], graph.spans[i]) for i in group]
+    return np.concatenate([np.arange(s.start + (m.start in away), s.stop - (m.end in away)) for m, s in lines])
 
 
 @lru_cache(maxsize=64)
@@ -177,8 +167,7 @@ def _links_and_bars(graph: Graph, along: tuple[tuple[Group, int], ...]) -> tuple
     for bar, (group, owner) in enumerate(along):
         links = _links_except(graph, group, {-1 - owner} if owner < 0 else set())
         found.append(np.stack([links, np.full_like(links, bar)]))
-    links, bars = np.concatenate(found, axis=1)
-    return links, bars
+    return tuple(np.concatenate(found, axis=1))
 
 
 @lru_cache(maxsize=64)

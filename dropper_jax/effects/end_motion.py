@@ -59,8 +59,7 @@ class EndMotion(HeldMotion):
             row = interpolate_quintic(t, self.time, self.displacement)
             return row if self.ramp is None else self._apply_ramp(t - self.time[0], row, self.displacement[0])
         phase = 0.0 if self.phase is None else self.phase
-        wave = jnp.sin(2 * jnp.pi * t / self.period + phase)
-        motion = self.amplitude * wave
+        motion = self.amplitude * jnp.sin(2 * jnp.pi * t / self.period + phase)
         return motion if self.ramp is None else self._apply_ramp(t, motion, jnp.zeros_like(motion))
 
     def _apply_ramp(self, since: jax.Array, full: jax.Array, first: jax.Array) -> jax.Array:

@@ -155,8 +155,7 @@ class Cylinders(NamedTuple):
 
     def at_ends(self, of: Callable[[jax.Array, jax.Array], jax.Array]) -> tuple[jax.Array, jax.Array]:
         """A function of depth and half height at both ends, each (n,)."""
-        both = of(jnp.stack([self.first, self.last]), jnp.stack([self.half, self.half]))
-        return both[0], both[1]
+        return tuple(of(jnp.stack([self.first, self.last]), jnp.stack([self.half, self.half])))
 
     def _rise(self, of: Callable[[jax.Array, jax.Array], jax.Array]) -> jax.Array:
         """Mean slope of a function between the ends (n,)."""
@@ -165,13 +164,11 @@ class Cylinders(NamedTuple):
 
     def energy(self) -> jax.Array:
         """U/(rho g) (n,) [m^4]."""
-        whole = self._rise(_along)
-        return self.size * jnp.where(self.flat, section(*self.at_points()) @ WEIGHTS, whole)
+        return self.size * jnp.where(self.flat, section(*self.at_points()) @ WEIGHTS, self._rise(_along))
 
     def volume(self) -> jax.Array:
         """Submerged volume (n,) [m^3]."""
-        whole = self._rise(section)
-        return self.size * jnp.where(self.flat, _width(*self.at_points()) @ WEIGHTS, whole)
+        return self.size * jnp.where(self.flat, _width(*self.at_points()) @ WEIGHTS, self._rise(section))
 
     def push(self) -> jax.Array:
         """Buoyancy divided by rho g on the ends of the axes (n, 2, 3) [m^3]: minus the derivative of U."""

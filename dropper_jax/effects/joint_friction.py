@@ -74,8 +74,7 @@ class JointFriction(Law):
             torque = torque * self._pin()
         links = k.model.geometry.links
         after = jnp.concatenate([torque[1:], jnp.zeros_like(torque[:1])])[:links]
-        couple = cross(torque[:links] - after, k.tangents) / safe_norm(k.links)[:, None]
-        return -k.model.gather(couple)
+        return -k.model.gather(cross(torque[:links] - after, k.tangents) / safe_norm(k.links)[:, None])
 
     def _per_joint(self, value: jax.Array, joints: int) -> jax.Array:
         return jnp.broadcast_to(value, (joints,)) if value.ndim == 0 else value[:joints]
@@ -107,8 +106,7 @@ class JointFriction(Law):
         return self.relative_rates(k)
 
     def holding(self, k: Kinematics, z: jax.Array, h: jax.Array) -> jax.Array:
-        trial = _size(z - 2 * self._rho(k, h) * self.relative_rates(k))
-        return trial < self._limit(z)
+        return _size(z - 2 * self._rho(k, h) * self.relative_rates(k)) < self._limit(z)
 
     def _limit(self, z: jax.Array) -> jax.Array:
         return self._per_joint(self.dry, len(z))[:, None]

@@ -86,13 +86,11 @@ class LineContact(Effect):
 
     @classmethod
     def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
-        lines = _lines_of(scene)
-        values = dict(values)
+        lines, values = _lines_of(scene), dict(values)
         if values["radius"] is None:
             each = [np.zeros(n.links) if n.diameter is None else 0.5 * n.diameter for n in scene.lines]
             values["radius"] = np.concatenate(each)
-        index = {p.name: i for i, p in enumerate(scene.points)}
-        number = {b.name: i for i, b in enumerate(scene.bodies)}
+        index, number = ({x.name: i for i, x in enumerate(many)} for many in (scene.points, scene.bodies))
         buoys = {b.name: b for b in scene.buoys}
         bars: list[tuple[Group, int, np.ndarray, np.ndarray, float]] = []
         for line, name in values["bodies"]:
@@ -142,24 +140,23 @@ class LinksInContact(LineContact):
         return sum_of_pieces(self, k)
 
     def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
-        bars = Bars.of(self, k)
+        bars = Bars(self, k.model)
         p, speed = bars.axes(r), bars.mix_velocities(v)
         near = nearest_points(p, bars.reach, bars.spread)
         _, push = contact_force(near.distance, bars.reach, self.stiffness)
-        total = push[..., None] * near.separation
-        force = near.shares[..., None] * total[..., None, :]
+        force = near.shares[..., None] * (push[..., None] * near.separation)[..., None, :]
         if k.h is not None:  # the middle of a step
             force = force + self._correct_push(bars, p, k.h * speed, force)
         return bars.spread_out(force + self._dissipative_force(near, push, speed))
 
     def contact_energy(self, k: Kinematics) -> jax.Array:
         """Energy of compressed contacts, scalar [J]."""
-        bars = Bars.of(self, k)
+        bars = Bars(self, k.model)
         return jnp.sum(self._energy(bars, bars.axes(at_pieces(k, self.piece_nodes(k.model))[0])))
 
     def _energy(self, bars: Bars, p: jax.Array) -> jax.Array:
-        near = nearest_points(p, bars.reach, bars.spread)
-        return contact_force(near.distance, bars.reach, self.stiffness)[0]
+        distance = nearest_points(p, bars.reach, bars.spread).distance
+        return contact_force(distance, bars.reach, self.stiffness)[0]
 
     def _correct_push(self, bars: Bars, p: jax.Array, displacement: jax.Array, force: jax.Array) -> jax.Array:
         """Contact force over a step minus that at its middle, along the motion (pieces, 4, 3) [N]."""
@@ -182,7 +179,7 @@ class LinksInContact(LineContact):
         return near.shares[..., None] * (damper[..., None] * unit - rub[..., None] * sliding)[..., None, :]
 
     def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
-        bars, nodes = Bars.of(self, before), self.piece_nodes(before.model)
+        bars, nodes = Bars(self, before.model), self.piece_nodes(before.model)
         start, end = (bars.axes(at_pieces(k, nodes)[0]) for k in (before, after))
         way = relative_motion(start, end)
         distance = nearest_points(start, bars.reach, bars.spread).distance

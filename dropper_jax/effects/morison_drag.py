@@ -42,8 +42,7 @@ def still_drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
     u = drag_velocity(k, decay)
     along, size = dot(u, k.v), dot(k.v, k.v)
     against = (along < 0.0) & (size > 1e3 * jnp.finfo(size.dtype).tiny)
-    share = jnp.where(against, along, 0.0) / jnp.where(against, size, 1.0)
-    return u - share[:, None] * k.v
+    return u - (jnp.where(against, along, 0.0) / jnp.where(against, size, 1.0))[:, None] * k.v
 
 
 def drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:

@@ -165,6 +165,6 @@ class MorisonInertia(_InertiaForce):
             mass = (part.share * part.take(sea.density * line.volume) * wet)[:, None]
             can, cat = self._coefficients(k, part)
             v = part.at(k.v)
-            _, along = split(v, part.take(k.links / line.length[:, None]))
+            along = split(v, part.take(k.links / line.length[:, None]))[1]
             total = total + 0.5 * jnp.sum(mass * v * (can * v + (cat - can) * along))
         return total

@@ -56,14 +56,11 @@ class PointBodies(Effect):
 
     def contact_area(self, model: ModelView) -> jax.Array:
         """Plan area on the seabed (nodes,) [m^2]: that of a sphere of the same volume."""
-        area = 0.25 * jnp.pi * self._diameter() ** 2
-        return scatter_add(self.nodes(model), area, model.free_nodes)
+        return scatter_add(self.nodes(model), 0.25 * jnp.pi * self._diameter() ** 2, model.free_nodes)
 
-    def _wet_mass(self, k: Kinematics) -> jax.Array:
-        """Mass of the displaced water (bodies,) [kg]."""
-        nodes = self.nodes(k.model)
-        height = k.water.motion.elevation[nodes] - k.r[nodes, 2]
-        s = jnp.clip(0.5 + height / self._diameter(), 0.0, 1.0)
+    def _wet_mass(self, k: Kinematics, elevation: jax.Array) -> jax.Array:
+        """Mass of the displaced water (bodies,) [kg] under a surface at the bodies (bodies,) [m]."""
+        s = jnp.clip(0.5 + (elevation - k.r[self.nodes(k.model), 2]) / self._diameter(), 0.0, 1.0)
         return k.model.sea.density * self.volume * s * s * (3.0 - 2.0 * s)
 
     def force(self, k: Kinematics) -> jax.Array:
@@ -71,7 +68,7 @@ class PointBodies(Effect):
         down = jnp.array([0.0, 0.0, -1.0], k.r.dtype)
         total = (self.mass * self.gravity)[:, None] * down
         if self.wet:
-            water, displaced = k.water.motion, self._wet_mass(k)
+            water, displaced = k.water.motion, self._wet_mass(k, k.water.motion.elevation[nodes])
             share = displaced / jnp.where(self.volume > 0, k.model.sea.density * self.volume, 1.0)
             share = jnp.where(self.volume > 0, share, 1.0)
             u = water.velocity[nodes] - k.v[nodes]
@@ -89,15 +86,10 @@ class WetPointBodies(PointBodies):
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         nodes = self.nodes(k.model)
-        return scatter_add(nodes, (self.added_mass * self._wet_mass(k))[:, None] * a[nodes], k.free)
+        mass = self.added_mass * self._wet_mass(k, k.water.motion.elevation[nodes])
+        return scatter_add(nodes, mass[:, None] * a[nodes], k.free)
 
     def kinetic(self, k: Kinematics) -> jax.Array:
         nodes = self.nodes(k.model)
-        mass = self.added_mass * self._still_mass(k)
+        mass = self.added_mass * self._wet_mass(k, k.model.sea.elevation(k.r[nodes], k.t))
         return 0.5 * jnp.sum(mass[:, None] * k.v[nodes] ** 2)
-
-    def _still_mass(self, k: Kinematics) -> jax.Array:
-        nodes = self.nodes(k.model)
-        height = k.model.sea.elevation(k.r[nodes], k.t) - k.r[nodes, 2]
-        s = jnp.clip(0.5 + height / self._diameter(), 0.0, 1.0)
-        return k.model.sea.density * self.volume * s * s * (3.0 - 2.0 * s)

@@ -56,8 +56,7 @@ class RecordedMotion(Effect):
 
     @classmethod
     def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
-        home = np.array([scene.point(name).position for name in values["points"]])
-        return cls(**values, home=home)
+        return cls(**values, home=np.array([scene.point(name).position for name in values["points"]]))
 
     def moves(self, name: str) -> bool:
         return name in self.points

@@ -113,8 +113,7 @@ class RigidBodies(HolonomicConstraint):
         [m]."""
         corners, length = r[self.body_nodes(model)], self.lengths()
         edge = corners[:, SECOND] - corners[:, FIRST]
-        stretch = (dot(edge, edge) - length**2) / (2.0 * length)
-        gaps = [stretch.ravel()]
+        gaps = [((dot(edge, edge) - length**2) / (2.0 * length)).ravel()]
         if self.owner:
             own = corners[np.array(self.owner)]
             gaps.append((r[self.seats(model)] - jnp.sum(self._seat_shares()[..., None] * own, axis=1)).ravel())
@@ -154,7 +153,8 @@ class RigidBodies(HolonomicConstraint):
             return total
         own = self._seat_shares()
         carried = self._carried_mass()[:, None, None] * own[:, :, None] * own[:, None, :]
-        return total - scatter_rows(self.owner, carried, self.count)
+        flat = scatter_add(np.array(self.owner), carried.reshape(len(self.owner), -1), self.count)
+        return total - flat.reshape(total.shape)
 
     def at_hand(self) -> RigidBodies:
         return replace(self, matrix=self.mass_matrix())
@@ -183,8 +183,7 @@ class RigidBodies(HolonomicConstraint):
 
     def _weights(self) -> jax.Array:
         """Weight on each corner (4 bodies,) [N]."""
-        own = shares(self.affine, self.centre_of_mass)
-        return (self.gravity * self.mass[:, None] * own).ravel()
+        return (self.gravity * self.mass[:, None] * shares(self.affine, self.centre_of_mass)).ravel()
 
     def force(self, k: Kinematics) -> jax.Array:
         return scatter_add(self.body_nodes(k.model).ravel(), upright(-self._weights()), k.free)
@@ -198,20 +197,13 @@ def shares(affine: jax.Array, s: jax.Array) -> jax.Array:
     return jnp.sum(s[..., :, None] * affine[..., :3, :], axis=-2) + affine[..., 3, :]
 
 
-def scatter_rows(where: tuple[int, ...], values: jax.Array, size: int) -> jax.Array:
-    """`scatter_add` of values with further axes."""
-    flat = scatter_add(np.array(where), values.reshape(len(where), -1), size)
-    return flat.reshape(size, *values.shape[1:])
-
-
 def tetrahedron(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """Corners (4, 3) [m] on which four equal masses have this mass, centre of mass and inertia (3, 3) about it.
 
     With the principal second moments `E_i = (I_j + I_k - I_i)/2` the corners are at `sqrt(E_i/m)` along the principal
     axes, signs (+ + +), (+ - -), (- + -), (- - +). For a thin body they are kept from lying in a plane.
     """
-    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    value, axes = np.linalg.eigh(second)
+    value, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
     reach = np.sqrt(np.maximum(value, 0.0) / mass)
     reach = np.maximum(reach, 0.1 * np.max(reach))
     signs = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)

@@ -100,19 +100,22 @@ class Seabed(Effect):
         area = k.line.node_share(k.line.diameter * k.line.length)
         area = sum((e.contact_area(k.model) for e in k.model.having(ContactArea)), area)
         n = self.upward(k.r)
-        deep, down = (self.bed_height(k.r) - k.r[:, 2]) * n[..., 2], -dot(k.v, n)
+        return area * self.pressure(k, self, (self.bed_height(k.r) - k.r[:, 2]) * n[..., 2], -dot(k.v, n))
+
+    def pressure(self, k: Kinematics, effect: Effect, deep: jax.Array, down: jax.Array) -> jax.Array:
+        """Contact force per area (points,) [Pa] of points `deep` [m] below the seabed that sink at `down` [m/s].
+
+        `effect` has prepared their downward speed at the start of the step.
+        """
         if k.h is None:
-            spring = self.stiffness * jnp.maximum(deep, 0.0)
-            rate = down
+            spring, rate = self.stiffness * jnp.maximum(deep, 0.0), down
         else:
             before, after = deep - 0.5 * k.h * down, deep + 0.5 * k.h * down
             pressed = jnp.maximum(before, 0.0), jnp.maximum(after, 0.0)
-            expected = jnp.maximum(before + k.h * k.prepared(self), 0.0)
-            spring = jnp.maximum(
-                self.stiffness * (mean_positive_part(before, after) + lag(*pressed, expected, REST)), 0.0
-            )
-            rate = (pressed[1] - pressed[0]) / k.h
-        return area * (spring + never_more(self.damping * rate, spring))
+            expected = jnp.maximum(before + k.h * k.prepared(effect), 0.0)
+            mean = mean_positive_part(before, after) + lag(*pressed, expected, REST)
+            spring, rate = jnp.maximum(self.stiffness * mean, 0.0), (pressed[1] - pressed[0]) / k.h
+        return spring + never_more(self.damping * rate, spring)
 
     def force(self, k: Kinematics) -> jax.Array:
         return self.normal(k)[:, None] * self.upward(k.r)

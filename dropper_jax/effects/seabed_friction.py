@@ -120,8 +120,7 @@ class SeabedFriction(Law):
 
     def _creep(self, k: Kinematics) -> jax.Array:
         """Friction (nodes, 2) [N] of a law that grows with speed, before its limit."""
-        normal = _find_seabed(k).normal(k)[:, None]
-        rate = self.damping if self.law == "moordyn" else normal / self.speed
+        rate = self.damping if self.law == "moordyn" else _find_seabed(k).normal(k)[:, None] / self.speed
         return -self.kinetic * rate * _along_bed(k, k.v)
 
     def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:

@@ -81,15 +81,11 @@ class SparBuoys(Effect):
         return _between((elevation - base) / self.height) * self.height
 
     def prepare(self, k: Kinematics) -> Around:
-        r = k.r[self.nodes(k.model)]
-        base = r[:, 2] - self.attachment
-        sea = k.model.sea
-        elevation = sea.elevation(r, k.t)
-        wet = self.draught(base, elevation)
-        heights = base[:, None] + wet[:, None] * NODES
-        positions = jnp.stack(
-            [jnp.broadcast_to(r[:, :1], heights.shape), jnp.broadcast_to(r[:, 1:2], heights.shape), heights], axis=-1
-        )
+        r, sea = k.r[self.nodes(k.model)], k.model.sea
+        base, elevation = r[:, 2] - self.attachment, sea.elevation(r, k.t)
+        heights = base[:, None] + self.draught(base, elevation)[:, None] * NODES
+        across = (jnp.broadcast_to(r[:, i : i + 1], heights.shape) for i in (0, 1))
+        positions = jnp.stack([*across, heights], axis=-1)
         motion = sea.at(positions.reshape(-1, 3), k.t)
         return Around(elevation, motion.velocity.reshape(positions.shape), motion.acceleration.reshape(positions.shape))
 
@@ -113,8 +109,7 @@ class SparBuoys(Effect):
         base = u[:, 0, 2]
         under = jnp.clip(wet / (EDGE * self.height), 0.0, 1.0)
         heave = 0.5 * sea.density * self.cdt * self.area * under * jnp.abs(base) * base
-        total = jnp.concatenate([across + drag, (lift + heave)[:, None]], axis=1)
-        return scatter_add(nodes, total, k.free)
+        return scatter_add(nodes, jnp.concatenate([across + drag, (lift + heave)[:, None]], axis=1), k.free)
 
     def _end_mass(self, sea: Sea, wet: jax.Array) -> jax.Array:
         """Added mass along (buoys,) [kg]."""

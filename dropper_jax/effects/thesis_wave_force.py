@@ -51,20 +51,22 @@ class ThesisWaveForce(Effect):
         if values["velocity"] == "absolute":
             return cls(**values)
         # without added mass every scheme supports it
-        kind = RelativeThesisWaveForce if values["c_a"] is None else RelativeThesisWaveForceWithAddedMass
-        return kind(**values)
+        return (RelativeThesisWaveForce if values["c_a"] is None else RelativeThesisWaveForceWithAddedMass)(**values)
 
     def prepare(self, k: Kinematics) -> Motion:
         """The water at the origin."""
         return k.model.sea.at(jnp.zeros((1, 3), k.r.dtype), k.t)
 
     def force(self, k: Kinematics) -> jax.Array:
+        inertia, drag = self._coefficients(k)
+        u, change = k.prepared(self).velocity[0], k.prepared(self).acceleration[0]
+        return inertia * change + drag * (jnp.abs(u) * u)
+
+    def _coefficients(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
+        """Mass [kg] by the acceleration and drag [kg/m] by the squared velocity of the water, each (nodes, 1)."""
         line, density = k.line, k.model.sea.density
-        water = k.prepared(self)
-        u, change = water.velocity[0], water.acceleration[0]
         inertia = line.node_share(density * line.volume * self.c_m)
-        drag = line.node_share(0.5 * density * line.diameter * line.length * self.c_d)
-        return inertia[:, None] * change + drag[:, None] * (jnp.abs(u) * u)
+        return inertia[:, None], line.node_share(0.5 * density * line.diameter * line.length * self.c_d)[:, None]
 
 
 @component
@@ -81,13 +83,10 @@ class RelativeThesisWaveForce(ThesisWaveForce):
     constant: ClassVar[bool] = False
 
     def force(self, k: Kinematics) -> jax.Array:
-        line, density = k.line, k.model.sea.density
-        water = k.prepared(self)
-        inertia = line.node_share(density * line.volume * self.c_m)
-        drag = line.node_share(0.5 * density * line.diameter * line.length * self.c_d)
-        decay = 2.0 * drag[:, None] * jnp.abs(water.velocity - (k.v if k.before is None else k.before))
+        water, (inertia, drag) = k.prepared(self), self._coefficients(k)
+        decay = 2.0 * drag * jnp.abs(water.velocity - (k.v if k.before is None else k.before))
         relative = water.velocity - drag_velocity(k, decay / k.model.node_mass[:, None])
-        return inertia[:, None] * water.acceleration + drag[:, None] * jnp.abs(relative) * relative
+        return inertia * water.acceleration + drag * jnp.abs(relative) * relative
 
 
 @component

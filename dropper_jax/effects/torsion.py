@@ -85,23 +85,21 @@ class Torsion(Effect):
 
     def advance(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> Twist:
         phi, rate = self.twist
-        model, where = after.model, Where.of(after.model.geometry, self)
+        model, where = after.model, Where(after.model.geometry, self)
         inertia, stiffness, damping = self._along(model)
         load = where.last * self.torque + where.at_nodes(-self._strain_torque(before, after))
         # w = (phi1 - phi0)/h:  (2 I/h + h K/2 + C) w = 2 I/h phi0' - K phi0 + load
         own = stiffness * 0.5 * h + damping
         right = 2.0 * inertia / h * rate + where.at_nodes(-stiffness * where.differences(phi)) + load
-        goal = where.turned * self._turned_at(after.t)
-        mean = where.solve(2.0 * inertia / h, own, right, (goal - phi) / h)
+        mean = where.solve(2.0 * inertia / h, own, right, (where.turned * self._turned_at(after.t) - phi) / h)
         return phi + h * mean, jnp.where(where.held, mean, 2.0 * mean - rate)
 
     def at_rest(self, model: ModelView) -> jax.Array:
         """Twist (nodes,) [rad] at the start, under the moments at the ends."""
-        where = Where.of(model.geometry, self)
+        where = Where(model.geometry, self)
         _, stiffness, _ = self._along(model)
         zero = jnp.zeros(where.held.shape, stiffness.dtype)
-        goal = where.turned * self._turned_at(zero[0])
-        return where.solve(zero, stiffness, where.last * self.torque, goal)
+        return where.solve(zero, stiffness, where.last * self.torque, where.turned * self._turned_at(zero[0]))
 
     def _turned_at(self, t: jax.Array) -> jax.Array:
         share = jnp.where(self.turn_time > 0.0, t / jnp.where(self.turn_time > 0.0, self.turn_time, 1.0), 1.0)
@@ -109,7 +107,7 @@ class Torsion(Effect):
 
     def _along(self, model: ModelView) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Inertia of nodes (nodes,) [kg m^2], stiffness and damping of links (n,) [N m/rad], [N m s/rad]."""
-        length, where = model.line.length, Where.of(model.geometry, self)
+        length, where = model.line.length, Where(model.geometry, self)
         half = 0.5 * self.polar_inertia * length
         return where.sums(half, half), self.GJ / length, self.damping / length
 
@@ -125,12 +123,12 @@ class CoupledTorsion(Torsion):
     def _strain_torque(self, before: Kinematics, after: Kinematics) -> jax.Array:
         length = after.line.length
         strain = 0.5 * (safe_norm(before.links) + safe_norm(after.links)) / length - 1.0
-        return Where.of(after.model.geometry, self).twists * self.coupling * strain
+        return Where(after.model.geometry, self).twists * self.coupling * strain
 
     def twist_tension(self, model: ModelView) -> jax.Array:
         """Tension (n,) [N] due to the twist."""
         phi = self.at_rest(model) if self.twist is None else self.twist[0]
-        where = Where.of(model.geometry, self)
+        where = Where(model.geometry, self)
         return where.twists * self.coupling * where.differences(phi) / model.line.length
 
     def force(self, k: Kinematics) -> jax.Array:
@@ -155,10 +153,6 @@ class Where:
         twists: of links, 1.0 if the line twists.
         held, turned, last: of nodes: those whose angle is given, those that `turn` turns, those that `torque` acts on.
     """
-
-    @classmethod
-    def of(cls, geometry: Geometry, effect: Torsion) -> Where:
-        return cls(geometry, effect)
 
     def __init__(self, geometry: Geometry, effect: Torsion) -> None:
         self.node = np.concatenate([np.arange(s.start, s.stop) + i for i, s in enumerate(geometry.spans)])

@@ -246,17 +246,12 @@ def _solve(
         aim = tuple(jnp.where(b, 2.0 * (p / h + q), a) for b, a, (*_, p, q) in zip(beyond, aim, found, strict=True))
         return (x, factor, tuple(o | b for o, b in zip(over, beyond, strict=True)), aim), None
 
-    none = lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), tuple(jnp.zeros_like(one) for one in held), zero.z
-    start = (flat, *none)
+    nothing = tuple(jnp.zeros_like(one) for one in held)
+    start = flat, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), nothing, zero.z
     # Newton corrections: the first is exact if no impulse reaches its bound. A joint that reaches its bound in the last
     # one keeps more than its part of one step. That affects the accuracy of this event, never the energy
     x, factor, over, aim = jax.lax.scan(correct, start, None, length=3)[0]
     return unravel(x), factor, over, aim
-
-
-def _bound_impulse(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
-    """The impulse nearest to p that keeps `h q + p`, friction's impulse over the full step, within its bound."""
-    return h * law.admissible(p / h + q) - h * q
 
 
 def _beyond(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
@@ -265,7 +260,9 @@ def _beyond(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
     A joint wrongly classified as exceeding its bound would have a row of zeros.
     """
     size = jnp.max(jnp.abs(p) + jnp.abs(h * q), axis=-1, keepdims=True)
-    return jnp.max(jnp.abs(p - _bound_impulse(law, p, q, h)), axis=-1, keepdims=True) > 1e-9 * size
+    # the impulse nearest to p that keeps `h q + p`, friction's impulse over the full step, within its bound
+    nearest = h * law.admissible(p / h + q) - h * q
+    return jnp.max(jnp.abs(p - nearest), axis=-1, keepdims=True) > 1e-9 * size
 
 
 def _rows(
@@ -284,8 +281,7 @@ def _rows(
         force = force - law.law_force(after, p)
     along = u.y
     if not line.axial.elastic:
-        change = model.rates(u.x, None)
-        rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, change)
+        rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, model.rates(u.x, None))
         along = jnp.mean(line.mass) * dot(after.tangents, rate)
     # relative compliance of the impulses: there may be more stuck joints than motions that they stop (8 joints, 5
     # motions of a plane loop of 7 links), and the distribution of the load is then arbitrary

@@ -65,23 +65,20 @@ class MidpointProblem(StepProblem):
         super().__init__(model, s, h)
         model = self.model
         self.gamma, self.alone = gamma, alone
-        t1 = s.t + h
         self.t_mid = s.t + gamma * h
         self.ends0 = ends0 = model.ends(s.t)
-        self.ends1 = model.ends(t1)
+        self.ends1 = ends1 = model.ends(s.t + h)
         self.links0 = model.links(s.r, ends0)
         rigid = model.line.axial.rigid(model.line.links).all()
         self.start = LinkStart(self.links0, None if rigid else model.rates(s.v, ends0))
-        self.ends = self.ends1
+        self.ends = ends1
         self.end_acceleration = None
         if model.moving:
-            ends1 = self.ends1
             middle, moved = (1 - gamma) * ends0.positions + gamma * ends1.positions, ends1.positions - ends0.positions
             self.ends = Ends(middle, moved / h)
             self.end_acceleration = (ends1.velocities - ends0.velocities) / h
             self.end_mean_velocity = 0.5 * (ends0.velocities + ends1.velocities)
-        predicted = model.kinematics(s.r + gamma * h * s.v, s.v, self.t_mid, self.ends)
-        self.prepared = model.prepare(predicted)
+        self.prepared = model.prepare(model.kinematics(s.r + gamma * h * s.v, s.v, self.t_mid, self.ends))
 
     def guess(self) -> Unknowns:
         s = self.s
@@ -150,8 +147,7 @@ class MidpointProblem(StepProblem):
 
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         line = self.model.line
-        axial = line.axial.residual(self.start, d, y, line.length, self.h)
-        return y[:, None] * self._directions(d), axial
+        return y[:, None] * self._directions(d), line.axial.residual(self.start, d, y, line.length, self.h)
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
         model, line = self.model, self.model.line

@@ -64,8 +64,7 @@ class GeneralizedAlpha(Implicit):
         k = model.instant(s.r, s.v, s.t)
         line = model.line
         tension = line.axial.tension(k.links, k.link_velocities, line.length)
-        force = model.force(k) + model.tension_force(tension, k.tangents)
-        a = accelerations(model, k, force, s.t)
+        a = accelerations(model, k, model.force(k) + model.tension_force(tension, k.tangents), s.t)
         for law, z in zip(model.laws, s.law, strict=True):
             a = law.stop(k, a, z, jnp.ones((), a.dtype))  # nodes at rest have zero acceleration
         return replace(s, acceleration=a)

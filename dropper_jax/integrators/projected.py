@@ -135,8 +135,7 @@ class ProjectedRungeKutta(Explicit):
     def advance(self, model: Model, s: State, h: jax.Array) -> State:
         """One step of a given length."""
         track = bool(s.work.size)
-        knot = self.knot(model, s.t, _flat(s.r, s.v, s.work), track)
-        return at_knot(s, self.attempt(model, knot, h, track)[0])
+        return at_knot(s, self.attempt(model, self.start(model, s, track), h, track)[0])
 
     def start(self, model: Model, s: State, track: bool) -> Knot:
         """The knot at which a run starts, or continues after a jump."""
@@ -165,7 +164,7 @@ class ProjectedRungeKutta(Explicit):
         # every one (1.8 times as slow, and 20 s to compile).
         rest = jnp.zeros((stages - 1, *knot.y.shape), dtype)
         slopes = jax.lax.fori_loop(1, stages, stage, jnp.concatenate([knot.rate[None], rest]))
-        r, v, work = _parts(model, knot.y + h * _combine_slopes(jnp.asarray(self.b, dtype), slopes))
+        r, v, work = split_row(model, knot.y + h * _combine_slopes(jnp.asarray(self.b, dtype), slopes))
         y = _flat(*on_links(model, r, v, high), work)
         rate, tension = _rate(model, high, y, track)
         size = 2 * r.size
@@ -192,14 +191,13 @@ class ProjectedRungeKutta(Explicit):
 
     def after_jump(self, model: Model, knot: Knot, track: bool) -> Knot:
         """The same instant after its jumps; the impulse of prescribed points is recorded."""
-        r, v, work = _parts(model, knot.y)
+        r, v, work = split_row(model, knot.y)
         if model.moving:
             v, impulse = apply_jump(model, r, v, time_just_after(knot.t))
             before, after = (model.ends(time_just_after(knot.t, side)) for side in (-1.0, 1.0))
             mean = before._replace(velocities=0.5 * (before.velocities + after.velocities))
-            work = (
-                work + book_works(model, {MOVING_ENDS: model.end_powers(impulse, mean)[MOVING_ENDS]}) if track else work
-            )
+            if track:
+                work = work + book_works(model, {MOVING_ENDS: model.end_powers(impulse, mean)[MOVING_ENDS]})
         return self.knot(model, knot.t, _flat(r, v, work), track)
 
 
@@ -218,7 +216,7 @@ def at_knot(s: State, knot: Knot) -> State:
 
 
 def _rate(model: Model, t: jax.Array, y: jax.Array, track: bool) -> tuple[jax.Array, jax.Array]:
-    r, v, _ = _parts(model, y)
+    r, v, _ = split_row(model, y)
     now = moving(model, r, v, t, track)
     return _flat(v, now.acceleration, now.power), now.tension
 
@@ -227,11 +225,11 @@ def _flat(*parts: jax.Array) -> jax.Array:
     return jnp.concatenate([part.ravel() for part in parts])
 
 
-def _parts(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Positions and velocities (nodes, 3), and work (w,), of y."""
+def split_row(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Positions and velocities (..., nodes, 3), and work (..., w), of y."""
     nodes = model.free_nodes
-    r, v, work = jnp.split(y, (3 * nodes, 6 * nodes))
-    return r.reshape(nodes, 3), v.reshape(nodes, 3), work
+    r, v, work = jnp.split(y, (3 * nodes, 6 * nodes), axis=-1)
+    return r.reshape(*y.shape[:-1], nodes, 3), v.reshape(*y.shape[:-1], nodes, 3), work
 
 
 def _combine_slopes(weights: jax.Array, slopes: jax.Array) -> jax.Array:

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.numerics import components, dot
 from dropper_jax.model import Kinematics, Model, State, book_works
-from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks, point_masses_only
+from dropper_jax.residual import CondensedParts, Implicit, SpeedProblem, Unknowns, node_blocks, point_masses_only
 from dropper_jax.solvers.condensed import ConstraintMatrix
 
 
@@ -40,14 +40,11 @@ class Rattle(Implicit):
         return RattleProblem(model, s, h)
 
 
-class RattleProblem(StepProblem):
+class RattleProblem(SpeedProblem):
     """Unknowns: x = v_h, y = lambda, the tensions of the first half."""
 
     def __init__(self, model: Model, s: State, h: jax.Array) -> None:
         super().__init__(model, s, h)
-        self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
-        self.mass = model.line.node_mass
-        self.pull0 = model.links(s.r, self.ends0) / model.line.length[:, None]
         self.prepared = model.prepare(model.kinematics(s.r, s.v, s.t, self.ends0))
 
     def guess(self) -> Unknowns:
@@ -76,15 +73,13 @@ class RattleProblem(StepProblem):
         return node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
 
     def condensed_parts(self, u: Unknowns) -> CondensedParts:
-        line = self.model.line
-        links1 = self.model.links(self.s.r + self.h * u.x, self.ends1)
-        gradient = self.h * links1 / line.length[:, None]
-        return CondensedParts(self.pull0, gradient, jnp.zeros_like(line.length))
+        gradient = self.unit_forces(self.h * self.model.links(self.s.r + self.h * u.x, self.ends1))
+        return CondensedParts(self.pull0, gradient, jnp.zeros_like(u.y))
 
     def finish(self, u: Unknowns, evaluated: Any = None) -> State:
         model, h = self.model, self.h
         after = self._end_kinematics(u.x)
-        pull1 = after.links / model.line.length[:, None]
+        pull1 = self.unit_forces(after.links)
         loose = u.x + 0.5 * h * model.force(after) / self.mass[:, None]
         mu = self._velocity_tensions(pull1, loose)
         v1 = loose + 0.5 * h * model.tension_force(mu, pull1) / self.mass[:, None]
@@ -111,6 +106,3 @@ class RattleProblem(StepProblem):
         halves = ((u.y, self.pull0, self.ends0), (mu, pull1, self.ends1))
         ends = [model.end_powers(y[:, None] * direction, rates) for y, direction, rates in halves]
         return book_works(model, works, *({name: 0.5 * h * power for name, power in half.items()} for half in ends))
-
-    def unknown_size(self) -> jax.Array:
-        return self.speed_size()

@@ -63,8 +63,7 @@ def _turning(model: Model, effect: AddedMass, k: Kinematics, a: jax.Array) -> ja
     def energy(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
         return effect.kinetic(model.kinematics(r, v, t))
 
-    rate = jax.jvp(energy, (k.r, k.v, k.t), (k.v, a, jnp.ones_like(k.t)))[1]
-    return rate - jnp.sum(k.v * effect.inertia(k, a))
+    return jax.jvp(energy, (k.r, k.v, k.t), (k.v, a, jnp.ones_like(k.t)))[1] - jnp.sum(k.v * effect.inertia(k, a))
 
 
 def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:
@@ -99,6 +98,5 @@ class RungeKutta(Explicit):
 
 def _weigh_slopes(weights: tuple[float, ...], slopes: list[tuple[jax.Array, ...]]) -> tuple[jax.Array, ...]:
     """The weighted sum of slopes; zero weights are skipped."""
-    used = [(weight, slope) for weight, slope in zip(weights, slopes, strict=True) if weight]
-    kept = [weight for weight, _ in used]
-    return jax.tree.map(lambda *k: sum(map(operator.mul, kept, k)), *(slope for _, slope in used))
+    kept, used = zip(*((weight, slope) for weight, slope in zip(weights, slopes, strict=True) if weight), strict=True)
+    return jax.tree.map(lambda *k: sum(map(operator.mul, kept, k)), *used)

@@ -24,7 +24,7 @@ from dropper_jax.residual import (
     Explicit,
     Implicit,
     Integrator,
-    StepProblem,
+    SpeedProblem,
     Unknowns,
     point_masses_only,
 )
@@ -62,14 +62,11 @@ class ElasticSemiImplicitEuler(Explicit):
         return combine(model, s, h, (s.v + h * a, a, power))
 
 
-class SemiImplicitProblem(StepProblem):
+class SemiImplicitProblem(SpeedProblem):
     """Unknowns: x = v1, y = T."""
 
     def __init__(self, model: Model, s: State, h: jax.Array) -> None:
         super().__init__(model, s, h)
-        self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
-        self.mass = model.line.node_mass
-        self.pull0 = model.links(s.r, self.ends0) / model.line.length[:, None]
         self.before = model.instant(s.r, s.v, s.t, self.ends0)
         self.force0 = model.force(self.before)
 
@@ -88,9 +85,7 @@ class SemiImplicitProblem(StepProblem):
         return self.mass / self.h
 
     def condensed_parts(self, u: Unknowns) -> CondensedParts:
-        line = self.model.line
-        gradient = self.h * self._links1(u.x) / line.length[:, None]
-        return CondensedParts(self.pull0, gradient, jnp.zeros_like(line.length))
+        return CondensedParts(self.pull0, self.unit_forces(self.h * self._links1(u.x)), jnp.zeros_like(u.y))
 
     def finish(self, u: Unknowns, evaluated: Any = None) -> State:
         s, h = self.s, self.h
@@ -107,6 +102,3 @@ class SemiImplicitProblem(StepProblem):
         works = {name: h * jnp.sum(force * u.x) for name, force in model.working_forces(self.before).items()}
         ends = model.end_powers(u.y[:, None] * self.pull0, self.ends1, self.before)
         return book_works(model, works, {name: h * power for name, power in ends.items()})
-
-    def unknown_size(self) -> jax.Array:
-        return self.speed_size()

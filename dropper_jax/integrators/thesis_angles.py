@@ -53,8 +53,7 @@ class ThesisAngles(Implicit):
         """The state with the angles that correspond to its positions and velocities."""
         if s.angles is not None:
             return s
-        ends = model.ends(s.t)
-        return replace(s, angles=angles_of_links(model.links(s.r, ends), model.rates(s.v, None)))
+        return replace(s, angles=angles_of_links(model.links(s.r, model.ends(s.t)), model.rates(s.v, None)))
 
 
 def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
@@ -128,22 +127,20 @@ class AnglesProblem(StepProblem):
         old = jnp.stack(s.angles, -1)
         kinematic = (u.x[:, :2] - old[:, :2]) / h - gamma * u.x[:, 2:] - (1 - gamma) * old[:, 2:]
         new = self._motion(u.x, s.t + h, self.ends1, u.y)
-        turning = tuple(((u.x[:, 2:] - old[:, 2:]) / h).T)
-        a = jax.jvp(_unit, (u.x[:, 0], u.x[:, 1]), turning)[1]
+        a = jax.jvp(_unit, (u.x[:, 0], u.x[:, 1]), tuple(((u.x[:, 2:] - old[:, 2:]) / h).T))[1]
         a = jnp.cumsum(model.line.length[:, None] * a, axis=0)
         b = gamma * new.bend + (1 - gamma) * self.old.bend
         rows = self.mass * (a + b)[:free] - gamma * new.force - (1 - gamma) * self.old.force
         if model.end_held:
-            rows = jnp.concatenate([rows, (new.end - self.ends1.end)[None] * self._closing()])
+            rows = jnp.concatenate(
+                [rows, (new.end - self.ends1.end)[None] * (self._force()[-1] / model.line.length[-1])]
+            )
         # kinematic rows are rates times the ratio of the force scale to a rate, so that one tolerance serves all rows
         return Unknowns(jnp.concatenate([kinematic * h * self._force(), rows[:, :2]], 1), rows[:, 2])
 
     def _force(self) -> jax.Array:
         line = self.model.line
         return (line.mass * jnp.maximum(GRAVITY_SCALE, line.length / self.h**2))[:, None]
-
-    def _closing(self) -> jax.Array:
-        return self._force()[-1] / self.model.line.length[-1]
 
     def row_scale(self) -> Unknowns:
         force = self._force()

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
 from dropper_jax.model import Kinematics, Model, State, book_works
-from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks, point_masses_only
+from dropper_jax.residual import CondensedParts, Implicit, SpeedProblem, Unknowns, node_blocks, point_masses_only
 
 
 @dataclass(frozen=True)
@@ -46,19 +46,15 @@ class Theta(Implicit):
         return ThetaProblem(model, s, h, self.gamma)
 
 
-class ThetaProblem(StepProblem):
+class ThetaProblem(SpeedProblem):
     """Unknowns: x = v1 - v0 and the tensions T1 (gamma = 0: T0)."""
 
     def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
         super().__init__(model, s, h)
         self.gamma = gamma
-        self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
-        self.mass = model.line.node_mass[:, None]
-        self.pull0 = model.links(s.r, self.ends0) / model.line.length[:, None]
         self.before = model.instant(s.r, s.v, s.t, self.ends0)
         self.force0 = model.force(self.before)
-        predicted = model.kinematics(s.r + h * s.v, s.v, s.t + h, self.ends1)
-        self.prepared = model.prepare(predicted)
+        self.prepared = model.prepare(model.kinematics(s.r + h * s.v, s.v, s.t + h, self.ends1))
 
     def guess(self) -> Unknowns:
         return Unknowns(self.h * self.s.acceleration, self.s.tension)
@@ -69,21 +65,17 @@ class ThetaProblem(StepProblem):
         return self.model.kinematics(r1, s.v + x, s.t + h, self.ends1, prepared=self.prepared)
 
     def _local(self, x: jax.Array) -> jax.Array:
-        old = self.mass * x / self.h - (1 - self.gamma) * self.force0
+        old = self.mass[:, None] * x / self.h - (1 - self.gamma) * self.force0
         return old if self.gamma == 0.0 else old - self.gamma * self.model.force(self._end_kinematics(x))
-
-    def _pull1(self, after: Kinematics) -> jax.Array:
-        return after.links / self.model.line.length[:, None]
 
     def residual(self, u: Unknowns) -> Unknowns:
         model, line, gamma = self.model, self.model.line, self.gamma
         after = self._end_kinematics(u.x)
         force = self._local(u.x)
         if gamma == 0.0:
-            rates = model.rates(after.v, self.ends1)
-            speed = jnp.sum(self._pull1(after) * rates, axis=-1)
+            speed = jnp.sum(self.unit_forces(after.links) * model.rates(after.v, self.ends1), axis=-1)
             return Unknowns(force - model.tension_force(u.y, self.pull0), self.h * speed)
-        force = force - gamma * model.tension_force(u.y, self._pull1(after))
+        force = force - gamma * model.tension_force(u.y, self.unit_forces(after.links))
         force = force - (1 - gamma) * model.tension_force(self.s.tension, self.pull0)
         return Unknowns(force, line.axial.at_rest(after.links, u.y, line.length))
 
@@ -96,11 +88,10 @@ class ThetaProblem(StepProblem):
         return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
 
     def condensed_parts(self, u: Unknowns) -> CondensedParts:
-        line, gamma, h = self.model.line, self.gamma, self.h
-        pull1 = self._pull1(self._end_kinematics(u.x))
-        force = self.pull0 if gamma == 0.0 else gamma * pull1
-        gradient = h * pull1 if gamma == 0.0 else gamma * h * pull1
-        return CondensedParts(force, gradient, jnp.zeros_like(line.length))
+        gamma, pull1, none = self.gamma, self.unit_forces(self._end_kinematics(u.x).links), jnp.zeros_like(u.y)
+        if gamma == 0.0:
+            return CondensedParts(self.pull0, self.h * pull1, none)
+        return CondensedParts(gamma * pull1, gamma * self.h * pull1, none)
 
     def finish(self, u: Unknowns, evaluated: Any = None) -> State:
         after = self._end_kinematics(u.x)
@@ -118,8 +109,5 @@ class ThetaProblem(StepProblem):
         mean = gamma * after.v + (1 - gamma) * before.v
         then, now = model.working_forces(before), model.working_forces(after)
         works = {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now}
-        ends = model.end_powers(u.y[:, None] * self._pull1(after), self.ends1, after)
+        ends = model.end_powers(u.y[:, None] * self.unit_forces(after.links), self.ends1, after)
         return book_works(model, works, {name: h * power for name, power in ends.items()})
-
-    def unknown_size(self) -> jax.Array:
-        return self.speed_size()

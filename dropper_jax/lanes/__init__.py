@@ -61,8 +61,7 @@ def lanes(
         except Unreadable as error:
             recorded.operation = str(error)
             return jax.vmap(f, in_axes)(*args)
-        found = [jnp.moveaxis(spread(v, members), -1, 0) for v in done]
-        return jax.tree.unflatten(jax.tree.structure(shape), found)
+        return jax.tree.unflatten(jax.tree.structure(shape), [jnp.moveaxis(spread(v, members), -1, 0) for v in done])
 
     return run_batch
 
@@ -244,7 +243,7 @@ class Interpreter:
             found = self.with_member_axis(self.run(p["jaxpr"], given), out)
             return found[:carried], found[carried:]
 
-        options = {"length": p["length"], "reverse": p["reverse"], "unroll": p["unroll"]}
+        options = {key: p[key] for key in ("length", "reverse", "unroll")}
         end, saved = lax.scan(body, start, [v.array for v in rows], **options)
         return as_values([*end, *saved], out)
 
@@ -270,9 +269,7 @@ class Interpreter:
     def _cond(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
         index, given = inputs[0], inputs[1:]
         if index.many:  # members take different branches: all branches are run
-            found = [
-                self.with_member_axis(out, [True] * len(out)) for out in (self.run(b, given) for b in p["branches"])
-            ]
+            found = [[spread(v, self.members) for v in self.run(b, given)] for b in p["branches"]]
             which = jnp.asarray(index.array, jnp.int32)
             chosen = (lax.select_n(jnp.broadcast_to(which, xs[0].shape), *xs) for xs in zip(*found, strict=True))
             return [Value(x, True) for x in chosen]

@@ -1,7 +1,15 @@
 """The residual of a step: unknowns, rows, and Newton's method on them."""
 
 from dropper_jax.residual.newton import CONVERGED, damped_newton, newton, newton_until, refine
-from dropper_jax.residual.problem import GRAVITY_SCALE, CondensedParts, StepProblem, Unknowns, add, node_blocks
+from dropper_jax.residual.problem import (
+    GRAVITY_SCALE,
+    CondensedParts,
+    SpeedProblem,
+    StepProblem,
+    Unknowns,
+    add,
+    node_blocks,
+)
 from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, Solver, couples_inertia, point_masses_only
 
 __all__ = [
@@ -12,6 +20,7 @@ __all__ = [
     "Integrator",
     "CONVERGED",
     "Solver",
+    "SpeedProblem",
     "StepProblem",
     "Unknowns",
     "add",

@@ -157,11 +157,25 @@ class StepProblem:
         return Unknowns(self.unknown_size(), jnp.broadcast_to(force, line.length.shape), laws + pulls)
 
     def unknown_size(self) -> jax.Array:
-        """Size of x, (nodes, 1): a length [m]; schemes whose x is a speed replace it by `speed_size`."""
+        """Size of x, (nodes, 1): a length [m]."""
         return self.model.node_length[:, None]
 
-    def speed_size(self) -> jax.Array:
-        """Size of speeds, (nodes, 1) [m/s]: a link's length per step."""
+
+class SpeedProblem(StepProblem):
+    """Equations of rigid links between point masses whose unknown x is a speed, with tensions along the first links."""
+
+    def __init__(self, model: Model, s: State, h: jax.Array) -> None:
+        super().__init__(model, s, h)
+        self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
+        self.mass = model.line.node_mass
+        self.pull0 = self.unit_forces(model.links(s.r, self.ends0))
+
+    def unit_forces(self, links: jax.Array) -> jax.Array:
+        """Forces (n, 3) of unit tensions in links (n, 3) [m]."""
+        return links / self.model.line.length[:, None]
+
+    def unknown_size(self) -> jax.Array:
+        """Size of x, (nodes, 1) [m/s]: a link's length per step."""
         return self.model.line.length[: self.model.free_nodes, None] / jnp.abs(self.h)
 
 

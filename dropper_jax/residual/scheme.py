@@ -20,13 +20,16 @@ Prepared = TypeVar("Prepared")
 class Solver(Protocol[Prepared, Factors]):
     """The matrix may be approximate; Newton and derivatives are refined to the exact rows."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Its name in `[run]`."""
 
     def refuse(self, model: Model, integrator: Implicit) -> str | None:
         """Why it cannot solve the model with a scheme, or None."""
 
-    def prepare(self, problem: StepProblem, u: Unknowns) -> Prepared:
-        """Data reused in the iterations of a step."""
+    def prepare(self, problem: StepProblem, u: Unknowns) -> Prepared | None:
+        """Data reused in the iterations of a step; none by default."""
+        return None
 
     def factor(self, problem: StepProblem, u: Unknowns, prepared: Prepared | None = None) -> Factors:
         """The factored matrix at the unknowns."""
@@ -126,7 +129,7 @@ class Implicit(Integrator, ABC):
         if model.laws and not self.takes_laws:
             return _law_not_taken(model)
         if model.constraints and not self.takes_constraints:
-            return _bodies_not_taken()
+            return _BODIES_NOT_TAKEN
         return super().refuse(model)
 
 
@@ -144,7 +147,7 @@ class Explicit(Integrator, ABC):
         if not model.line.axial.elastic:
             return "explicit schemes need tensions that follow from lengths, but the links are rigid; set axial.law"
         if model.constraints:
-            return _bodies_not_taken()
+            return _BODIES_NOT_TAKEN
         if couples_inertia(model):
             return "added mass couples neighbouring nodes here; use energy_momentum"
         if not all(law.of_state for law in model.laws):
@@ -169,8 +172,7 @@ def point_masses_only(model: Model) -> str | None:
     return None
 
 
-def _bodies_not_taken() -> str:
-    return "the scene has rigid bodies, which it does not support; use energy_momentum"
+_BODIES_NOT_TAKEN = "the scene has rigid bodies, which it does not support; use energy_momentum"
 
 
 def _law_not_taken(model: Model) -> str:

@@ -16,22 +16,14 @@ import numpy as np
 
 from dropper_jax.base.numerics import inverse3
 from dropper_jax.model import Model
-from dropper_jax.residual import Implicit, StepProblem, Unknowns
+from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns
+from dropper_jax.solvers.elimination import apply, multiply
 
 
 class _Factor(NamedTuple):
     lower: jax.Array
     inverse: jax.Array
     ahead: jax.Array
-
-
-def _product(a: jax.Array, b: jax.Array) -> jax.Array:
-    """Small matrix product as elementwise operations, which fuse, unlike a library call."""
-    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
-
-
-def _apply(a: jax.Array, x: jax.Array) -> jax.Array:
-    return jnp.sum(a * x[..., None, :], axis=-1)
 
 
 def block_inverse(m: jax.Array) -> jax.Array:
@@ -44,10 +36,10 @@ def block_inverse(m: jax.Array) -> jax.Array:
     first = 3 if size == 4 else 4
     a, b, c, d = m[:first, :first], m[:first, first:], m[first:, :first], m[first:, first:]
     ai = block_inverse(a)
-    aib = _product(ai, b)
-    cai = _product(c, ai)
-    s = block_inverse(d - _product(c, aib))
-    return jnp.block([[ai + _product(_product(aib, s), cai), -_product(aib, s)], [-_product(s, cai), s]])
+    aib = multiply(ai, b)
+    cai = multiply(c, ai)
+    s = block_inverse(d - multiply(c, aib))
+    return jnp.block([[ai + multiply(multiply(aib, s), cai), -multiply(aib, s)], [-multiply(s, cai), s]])
 
 
 class Layout:
@@ -74,7 +66,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Banded:
+class Banded(Solver[None, tuple[_Factor, Layout]]):
     """Block-tridiagonal elimination of the exact Jacobian."""
 
     name: str = "banded"
@@ -88,21 +80,15 @@ class Banded:
             return f"integrator {integrator.name!r} couples all links in each row; use dense"
         return None
 
-    def _layout(self, problem: StepProblem) -> Layout:
-        model = problem.model
-        return Layout(model.free_nodes, model.line.links, max(1, model.reach))
-
-    def prepare(self, problem: StepProblem, u: Unknowns) -> None:
-        return None
-
     def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> tuple[_Factor, Layout]:
-        layout = self._layout(problem)
+        model = problem.model
+        layout = Layout(model.free_nodes, model.line.links, max(1, model.reach))
         lower, diagonal, upper = _bands(problem, u, layout)
 
         def eliminate(ahead: jax.Array, row: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
             low, mid, up = row
-            inverse = block_inverse(mid - _product(low, ahead))
-            ahead = _product(inverse, up)
+            inverse = block_inverse(mid - multiply(low, ahead))
+            ahead = multiply(inverse, up)
             return ahead, (inverse, ahead)
 
         _, (inverse, ahead) = jax.lax.scan(eliminate, jnp.zeros_like(upper[0]), (lower, diagonal, upper))
@@ -110,44 +96,28 @@ class Banded:
 
     def apply(self, factor: tuple[_Factor, Layout], rows: Unknowns) -> Unknowns:
         f, layout = factor
-        b = layout.pack(rows)
-        zero = jnp.zeros_like(b[0])
-
-        def down(y: jax.Array, row: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-            low, inverse, rhs = row
-            y = _apply(inverse, rhs - _apply(low, y))
-            return y, y
-
-        def up(x: jax.Array, row: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-            ahead, y = row
-            x = y - _apply(ahead, x)
-            return x, x
-
-        _, y = jax.lax.scan(down, zero, (f.lower, f.inverse, b))
-        _, x = jax.lax.scan(up, zero, (f.ahead, y), reverse=True)
-        return layout.unpack(x)
+        y = _substitute(f.lower, f.inverse, layout.pack(rows))
+        return layout.unpack(_substitute(f.ahead, None, y, reverse=True))
 
     def apply_transposed(self, factor: tuple[_Factor, Layout], rows: Unknowns) -> Unknowns:
         f, layout = factor
-        b = layout.pack(rows)
-        zero = jnp.zeros_like(b[0])
         flip = lambda m: jnp.swapaxes(m, -1, -2)  # noqa: E731
         before = jnp.concatenate([jnp.zeros_like(f.ahead[:1]), f.ahead[:-1]])
         following = jnp.concatenate([f.lower[1:], jnp.zeros_like(f.lower[:1])])
+        c = _substitute(flip(before), None, layout.pack(rows))
+        return layout.unpack(_substitute(flip(following), flip(f.inverse), c, reverse=True))
 
-        def down(c: jax.Array, row: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-            ahead, rhs = row
-            c = rhs - _apply(ahead, c)
-            return c, c
 
-        def up(x: jax.Array, row: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-            low, inverse, c = row
-            x = _apply(inverse, c - _apply(low, x))
-            return x, x
+def _substitute(beside: jax.Array, inverse: jax.Array | None, rhs: jax.Array, reverse: bool = False) -> jax.Array:
+    """x_i = D_i (b_i - B_i x_(i-1)) block by block, from the last one if `reverse`; D = 1 without an `inverse`."""
 
-        _, c = jax.lax.scan(down, zero, (flip(before), b))
-        _, x = jax.lax.scan(up, zero, (flip(following), flip(f.inverse), c), reverse=True)
-        return layout.unpack(x)
+    def one(x: jax.Array, row: tuple[jax.Array, jax.Array | None, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        block, own, b = row
+        x = b - apply(block, x)
+        x = x if own is None else apply(own, x)
+        return x, x
+
+    return jax.lax.scan(one, jnp.zeros_like(rhs[0]), (beside, inverse, rhs), reverse=reverse)[1]
 
 
 def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[jax.Array, jax.Array, jax.Array]:

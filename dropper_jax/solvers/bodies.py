@@ -47,11 +47,8 @@ class BodyNodeMap:
 
     @classmethod
     def of(cls, problem: StepProblem, constraint: HolonomicConstraint, between: Coupling | None) -> BodyNodeMap:
-        graph, corners, seats = (
-            problem.model.geometry,
-            constraint.body_nodes(problem.model),
-            constraint.seats(problem.model),
-        )
+        model = problem.model
+        graph, corners, seats = model.geometry, constraint.body_nodes(model), constraint.seats(model)
         away = np.concatenate([corners.ravel(), seats])
         rest = _rest(graph, tuple(away.tolist()))
         touched = between is not None and np.isin(corners, [pair[0] for pair in between.pairs]).any()
@@ -128,8 +125,7 @@ class Lines:
         x, y = self.solver.solve(rows[nodes.retained_nodes], own)
         x = scatter_add(nodes.retained_nodes, x, graph.free)
         d = d + graph.differences(x, None)
-        along = jnp.sum(links.turn * d[:, None, :], axis=-1) + links.force * y[:, None]
-        pulled = nodes.sums(along)
+        pulled = nodes.sums(jnp.sum(links.turn * d[:, None, :], axis=-1) + links.force * y[:, None])
         pulled = pulled if self.others is None else pulled + self._by_pieces(self.others, moved + x)
         return x, y, jnp.sum(self.block * edge[:, None, :], axis=-1) + pulled[nodes.edge]
 
@@ -167,11 +163,9 @@ class BodyFactor:
         x, y, pulled = lines.answer(moved, force, stretch)
         x = x + scatter_add(nodes.seats, moved[:seats], nodes.graph.free)
         x = x + scatter_add(nodes.corners.ravel(), corner, nodes.graph.free)
-        edges, pins = (
-            found[:, BODY_COORDINATES : BODY_COORDINATES + EDGES],
-            found[nodes.pinned, BODY_COORDINATES + EDGES :],
-        )
-        return x, y, jnp.concatenate([edges.ravel(), (link_force - pulled)[:seats].ravel(), pins.ravel()])
+        _, edges, pins = jnp.split(found, [BODY_COORDINATES, BODY_COORDINATES + EDGES], axis=1)
+        multipliers = edges, (link_force - pulled)[:seats], pins[nodes.pinned]
+        return x, y, jnp.concatenate([part.ravel() for part in multipliers])
 
 
 def parts(gaps: jax.Array, nodes: BodyNodeMap) -> tuple[jax.Array, jax.Array, list[jax.Array]]:
@@ -221,13 +215,9 @@ def body_blocks(problem: StepProblem, u: Unknowns, nodes: BodyNodeMap) -> jax.Ar
         return jnp.concatenate([force[nodes.corners].reshape(bodies, BODY_COORDINATES), edges, *pins], axis=1)
 
     def along(unit: jax.Array) -> jax.Array:
-        x = scatter_add(
-            nodes.corners.ravel(), jnp.tile(unit[:BODY_COORDINATES].reshape(4, 3), (bodies, 1)), model.free_nodes
-        )
-        edge, pin = (
-            jnp.tile(unit[BODY_COORDINATES : BODY_COORDINATES + EDGES], bodies),
-            jnp.tile(unit[BODY_COORDINATES + EDGES :], len(nodes.pinned)),
-        )
+        corner, edge, pin = jnp.split(unit, [BODY_COORDINATES, BODY_COORDINATES + EDGES])
+        x = scatter_add(nodes.corners.ravel(), jnp.tile(corner.reshape(4, 3), (bodies, 1)), model.free_nodes)
+        edge, pin = jnp.tile(edge, bodies), jnp.tile(pin, len(nodes.pinned))
         between = jnp.zeros(len(zero) - len(edge) - len(pin), zero.dtype)
         return jax.jvp(rows, (u.x, u.z[-1]), (x, jnp.concatenate([edge, between, pin])))[1]
 

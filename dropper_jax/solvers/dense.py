@@ -10,21 +10,18 @@ from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.model import Model
-from dropper_jax.residual import Implicit, StepProblem, Unknowns
+from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns
 
 LU = tuple[jax.Array, jax.Array]
 
 
 @dataclass(frozen=True)
-class Dense:
+class Dense(Solver[None, LU]):
     """LU of the full Jacobian."""
 
     name: str = "dense"
 
     def refuse(self, model: Model, integrator: Implicit) -> str | None:
-        return None
-
-    def prepare(self, problem: StepProblem, u: Unknowns) -> None:
         return None
 
     def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> LU:

@@ -90,8 +90,7 @@ def elimination_order(
     following: list[list[Pair | None]] = []
     rests = []
     for (neighbours, _), listed in zip(taken, lists, strict=True):
-        eliminated = set(neighbours)
-        rest = {pair for pair in present if eliminated.isdisjoint(pair)}
+        rest = {pair for pair in present if neighbours.keys().isdisjoint(pair)}
         following.append(listed + sorted(rest))
         rests.append(rest | {(a, b) for near in neighbours.values() for a in near for b in near})
         present = rests[-1]
@@ -145,10 +144,8 @@ def _rounds(
 
 def _list_blocks(neighbours: dict[int, list[int]], degree: int) -> list[Pair | None]:
     """The blocks of the nodes of a round in the order of `Round`; None if a node has fewer neighbours."""
-    slots = [(i, others[c] if c < len(others) else None) for c in range(degree) for i, others in neighbours.items()]
-    rows = [None if a is None else (i, a) for i, a in slots]
-    columns = [None if a is None else (a, i) for i, a in slots]
-    return [*((i, i) for i in neighbours), *rows, *columns]
+    rows = [(i, others[c]) if c < len(others) else None for c in range(degree) for i, others in neighbours.items()]
+    return [*((i, i) for i in neighbours), *rows, *(pair and pair[::-1] for pair in rows)]
 
 
 def _round(

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import ElementForce, Model
-from dropper_jax.residual import Implicit, StepProblem, Unknowns, node_blocks
+from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns, node_blocks
 from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
 from dropper_jax.solvers.elimination import apply, multiply, optimization_barrier
 from dropper_jax.solvers.saddle import LinkParts, Saddle, Stretching, coupling
@@ -50,12 +50,13 @@ class NetworkFactor:
 
     def solve(self, rows: Unknowns) -> Unknowns:
         gaps = rows.z[-1:] if isinstance(self.system, BodyFactor) else ()
-        if self.law is None:
-            x, y, *pulls = self.system.solve(rows.x, rows.y, *gaps)
-            return Unknowns(x, y, tuple(pulls))
-        given = rows.z[0]
-        x, y, *pulls = self.system.solve(rows.x - apply(self.law.force, apply(self.law.law, given)), rows.y, *gaps)
-        return Unknowns(x, y, (apply(self.law.law, given - apply(self.law.position, x)), *pulls))
+        law, force = self.law, rows.x
+        if law is not None:
+            force = force - apply(law.force, apply(law.law, rows.z[0]))
+        x, y, *z = self.system.solve(force, rows.y, *gaps)
+        if law is not None:
+            z = [apply(law.law, rows.z[0] - apply(law.position, x)), *z]
+        return Unknowns(x, y, tuple(z))
 
 
 def _inverse2(m: jax.Array) -> jax.Array:
@@ -65,7 +66,7 @@ def _inverse2(m: jax.Array) -> jax.Array:
 
 
 @dataclass(frozen=True)
-class Network:
+class Network(Solver[None, NetworkFactor]):
     """Eliminates nodes that are not neighbours at once."""
 
     name: str = "network"
@@ -81,12 +82,8 @@ class Network:
             return f"effect {model.laws[0].name!r} couples nodes through its unknowns; use dense"
         return None
 
-    def prepare(self, problem: StepProblem, u: Unknowns) -> None:
-        return None
-
     def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> NetworkFactor:
-        free, dtype, model = problem.model.free_nodes, u.x.dtype, problem.model
-        law, own = None, problem
+        dtype, model, law, own = u.x.dtype, problem.model, None, problem
         between = coupling(problem, u)
         if model.constraints or between is not None:
             own = problem.acting(tuple(e for e in model.without_slot(ElementForce).effects if not e.bodily))
@@ -95,15 +92,12 @@ class Network:
             law = law._replace(law=_inverse2(law.law + SOFT * jnp.eye(2, dtype=dtype)))
             node = node - multiply(law.force, multiply(law.law, law.position))
         else:
-            node = optimization_barrier(node_blocks(lambda x: own.node_rows(u.x + x, ())[0], free, dtype))
+            node = optimization_barrier(node_blocks(lambda x: own.node_rows(u.x + x, ())[0], model.free_nodes, dtype))
+        links = optimization_barrier(_link_parts(problem, u))
         if model.constraints:
-            return NetworkFactor(
-                factor_bodies(problem, u, node, optimization_barrier(_link_parts(problem, u)), between), law
-            )
-        kind = Stretching if problem.model.line.axial.elastic else Saddle
-        return NetworkFactor(
-            kind.of(problem.model.geometry, node, optimization_barrier(_link_parts(problem, u)), between), law
-        )
+            return NetworkFactor(factor_bodies(problem, u, node, links, between), law)
+        kind = Stretching if model.line.axial.elastic else Saddle
+        return NetworkFactor(kind.of(model.geometry, node, links, between), law)
 
     def apply(self, factor: NetworkFactor, rows: Unknowns) -> Unknowns:
         return factor.solve(rows)

@@ -54,9 +54,8 @@ def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
         at = problem.instant(x)
         return at.r, at.v
 
-    follows = jax.jvp(where, (u.x,), (jnp.ones_like(u.x),))[
-        1
-    ]  # derivatives of positions and velocities by the unknowns
+    # derivatives of positions and velocities by the unknowns
+    follows = jax.jvp(where, (u.x,), (jnp.ones_like(u.x),))[1]
     (r, v), (turn_r, turn_v) = at_pieces(k, nodes), (graph.everywhere(part, None)[nodes] for part in follows)
 
     def rows(x: jax.Array) -> jax.Array:
@@ -91,14 +90,12 @@ class Stretching(NamedTuple):
     @classmethod
     def of(cls, graph: Graph, node: jax.Array, links: LinkParts, between: Coupling | None = None) -> Stretching:
         """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
-        ratio = links.force / links.compliance[:, None]
-        stiffness = links.turn - ratio[..., None] * links.gradient[:, None, :]
+        stiffness = links.turn - (links.force / links.compliance[:, None])[..., None] * links.gradient[:, None, :]
         diagonal = node + graph.from_first(stiffness) + graph.from_last(stiffness)
         blocks = jnp.concatenate([diagonal, -stiffness, -stiffness])
-        if between is None:
-            return cls(graph, links, eliminate(_node_order(graph), blocks))
-        blocks = jnp.concatenate([blocks, optimization_barrier(between.blocks)])
-        return cls(graph, links, eliminate(_node_order(graph, between.pairs), blocks))
+        if between is not None:
+            blocks = jnp.concatenate([blocks, optimization_barrier(between.blocks)])
+        return cls(graph, links, eliminate(_node_order(graph, between and between.pairs), blocks))
 
     def transpose(self) -> Stretching:
         return self._replace(links=self.links.transpose(), nodes=self.nodes.transpose())
@@ -111,11 +108,11 @@ class Stretching(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def _node_order(graph: Graph, between: tuple[Pair, ...] = ()) -> Order:
+def _node_order(graph: Graph, between: tuple[Pair, ...] | None) -> Order:
     """The order for the blocks of the free nodes, of links from first to last node, and from last to first."""
     own, first, last = range(graph.free), graph.first.tolist(), graph.last.tolist()
     pairs = [*zip(own, own, strict=True), *zip(first, last, strict=True), *zip(last, first, strict=True)]
-    return elimination_order(graph.free, [*pairs, *between], most=WIDER if between else 2)
+    return elimination_order(graph.free, [*pairs, *(between or ())], most=WIDER if between else 2)
 
 
 class LinkParts(NamedTuple):
@@ -162,10 +159,9 @@ class Saddle(NamedTuple):
             _block(jnp.zeros_like(last.turn), last.force, bare, zero),
             _block(jnp.zeros_like(last.turn), bare, last.gradient, zero),
         ]
-        if between is None:
-            return cls(graph, eliminate(_group_order(graph), jnp.concatenate(values)))
-        wide = jnp.pad(optimization_barrier(between.blocks), ((0, 0), (0, 1), (0, 1)))
-        return cls(graph, eliminate(_group_order(graph, between.pairs), jnp.concatenate([*values, wide])))
+        if between is not None:
+            values.append(jnp.pad(optimization_barrier(between.blocks), ((0, 0), (0, 1), (0, 1))))
+        return cls(graph, eliminate(_group_order(graph, between and between.pairs), jnp.concatenate(values)))
 
     def transpose(self) -> Saddle:
         return self._replace(groups=self.groups.transpose())
@@ -194,7 +190,7 @@ def _last(graph: Graph) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def _group_order(graph: Graph, between: tuple[Pair, ...] = ()) -> Order:
+def _group_order(graph: Graph, between: tuple[Pair, ...] | None) -> Order:
     """The order for blocks as in `Saddle.of`: groups are the free nodes, then the last links of lines."""
     count, none = graph.free + len(graph.members), graph.free + len(graph.members)
     number = lambda nodes: np.where(nodes < graph.free, nodes, none).tolist()  # noqa: E731  fixed nodes have no group
@@ -204,7 +200,7 @@ def _group_order(graph: Graph, between: tuple[Pair, ...] = ()) -> Order:
     sides = [(own, own), (inner, first), (first, inner), (start, end), (end, start)]
     sides += [(start, closing), (closing, start), (end, closing), (closing, end)]
     pairs = [pair for side in sides for pair in zip(*side, strict=True)]
-    return elimination_order(count, [*pairs, *between], _before_last_link(graph), most=WIDER if between else 2)
+    return elimination_order(count, [*pairs, *(between or ())], _before_last_link(graph), most=WIDER if between else 2)
 
 
 def _before_last_link(graph: Graph) -> dict[int, set[int]]:

@@ -63,14 +63,10 @@ class _Interval(NamedTuple):
     """State of the loop over the steps of one interval."""
 
     adaptive: Adaptive
-    mean: jax.Array
-    square: jax.Array
-    least: jax.Array
-    largest: jax.Array
+    within: Within
     residual: jax.Array
     retried: jax.Array
     bad: jax.Array
-    steps: jax.Array
 
 
 def advance_adaptively(
@@ -89,41 +85,40 @@ def advance_adaptively(
     """
 
     def save(adaptive: Adaptive, _: jax.Array | None) -> tuple[Adaptive, tuple[Trajectory, Within]]:
-        end = adaptive.progress.state.t + dt
-        s = adaptive.progress.state
-        nothing, none = jnp.zeros_like(s.tension), jnp.zeros((), jnp.int32)
-        far = jnp.full_like(s.tension, jnp.inf)
-        start = _Interval(adaptive, nothing, nothing, far, -far, jnp.zeros((), model.dtype), none, none, none)
+        s, none = adaptive.progress.state, jnp.zeros((), jnp.int32)
+        end, nothing, far = s.t + dt, jnp.zeros_like(s.tension), jnp.full_like(s.tension, jnp.inf)
+        start = _Interval(adaptive, Within(nothing, nothing, far, -far, none), jnp.zeros((), model.dtype), none, none)
 
         def before_end(done: _Interval) -> jax.Array:
             return done.adaptive.progress.state.t < end - 1e-9 * dt
 
         def attempt(done: _Interval) -> _Interval:
-            (state, count, first_bad), wanted, refused = done.adaptive
+            (_, count, first_bad), wanted, refused = done.adaptive
             tried = _try(stepper, model, done.adaptive, end, dt, tolerance)
             first = jnp.where(tried.bad & tried.take & (first_bad < 0), count, first_bad)
+            within, tension = done.within, tried.state.tension
             taken = _Interval(
                 Adaptive(Progress(tried.state, count, first), wanted, refused),
-                done.mean + tried.h / dt * tried.state.tension,
-                done.square + tried.h / dt * tried.state.tension**2,
-                jnp.minimum(done.least, tried.state.tension),
-                jnp.maximum(done.largest, tried.state.tension),
+                Within(
+                    within.mean + tried.h / dt * tension,
+                    within.square + tried.h / dt * tension**2,
+                    jnp.minimum(within.least, tension),
+                    jnp.maximum(within.largest, tension),
+                    within.steps + 1,
+                ),
                 jnp.maximum(done.residual, tried.report.residual),
                 done.retried + (tried.report.level > FULL_STEP),
                 done.bad + tried.bad,
-                done.steps + 1,
             )
             after = jax.tree.map(lambda a, b: jnp.where(tried.take, a, b), taken, done)
-            following = after.adaptive._replace(h=tried.following, refused=refused + ~tried.take)
-            return after._replace(adaptive=following)
+            return after._replace(adaptive=after.adaptive._replace(h=tried.following, refused=refused + ~tried.take))
 
         done = jax.lax.while_loop(before_end, attempt, start)
         s = replace(done.adaptive.progress.state, t=end)
         progress = Progress(s, done.adaptive.progress.done + 1, done.adaptive.progress.first_bad)
         counts = done.residual, done.retried, done.bad, progress.first_bad
-        row = Trajectory(s.r, s.v, done.mean, s.work, *counts, s.parted, s.own)
-        within = Within(done.mean, done.square, done.least, done.largest, done.steps)
-        return done.adaptive._replace(progress=progress), (row, within)
+        row = Trajectory(s.r, s.v, done.within.mean, s.work, *counts, s.parted, s.own)
+        return done.adaptive._replace(progress=progress), (row, done.within)
 
     rows = empty_rows(jax.eval_shape(save, adaptive, None)[1], saves)
     return scan_steps(save, adaptive, saves if count is None else count, rows)
@@ -175,8 +170,7 @@ def adaptive_step_lengths(
 
     def attempt(carry: tuple[Adaptive, jax.Array, jax.Array]) -> tuple[Adaptive, jax.Array, jax.Array]:
         adaptive, lengths, number = carry
-        now = adaptive.progress.state.t
-        end = s.t + dt * (jnp.floor((now - s.t) / dt + 1e-9) + 1.0)
+        end = s.t + dt * (jnp.floor((adaptive.progress.state.t - s.t) / dt + 1e-9) + 1.0)
         tried = _try(stepper, model, adaptive, end, dt, tolerance)
         state = jax.tree.map(lambda a, b: jnp.where(tried.take, a, b), tried.state, adaptive.progress.state)
         after = Adaptive(adaptive.progress._replace(state=state), tried.following, adaptive.refused + ~tried.take)

@@ -28,6 +28,7 @@ from dropper_jax.integrators.projected import (
     at_knot,
     moving,
     on_links,
+    split_row,
     state_between,
     time_just_after,
 )
@@ -164,21 +165,13 @@ def _trajectory(
         r, v = on_links(model, *row)
         return r, v, moving(model, r, v, row[2], False).tension
 
-    *motion, work = _rows(model, y)
+    *motion, work = split_row(model, y)
     # row by row: a loop becomes one kernel, all rows at once would need some hundred
     r, v, tension = jax.lax.map(to_links, (*motion, time_just_after(t, -1.0)))
-    number = first + jnp.arange(len(t), dtype=jnp.int32)
-    lost = number >= saved
-    none = jnp.zeros(len(t), jnp.int32)
+    lost, none = first + jnp.arange(len(t), dtype=jnp.int32) >= saved, jnp.zeros(len(t), jnp.int32)
     residual = jnp.where(lost, jnp.where(bad == 2, jnp.nan, jnp.inf), 0.0).astype(model.dtype)
-    first_bad = jnp.where(lost, saved, -1)
-    return Trajectory(r, v, tension, work, residual, none, lost.astype(jnp.int32), first_bad, own={})
-
-
-def _rows(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    nodes = model.free_nodes
-    r, v, work = jnp.split(y, (3 * nodes, 6 * nodes), axis=1)
-    return r.reshape(-1, nodes, 3), v.reshape(-1, nodes, 3), work
+    failed, first_bad = lost.astype(jnp.int32), jnp.where(lost, saved, -1)
+    return Trajectory(r, v, tension, work, residual, none, failed, first_bad, own={})
 
 
 def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.Array) -> Controlled:
@@ -190,8 +183,7 @@ def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.A
     after, errors = scheme.attempt(model, now, h, stepper.track_work)
     if landing is not None:
         after = after._replace(t=jnp.where(landing, _next_corner(model, now.t), after.t))
-    v = jax.lax.stop_gradient(now.y[: 2 * 3 * model.free_nodes]).reshape(2, -1, 3)[1]
-    e = scheme.estimate(errors, v, tolerance)
+    e = scheme.estimate(errors, jax.lax.stop_gradient(split_row(model, now.y)[1]), tolerance)
     finite = jnp.isfinite(e) & jnp.all(jnp.isfinite(jax.lax.stop_gradient(after.y)))
     e = jax.lax.stop_gradient(jnp.where(finite, jnp.clip(e, 1e-10, MOST), MOST))
     good = e <= 1.0
@@ -221,10 +213,13 @@ def _turn_corner(stepper: Stepper, model: Model, carry: Controlled, tolerance: j
 
     def turn(carry: Controlled) -> Controlled:
         now = scheme.after_jump(model, carry.now, stepper.track_work)
-        h = jnp.minimum(carry.h, _first_step(scheme, model, now, tolerance))
-        knots = (*carry.knots[:-1], now)
-        known, error = jnp.zeros_like(carry.known), jnp.ones_like(carry.error)
-        return carry._replace(knots=knots, known=known, h=h, error=error, landed=jnp.zeros_like(carry.landed))
+        return carry._replace(
+            knots=(*carry.knots[:-1], now),
+            known=jnp.zeros_like(carry.known),
+            h=jnp.minimum(carry.h, _first_step(scheme, model, now, tolerance)),
+            error=jnp.ones_like(carry.error),
+            landed=jnp.zeros_like(carry.landed),
+        )
 
     return jax.lax.cond(carry.landed, turn, lambda carry: carry, carry)
 
@@ -272,8 +267,7 @@ def controlled_steps(
         carry, steps = both
         after = _attempt(stepper, model, carry, tolerance)
         put = partial(jax.lax.dynamic_update_index_in_dim, index=steps.number, axis=0)
-        good = after.taken > carry.taken
-        lengths = put(steps.length, jnp.where(good, after.now.t - carry.now.t, 0.0))
+        lengths = put(steps.length, jnp.where(after.taken > carry.taken, after.now.t - carry.now.t, 0.0))
         return after, Steps(lengths, put(steps.corner, after.landed), after.taken)
 
     steps = Steps(jnp.zeros(most, model.dtype), jnp.zeros(most, bool), carry.taken)
@@ -315,8 +309,7 @@ def integrate_along(
     (last, _), (starts, ended, known) = jax.lax.scan(
         one, (first, jnp.zeros((), jnp.int32)), (steps.length, steps.corner)
     )
-    origin = first.t
-    t = origin + dt * (1 + jnp.arange(saves))
+    t = first.t + dt * (1 + jnp.arange(saves))
 
     def at(t: jax.Array) -> jax.Array:
         i = jnp.minimum(jnp.searchsorted(jax.lax.stop_gradient(time_just_after(ended.t)), t), steps.number - 1)

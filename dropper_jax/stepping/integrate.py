@@ -226,12 +226,8 @@ def step_failed(stepper: Stepper, model: Model, s: State, residual: jax.Array) -
     bad = ~(residual <= stepper.limit(model))
     if stepper.integrator.holds_length:
         return bad
-    return bad | ~(_drift(model, s) <= DRIFT_LIMIT)
-
-
-def _drift(model: Model, s: State) -> jax.Array:
     size = safe_norm(model.links(s.r, model.ends(s.t)))
-    return jnp.max(jnp.abs(size / model.line.length - 1.0))
+    return bad | ~(jnp.max(jnp.abs(size / model.line.length - 1.0)) <= DRIFT_LIMIT)
 
 
 def integrate(

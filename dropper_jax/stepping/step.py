@@ -17,7 +17,16 @@ from jax.tree_util import PyTreeDef
 from dropper_jax.model import BREAKING, Model, Parted, State, as_parted, book_works
 from dropper_jax.residual import Explicit, Unknowns, refine
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper, limit_pace, solve, solve_once, substep_once
+from dropper_jax.stepping.stepper import (
+    FULL_STEP,
+    Report,
+    Stepper,
+    in_chosen_form,
+    limit_pace,
+    solve,
+    solve_once,
+    substep_once,
+)
 
 # --- derivatives ---
 #
@@ -38,8 +47,7 @@ Frozen = tuple[list[jax.Array], jax.Array, Unknowns, jax.Array]
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _solve_step(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> Stepped:
-    run = solve_once if model.laws else solve
-    s1, _, residual, level = run(stepper, model, s, h, alive)
+    s1, _, residual, level = (solve_once if model.laws else solve)(stepper, model, s, h, alive)
     return s1, residual, level
 
 
@@ -62,8 +70,7 @@ def _solved_jvp(
         return (s1, residual, level), (ds1, *zeros)
     frozen = leaves, h, u, level
     forward = partial(_forward, stepper, tree, moving, frozen, at)
-    backward = partial(_backward, stepper, tree, moving, frozen, at)
-    ds1 = _linear(forward, backward, given, s1, (frozen, at))
+    ds1 = _linear(forward, partial(_backward, stepper, tree, moving, frozen, at), given, s1, (frozen, at))
     return (s1, residual, level), (ds1, *zeros)
 
 
@@ -171,7 +178,7 @@ def _cut(frozen: Frozen, at: _At, pieces: jax.Array) -> tuple[Frozen, _At]:
 def _forward(stepper: Stepper, tree: PyTreeDef, moving: tuple[int, ...], frozen: Frozen, at: _At, given: _At) -> State:
     """Tangent of a step: of its single solve, or of its chain of substeps if it was halved."""
     _, _, u, level = frozen
-    whole = _push(stepper, stepper.solver, partial(_inputs, tree, moving, frozen), at, given, u)
+    whole = _forward_step(stepper, stepper.solver, partial(_inputs, tree, moving, frozen), at, given, u)
     if not stepper.halvings:
         return whole
     pieces = _pieces(level)
@@ -183,10 +190,9 @@ def _forward(stepper: Stepper, tree: PyTreeDef, moving: tuple[int, ...], frozen:
         i, now, dnow = carry
         here = at._replace(s=now)
         after, u, _ = substep_once(stepper, *inputs(here))
-        return i + 1, after, _push(stepper, stepper.fallback, inputs, here, given._replace(s=dnow), u)
+        return i + 1, after, _forward_step(stepper, stepper.fallback, inputs, here, given._replace(s=dnow), u)
 
-    start = (jnp.zeros((), jnp.int32), at.s, given.s)
-    _, _, split = jax.lax.while_loop(lambda c: c[0] < pieces, piece, start)
+    _, _, split = jax.lax.while_loop(lambda c: c[0] < pieces, piece, (jnp.zeros((), jnp.int32), at.s, given.s))
     return jax.tree.map(lambda a, b: jnp.where(pieces > 0, a, b), split, whole)
 
 
@@ -213,8 +219,7 @@ def _backward(
         shelf = jax.tree.map(lambda all_, one: _set_row(all_, one, i), shelf, (now, u))
         return i + 1, after, shelf
 
-    first = (jnp.zeros((), jnp.int32), at.s, shelf)
-    _, _, shelf = jax.lax.while_loop(lambda c: c[0] < pieces, record, first)
+    _, _, shelf = jax.lax.while_loop(lambda c: c[0] < pieces, record, (jnp.zeros((), jnp.int32), at.s, shelf))
 
     def piece(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         i, ct, others = carry
@@ -233,11 +238,7 @@ def _set_row(rows: jax.Array, row: jax.Array, i: jax.Array | int) -> jax.Array:
     return jax.lax.dynamic_update_index_in_dim(rows, row, i, axis=0)  # `.at[i].set` is a scatter
 
 
-def _push(stepper: Stepper, solver: str, inputs: Inputs, at: _At, given: _At, u: Unknowns) -> State:
-    with stepper.solving():
-        return _forward_step(stepper, solver, inputs, at, given, u)
-
-
+@in_chosen_form
 def _forward_step(stepper: Stepper, solver: str, inputs: Inputs, at: _At, given: _At, u: Unknowns) -> State:
     problem = stepper.integrator.problem(*inputs(at))
     linear = SOLVERS[solver]
@@ -252,12 +253,8 @@ def _forward_step(stepper: Stepper, solver: str, inputs: Inputs, at: _At, given:
     return jax.jvp(lambda x, w: stepper.integrator.problem(*inputs(x)).finish(w), (at, u), (given, du))[1]
 
 
+@in_chosen_form
 def _backward_step(stepper: Stepper, solver: str, inputs: Inputs, at: _At, cotangent: State, u: Unknowns) -> _At:
-    with stepper.solving():
-        return _pull(stepper, solver, inputs, at, cotangent, u)
-
-
-def _pull(stepper: Stepper, solver: str, inputs: Inputs, at: _At, cotangent: State, u: Unknowns) -> _At:
     problem = stepper.integrator.problem(*inputs(at))
     linear = SOLVERS[solver]
     factor = linear.factor(problem, u)
@@ -311,12 +308,11 @@ def step_and_part(advance: Callable[[Model, State], tuple[State, Any]], model: M
     before = as_parted(model, s.parted)
     s1, report = advance(before, dataclasses.replace(s, parted=None))
     parted = _part(model, s.parted, s1)
-    if not s.work.size:
-        return dataclasses.replace(s1, parted=parted), report
-    lost = _link_energy(as_parted(model, parted).with_internal_state(s1.own), s1) - _link_energy(
-        before.with_internal_state(s1.own), s1
-    )
-    return dataclasses.replace(s1, parted=parted, work=s1.work + book_works(model, {BREAKING: lost})), report
+    work = s1.work
+    if work.size:
+        kept, whole = (m.with_internal_state(s1.own) for m in (as_parted(model, parted), before))
+        work = work + book_works(model, {BREAKING: _link_energy(kept, s1) - _link_energy(whole, s1)})
+    return dataclasses.replace(s1, parted=parted, work=work), report
 
 
 def _link_energy(model: Model, s: State) -> jax.Array:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, NamedTuple
+from functools import partial, wraps
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +27,9 @@ from dropper_jax.residual import (
     newton_until,
 )
 from dropper_jax.solvers import SOLVERS
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def make_stepper(
@@ -182,6 +185,17 @@ class Report(NamedTuple):
     level: jax.Array
 
 
+def in_chosen_form(f: Callable[Concatenate[Stepper, P], R]) -> Callable[Concatenate[Stepper, P], R]:
+    """`f` with the systems of a step traced as the stepper chooses (`Stepper.solving`)."""
+
+    @wraps(f)
+    def call(stepper: Stepper, *args: P.args, **kwargs: P.kwargs) -> R:
+        with stepper.solving():
+            return f(stepper, *args, **kwargs)
+
+    return call
+
+
 # Solve one step: check the residual, escalate, report. This code is never differentiated.
 #
 # Escalation, each stage only if the residual of the previous one is above tolerance (or NaN):
@@ -191,27 +205,20 @@ class Report(NamedTuple):
 # Stages are in `while_loop`s without an iteration if the step converged, also under `vmap`.
 
 
+@in_chosen_form
 def solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
     """End state, unknowns, residual and level of a step, without a derivative rule."""
-    with stepper.solving():
-        return _solve(stepper, model, s, h, alive)
-
-
-def _solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
     if stepper.until_converged:
         return _solve_or_halve(stepper, model, s, h, alive)
     problem = stepper.integrator.problem(model, s, h)
-    solver = SOLVERS[stepper.solver]
+    solver, limit, seen = SOLVERS[stepper.solver], stepper.limit(model), None
     if model.laws:
-        enough = CONVERGED * stepper.limit(model)
-        u, residual, seen = newton_until(problem, solver, problem.guess(), stepper.iterations, enough)
+        u, residual, seen = newton_until(problem, solver, problem.guess(), stepper.iterations, CONVERGED * limit)
     else:
-        u, residual = newton(problem, solver, problem.guess(), stepper.iterations, stepper.limit(model))
-        seen = None
+        u, residual = newton(problem, solver, problem.guess(), stepper.iterations, limit)
     first = problem.finish(u, seen), u, residual, jnp.full((), FULL_STEP, jnp.int32)
     if not (stepper.extra or stepper.halvings):
         return first
-    limit = stepper.limit(model)
 
     def resist(carry: tuple[Any, ...]) -> jax.Array:
         tried, (_, _, residual, _) = carry
@@ -244,8 +251,7 @@ def _solve_or_halve(stepper: Stepper, model: Model, s: State, h: jax.Array, aliv
 
     def resist(carry: tuple[Any, ...]) -> jax.Array:
         _, _, residual, level = carry
-        retry = ~(residual <= limit) & (level < stepper.halvings) & alive
-        return (level < FULL_STEP) | retry
+        return (level < FULL_STEP) | (~(residual <= limit) & (level < stepper.halvings) & alive)
 
     def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         level = jnp.where(carry[3] == FULL_STEP, 1, carry[3] + 1)  # one substep would repeat the full step
@@ -279,21 +285,16 @@ def _more_iterations(
     return u, residual
 
 
+@in_chosen_form
 def substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, Unknowns, jax.Array]:
     """One substep by the fallback solver, damped."""
-    with stepper.solving():
-        return _substep(stepper, model, s, h)
-
-
-def _substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, Unknowns, jax.Array]:
     problem = stepper.integrator.problem(model, s, h)
     solver = SOLVERS[stepper.fallback]
     if stepper.until_converged:
         u, residual, seen = newton_until(problem, solver, problem.guess(), stepper.iterations, stepper.limit(model))
         s1 = problem.finish(u, seen)
         return s1, u, limit_pace(model, s, s1, residual)
-    iterations = 3 * stepper.integrator.iterations
-    u, residual = damped_newton(problem, solver, problem.guess(), iterations)
+    u, residual = damped_newton(problem, solver, problem.guess(), 3 * stepper.integrator.iterations)
     return problem.finish(u), u, residual
 
 

@@ -58,12 +58,9 @@ def cost(scene: Scene, steps: int = 2000, rounds: int = 7) -> dict[str, Any]:
     ]
     for variant in variants:
         variant.time()
-    times = {v.name: [] for v in variants}
-    for _ in range(rounds):
-        for variant in variants:
-            times[variant.name].append(variant.time())
-    median = {name: statistics.median(values) for name, values in times.items()}
-    rows = [v.row(1e6 * median[v.name] / steps, median[v.name] / median[FULL]) for v in variants]
+    rounds_of_times = [[variant.time() for variant in variants] for _ in range(rounds)]
+    median = [statistics.median(times) for times in zip(*rounds_of_times, strict=True)]
+    rows = [v.row(1e6 * wall / steps, wall / median[0]) for v, wall in zip(variants, median, strict=True)]
     for row in rows:
         one, of = row["us_per_correction"], rows[0]["us_per_correction"]
         row["correction_ratio"] = one / of if one and of else None
@@ -88,12 +85,10 @@ def _solver(run: RunSpec, model: Model) -> str:
 
 def model_variants(model: Model) -> list[tuple[str, Model]]:
     """The whole model, the models without one effect each, and the one without any, with their names."""
-    names = [
-        e.name for e in model.effects if e not in model.constraints
-    ]  # bodies without their constraints would be four masses
-    found = [(FULL, model)]
-    found += [(f"without {name}", without_effects(model, [name])) for name in names]
-    return [*found, (BARE, without_effects(model, names))]
+    # bodies without their constraints would be four masses
+    names = [e.name for e in model.effects if e not in model.constraints]
+    each = [(f"without {name}", without_effects(model, [name])) for name in names]
+    return [(FULL, model), *each, (BARE, without_effects(model, names))]
 
 
 def without_effects(model: Model, names: list[str]) -> Model:
@@ -197,14 +192,13 @@ def proof(scene: Scene) -> dict[str, Any]:
         again = program(Scene.from_dict(scene.to_dict()))
     finally:
         del EFFECTS[Unused.name]
-    optional = [name for name in scene.effects if name != "weight"]
-    table = scene.to_dict()
+    table, run = scene.to_dict(), scene.run
     never = Scene.from_dict({**table, "effects": {k: v for k, v in table["effects"].items() if k == "weight"}})
     model, s = build(scene)
-    taken = without_effects(model, optional)
-    removed = _text(make_stepper(taken, scene.run.integrator, "auto", **scene.run.options), taken, s, scene.run.dt)
-    plain = build_model(never)
-    never_had = _text(make_stepper(plain, scene.run.integrator, "auto", **scene.run.options), plain, s, scene.run.dt)
+    taken = without_effects(model, [name for name in scene.effects if name != "weight"])
+    removed, never_had = (
+        _text(make_stepper(m, run.integrator, "auto", **run.options), m, s, run.dt) for m in (taken, build_model(never))
+    )
     return {
         "removed_is_never_had": removed == never_had,
         "new_effect_changes_nothing": base == again,
@@ -216,8 +210,7 @@ def proof(scene: Scene) -> dict[str, Any]:
 def program(scene: Scene) -> str:
     """The text of the program of one step of a scene before compilation."""
     model, s = build(scene)
-    run = scene.run
-    return _text(stepper_of(model, run), model, s, run.dt)
+    return _text(stepper_of(model, scene.run), model, s, scene.run.dt)
 
 
 def _text(stepper: Stepper, model: Model, s: State, dt: float) -> str:

@@ -70,12 +70,9 @@ def examine(repeats: int = 400) -> dict[str, Any]:
 
 def versions() -> dict[str, dict[str, str | None]]:
     """Versions of required packages and of extras; None if a package is not installed."""
-    own = {"python": platform.python_version(), "dropper-jax": _version("dropper-jax")}
-    return {"needed": {**own, **_versions(NEEDED)}, **{extra: _versions(names) for extra, names in EXTRAS.items()}}
-
-
-def _versions(names: tuple[str, ...]) -> dict[str, str | None]:
-    return {name: _version(name) for name in names}
+    groups = {"needed": ("dropper-jax", *NEEDED), **EXTRAS}
+    found = {group: {name: _version(name) for name in names} for group, names in groups.items()}
+    return {**found, "needed": {"python": platform.python_version(), **found["needed"]}}
 
 
 def _version(name: str) -> str | None:
@@ -99,8 +96,7 @@ def check_tension() -> dict[str, Any]:
     g/sin(theta)`."""
     allowed = 1e-4  # maximum relative error of the tension of the pendulum, due to its step
     solution = simulate("conical-pendulum", duration=1.0)
-    expected = GRAVITY / math.sin(math.pi / 8)
-    error = float(np.max(np.abs(solution.tension / expected - 1.0)))
+    error = float(np.max(np.abs(solution.tension / (GRAVITY / math.sin(math.pi / 8)) - 1.0)))
     ok = solution.status == "ok" and error < allowed
     return _check("tension of a conical pendulum", ok, f"{error:.1e} off, {allowed:.0e} allowed")
 

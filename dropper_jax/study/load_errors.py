@@ -48,17 +48,16 @@ def twice_the_links(scene: Scene) -> Scene:
 
 def _line(line: dict[str, Any]) -> dict[str, Any]:
     halves = {key: _halve_value(line[key], parts) for key, parts in PER_LINK.items() if key in line}
-    axial = {"axial": {key: _halve_value(value, 1) for key, value in line["axial"].items()}} if "axial" in line else {}
-    return {**line, **halves, **axial, "links": 2 * line["links"]}
+    if "axial" in line:
+        halves["axial"] = {key: _halve_value(value, 1) for key, value in line["axial"].items()}
+    return {**line, **halves, "links": 2 * line["links"]}
 
 
 def _effect(name: str, values: dict[str, Any]) -> dict[str, Any]:
     found = dict(values)
     for key, field in EFFECTS[name].__dataclass_fields__.items():
-        shape, unit = field.metadata.get("shape"), field.metadata.get("unit")
-        if found.get(key) is None or shape not in ("link", "node"):
-            continue
-        found[key] = _halve_value(found[key], 2 if unit in SHARED else 1)
+        if found.get(key) is not None and field.metadata.get("shape") in ("link", "node"):
+            found[key] = _halve_value(found[key], 2 if field.metadata.get("unit") in SHARED else 1)
     for key in ("node", "nodes"):  # of one line, counted from 1
         if found.get(key) is not None and isinstance(found[key], list | int) and not isinstance(found[key], bool):
             found[key] = (2 * np.asarray(found[key])).tolist()
@@ -73,8 +72,8 @@ def _start(start: dict[str, Any]) -> dict[str, Any]:
     for key in ("positions", "velocities"):
         if found.get(key) is not None:
             given = np.asarray(found[key], float)
-            between = np.insert(given, np.arange(1, len(given)), 0.5 * (given[:-1] + given[1:]), axis=0)
-            found[key] = between.tolist()
+            middles = 0.5 * (given[:-1] + given[1:])
+            found[key] = np.insert(given, np.arange(1, len(given)), middles, axis=0).tolist()
     if found.get("release_nodes") is not None:
         found["release_nodes"] = [2 * node for node in found["release_nodes"]]
     return found
@@ -147,17 +146,15 @@ def load_errors(
         say(i / len(variants), name)
         known = first if name == "1" else None
         solution = run(variant) if known is None else known
+        first = solution if name == "1" else first
         if not len(solution.t) > 3 or not is_finished(solution):
             if name in ("1", "2", "4"):
                 raise SceneError(f"--errors: the run with steps of 1/{name} ends with {solution.failure}")
             left_out[name] = f"that run ends with {solution.failure}"
-            continue
-        if name == "1":
-            first = solution
-        if name == "perturbed":
+        elif name == "perturbed":
             horizon = _horizon(first, solution)
-            continue
-        made[name] = line_loads(record(solution, skip), made.get("1"))
+        else:
+            made[name] = line_loads(record(solution, skip), made.get("1"))
     chaotic = horizon < scene.run.duration
     rows = [_row(i, made, chaotic) for i in range(len(made["1"]))]
     return {
@@ -170,15 +167,13 @@ def load_errors(
 
 
 def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
-    found, left_out = {}, {}
-    for n in FINER:
-        changed = {"run.dt": scene.run.dt / n}
-        if scene.run.step_tolerance is not None:
-            changed = {"run.step_tolerance": scene.run.step_tolerance / n**2}
-        scheme = INTEGRATORS[scene.run.integrator]
-        if scheme.controls_error:
-            changed = {"run.error_tolerance": (scene.run.error_tolerance or scheme.tolerance) / n**scheme.order}
-        found[str(n)] = scene.with_values(changed) if n > 1 else scene
+    left_out, run, scheme = {}, scene.run, INTEGRATORS[scene.run.integrator]
+    key, value, power = "dt", run.dt, 1
+    if scheme.controls_error:
+        key, value, power = "error_tolerance", run.error_tolerance or scheme.tolerance, scheme.order
+    elif run.step_tolerance is not None:
+        key, value, power = "step_tolerance", run.step_tolerance, 2
+    found = {str(n): scene.with_values({f"run.{key}": value / n**power}) if n > 1 else scene for n in FINER}
     heavier = {f"line.{i}.mass": (line.mass * (1.0 + PERTURBED)).tolist() for i, line in enumerate(scene.lines)}
     found["perturbed"] = scene.with_values(heavier)
     try:
@@ -219,15 +214,9 @@ def line_loads(found: Record, like: list[dict[str, Any]] | None = None) -> list[
     for i, where in enumerate(found.written_lines):
         s, largest = arc(where.spec.length), found.largest[:, where.links]
         at = float(s[int(np.argmax(largest.max(axis=0)))]) if like is None else like[i]["at_m"]
-        parts = (a[:, where.links] for a in (found.tension, found.least, found.largest, within))
-        rows.append(
-            {
-                "line": where.name,
-                "at_m": at,
-                **_statistics(found, *(_at(part, s, at) for part in parts)),
-                "snaps": (snaps[i]["most_events"], 0.0),
-            }
-        )
+        parts = (_at(a[:, where.links], s, at) for a in (found.tension, found.least, found.largest, within))
+        loads = {**_statistics(found, *parts), "snaps": (snaps[i]["most_events"], 0.0)}
+        rows.append({"line": where.name, "at_m": at, **loads})
     return rows
 
 
@@ -263,8 +252,7 @@ def _statistics(
 
 def _windows(found: Record, values: np.ndarray) -> np.ndarray:
     """Maxima in windows of a peak period, or of 10 s; the full record if it is shorter."""
-    period = _period(found.scene)
-    count = max(int(found.duration / period), 1)
+    count = max(int(found.duration / _period(found.scene)), 1)
     edges = np.linspace(found.t_tension[0], found.t_tension[-1] + found.interval, count + 1)
     window = np.clip(np.digitize(found.t_tension, edges) - 1, 0, count - 1)
     return np.array([values[window == i].max() for i in range(count) if np.any(window == i)])

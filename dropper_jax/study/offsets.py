@@ -90,7 +90,7 @@ def _fixed_points(scene: Scene, names: Sequence[str]) -> list[str]:
 
 
 def _displace_points(model: Model, names: Sequence[str], by: np.ndarray) -> Model:
-    points = [replace(p, position=p.position + by) if p.name in names else p for p in model.points]
+    points = (replace(p, position=p.position + by) if p.name in names else p for p in model.points)
     return replace(model, points=tuple(points))
 
 
@@ -232,11 +232,8 @@ class _DesignSearch:
             if pose.status != "ok":
                 values = ", ".join(f"{path} = {value:g}" for path, value in zip(self.paths, key, strict=True))
                 raise SceneError(f"{values} has no equilibrium: {pose.message}")
-            self.poses[key] = (
-                model,
-                pose.state,
-                np.array([float(q.of_pose(model, pose.state)) for q in self.quantities]),
-            )
+            reached = np.array([float(q.of_pose(model, pose.state)) for q in self.quantities])
+            self.poses[key] = model, pose.state, reached
         return self.poses[key]
 
     def evaluate(self, x: np.ndarray | list[float]) -> np.ndarray:

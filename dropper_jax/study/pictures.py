@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax import plots
@@ -47,7 +48,6 @@ def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
 @style.plot_style()
 def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, path: str | Path) -> Path:
     """The slowest modes: the equilibrium and both extremes of the motion, in the view with the largest motion."""
-    # the slowest modes
     count = min(len(modes.period), 9)
     r, ends_of_lines = np.asarray(found.state.r), model.ends(found.state.t)
     rest = np.asarray(found.positions)
@@ -72,8 +72,7 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_title(f"{i + 1}: {modes.period[i]:.3g} s", loc="left", fontsize=9)
         axes.set(xlabel=f"{'xyz'[across]} [m]", ylabel=f"{'xyz'[up]} [m]")
-    title(figure, f"{scene.name}: slowest modes (dashed: equilibrium; displacements are enlarged)")
-    return style.save(figure, path)
+    return save_titled(figure, f"{scene.name}: slowest modes (dashed: equilibrium; displacements are enlarged)", path)
 
 
 def _plane(rest: np.ndarray, moved: np.ndarray) -> tuple[int, int]:
@@ -105,8 +104,7 @@ def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Pa
         panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     panels[-1].set_xlabel("period of the waves [s]")
     figure.align_ylabels()
-    title(figure, f"{name}: angle of the first link in regular waves")
-    return style.save(figure, path)
+    return save_titled(figure, f"{name}: angle of the first link in regular waves", path)
 
 
 @style.plot_style()
@@ -141,8 +139,7 @@ def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path
         axes.set_ylabel("depth [m]")
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside right upper")
-    title(figure, f"{name}: mussels by depth and month")
-    return style.save(figure, path)
+    return save_titled(figure, f"{name}: mussels by depth and month", path)
 
 
 @style.plot_style()
@@ -161,8 +158,7 @@ def tide(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
     for axes in (water, tension):
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2, fontsize=8)
     figure.align_ylabels()
-    title(figure, f"{name}: through the tide")
-    return style.save(figure, path)
+    return save_titled(figure, f"{name}: through the tide", path)
 
 
 MARKERS = "osD^v<>PX*hp"
@@ -205,9 +201,9 @@ def work_precision(report: dict[str, Any], path: str | Path) -> Path:
     _slopes(axes[1], rows)
     handles, names = axes[1].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=5, fontsize=8)
-    span = report["reference"]["horizon_s"]
-    title(figure, f"{report['scene']}: accuracy against time, first {span:.3g} s")
-    return style.save(figure, path)
+    return save_titled(
+        figure, f"{report['scene']}: accuracy against time, first {report['reference']['horizon_s']:.3g} s", path
+    )
 
 
 def _series(axes: Axes, rows: list[dict[str, Any]], x: str, y: str, label: str, index: int) -> None:
@@ -247,8 +243,7 @@ def convergence(report: dict[str, Any], path: str | Path) -> Path:
         axes.xaxis.set_minor_formatter(NullFormatter())
     handles, names = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=7, fontsize=8)
-    title(figure, f"{report['scene']}: each step against its half")
-    return style.save(figure, path)
+    return save_titled(figure, f"{report['scene']}: each step against its half", path)
 
 
 def _links(axes: Axes, scheme: dict[str, Any], kind: str, numbers: Sequence[int]) -> None:
@@ -285,8 +280,7 @@ def damping(report: dict[str, Any], path: str | Path) -> Path:
     axes.set_yscale("symlog", linthresh=1e-6)
     axes.set_ylim(-1e-2, 1.0)
     figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    title(figure, f"{found['scene']}: numerical damping (below 0: gains; crosses: fails)")
-    return style.save(figure, path)
+    return save_titled(figure, f"{found['scene']}: numerical damping (below 0: gains; crosses: fails)", path)
 
 
 def _damping_series(axes: Axes, rows: list[dict[str, Any]], label: str, index: int, count: int) -> None:
@@ -308,18 +302,24 @@ def costs(report: dict[str, Any], path: str | Path) -> Path:
     for axes, (key, label) in zip(figure.subplots(1, 3, sharey=True), parts, strict=True):
         values = [row[key] or 0.0 for row in rows]
         colours = [style.FIRST if name == "whole scene" else style.FAINT for name in names]
-        bars = axes.barh(names, values, color=colours)
-        axes.bar_label(bars, [f"{v:.4g}" for v in values], fontsize=8, padding=2)
+        axes.bar_label(axes.barh(names, values, color=colours), [f"{v:.4g}" for v in values], fontsize=8, padding=2)
         axes.set_xlim(0, 1.25 * max([*values, 1e-9]))
         axes.set_xlabel(label)
         axes.invert_yaxis() if key == "us_per_step" else None
         axes.grid(axis="y", visible=False)
-    title(figure, f"{report['scene']}: what each effect costs ({report['integrator']}, {report['solver']})")
-    return style.save(figure, path)
+    return save_titled(
+        figure, f"{report['scene']}: what each effect costs ({report['integrator']}, {report['solver']})", path
+    )
 
 
-def title(figure: Any, text: str) -> None:
+def title(figure: Figure, text: str) -> None:
     figure.suptitle(text, fontsize=12, fontweight="bold", x=0.01, ha="left")
+
+
+def save_titled(figure: Figure, text: str, path: str | Path) -> Path:
+    """Write a figure to a file, with a title."""
+    title(figure, text)
+    return style.save(figure, path)
 
 
 @style.plot_style()
@@ -336,5 +336,4 @@ def offsets(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path
     tension.set(xlabel="offset [m]", ylabel="maximum tension [kN]")
     handles, labels = restoring.get_legend_handles_labels()
     figure.legend(handles, labels, title="direction [deg]", loc="outside right upper")
-    title(figure, f"{name}: restoring force and tension over the offset")
-    return style.save(figure, path)
+    return save_titled(figure, f"{name}: restoring force and tension over the offset", path)

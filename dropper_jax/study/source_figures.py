@@ -157,25 +157,14 @@ def _entitle(picture: Figure, figure: SourceFigure) -> None:
     picture.suptitle(f"{figure.name}\n{figure.caption}", fontsize=10, fontweight="bold", x=0.01, ha="left")
 
 
-def _numbers(figure: SourceFigure, solution: Solution) -> list[int]:
-    """Indices of the links that are drawn."""
-    return [number - 1 for number in figure.links] or list(range(solution.tension.shape[1]))
-
-
-def _angles_and_rates(figure: SourceFigure, run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Angles and rates (2, k, n) [rad], [rad/s], polar and azimuth."""
-    positions, velocities = run.solution.positions, run.solution.velocities
-    angles, rates = link_angles(positions, figure.zero), angle_rates(positions, velocities, figure.zero)
-    return np.asarray(angles), np.asarray(rates)
-
-
 def _each(figure: SourceFigure, run: Run) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
     """Name of a link, name of an angle, its values and rates (k,) [rad], [rad/s], link by link."""
-    angles, rates = _angles_and_rates(figure, run)
-    for link in _numbers(figure, run.solution):
+    positions, velocities = run.solution.positions, run.solution.velocities
+    angles, rates = link_angles(positions, figure.zero), angle_rates(positions, velocities, figure.zero)
+    for link in [number - 1 for number in figure.links] or range(run.solution.tension.shape[1]):
         for angle in figure.angles:
             row = ("polar", "azimuth").index(angle)
-            yield f"link {link + 1}", angle, angles[row][:, link], rates[row][:, link]
+            yield f"link {link + 1}", angle, np.asarray(angles[row])[:, link], np.asarray(rates[row])[:, link]
 
 
 def _phase(figure: SourceFigure, runs: Sequence[Run], _: Measured | None) -> tuple[list[Lines], int]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
-from dropper_jax.model import Model, State
 from dropper_jax.run.build import build, equal_steps
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.march import grid_run, link_vectors, rms_angle, status_of
@@ -79,7 +78,11 @@ class _Pilot:
         self.model, self.start = build(scene)
         self.stepper: Stepper = equal_steps(self.model, run, track_work=False)
         self.base = run.dt
-        self.until = _until(self.stepper, self.model, self.start, run.duration, run.dt)
+        # on whole steps; number of times at which two neighbouring runs are compared to find the start of chaos
+        grid = run.dt * max(1, int(run.duration / run.dt / 256))
+        span, _ = trusted_span(self.model, self.start, run.duration, run.dt, grid, self.stepper)
+        #: Time [s] up to which errors characterise the step.
+        self.until = max(span, 2 * run.dt)
         self.links: dict[int, np.ndarray | None] = {}
 
     def dt(self, k: int) -> float:
@@ -102,9 +105,8 @@ class _Pilot:
         apart = rms_angle(coarse, fine)
         if middle is None or apart == 0:
             return apart
-        step = rms_angle(middle, fine)
         # d(h, h/4) / d(h/2, h/4) = 1 + 2^p
-        order = math.log2(max(apart / max(step, 1e-300) - 1, 1.5))
+        order = math.log2(max(apart / max(rms_angle(middle, fine), 1e-300) - 1, 1.5))
         return apart / (1 - 4.0 ** -min(order, 6.0))
 
     def _run(self, k: int, coarsest: int) -> np.ndarray | None:
@@ -122,11 +124,3 @@ class _Pilot:
             good = status_of(run, self.stepper) == "ok"
             self.links[key] = link_vectors(self.model, run.r, times) if good else None
         return self.links[key]
-
-
-def _until(stepper: Stepper, model: Model, s: State, duration: float, dt: float) -> float:
-    """Time [s] up to which errors characterise the step, on whole steps."""
-    # number of times at which two neighbouring runs are compared to find the start of chaos
-    grid = dt * max(1, int(duration / dt / 256))
-    span, _ = trusted_span(model, s, duration, dt, grid, stepper)
-    return max(span, 2 * dt)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from dropper_jax.backend.compile_cache import discard_output
 from dropper_jax.load.scene import Scene
 from dropper_jax.moordyn.writing.writer import write_moordyn
 
@@ -20,6 +21,8 @@ from dropper_jax.moordyn.writing.writer import write_moordyn
 SCHEMES = {"moordyn rk2": "rk2", "moordyn default": None}
 
 Drive = Callable[[float], np.ndarray]
+#: Suppress the output of a library on the standard streams.
+quiet = partial(discard_output, 1, 2)
 
 
 class Path3(NamedTuple):
@@ -30,13 +33,9 @@ class Path3(NamedTuple):
     ok: bool
 
 
-def is_installed() -> bool:
+def moordyn_there() -> bool:
     """Whether the package `moordyn` is installed (extra `peers`)."""
-    try:
-        import moordyn  # noqa: F401
-    except ImportError:
-        return False
-    return True
+    return find_spec("moordyn") is not None
 
 
 def run_point(scene: Scene, point: str, dt: float, duration: float, scheme: str | None, drive: Drive | None) -> Path3:
@@ -52,7 +51,7 @@ def run_point(scene: Scene, point: str, dt: float, duration: float, scheme: str 
     import moordyn
 
     options: dict[str, Any] = {"disableOutput": 1, "disableOutTime": 1, "dtOut": duration}
-    with tempfile.TemporaryDirectory() as folder, inside(folder), quiet():
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), quiet():
         file = Path(folder) / "mooring.txt"
         write_moordyn(scene, file, dt=dt, options=options if scheme is None else {**options, "tScheme": scheme})
         if scheme is None:
@@ -72,62 +71,29 @@ def _march(moordyn: Any, system: Any, scene: Scene, point: str, dt: float, steps
     def moved_positions(t: float) -> np.ndarray:
         return np.concatenate([position + drive(t) for position in moved]) if moved else np.zeros(0)
 
-    where = _position_getter(moordyn, system, scene, point)
-    positions, ok = [], True
-    try:
-        moordyn.Init(
-            system, moved_positions(0.0).tolist(), ((moved_positions(1e-6) - moved_positions(0.0)) / 1e-6).tolist()
-        )
+    def speeds(t: float, span: float) -> list[float]:
+        return ((moved_positions(t + span) - moved_positions(t)) / span).tolist()
+
+    where, positions = _position_getter(moordyn, system, scene, point), []
+    with contextlib.suppress(RuntimeError):
+        moordyn.Init(system, moved_positions(0.0).tolist(), speeds(0.0, 1e-6))
         positions.append(where())
-        for i in range(steps):
-            speed = (moved_positions((i + 1) * dt) - moved_positions(i * dt)) / dt
-            moordyn.Step(system, moved_positions(i * dt).tolist(), speed.tolist(), i * dt, dt)
+        # positions beyond this distance [m] are not possible in these scenes
+        while len(positions) <= steps and np.all(np.abs(positions[-1]) < 1e4):
+            t = (len(positions) - 1) * dt
+            moordyn.Step(system, moved_positions(t).tolist(), speeds(t, dt), t, dt)
             positions.append(where())
-            # positions beyond this distance [m] are not possible in these scenes
-            if not np.all(np.abs(positions[-1]) < 1e4):
-                ok = False
-                break
-    except RuntimeError:
-        ok = False
-    return Path3(
-        dt * np.arange(len(positions)), np.array(positions, float).reshape(-1, 3), ok and len(positions) == steps + 1
-    )
+    found = np.array(positions, float).reshape(-1, 3)
+    return Path3(dt * np.arange(len(found)), found, len(found) == steps + 1 and bool(np.all(np.abs(found[-1]) < 1e4)))
 
 
 def _position_getter(moordyn: Any, system: Any, scene: Scene, point: str) -> Callable[[], Any]:
     """Source of the position of a point: the point itself, or the end of a line on the base of its buoy."""
     buoys = {buoy.point for buoy in scene.buoys}
     if point not in buoys:
-        order = [p.name for p in scene.points if p.name not in buoys]
-        own = moordyn.GetPoint(system, order.index(point) + 1)
+        own = moordyn.GetPoint(system, [p.name for p in scene.points if p.name not in buoys].index(point) + 1)
         return lambda: moordyn.GetPointPos(own)
     i, line = next((i, line) for i, line in enumerate(scene.lines) if point in (line.start, line.end))
     found = moordyn.GetLine(system, i + 1)
     node = 0 if line.start == point else moordyn.GetLineN(found)
     return lambda: moordyn.GetLineNodePos(found, node)
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Suppress the output of a library on the standard streams."""
-    with open(os.devnull, "w") as nothing:
-        kept = [os.dup(i) for i in (1, 2)]
-        sys.stdout.flush()
-        for i in (1, 2):
-            os.dup2(nothing.fileno(), i)
-        try:
-            yield
-        finally:
-            for i, saved in zip((1, 2), kept, strict=True):
-                os.dup2(saved, i)
-                os.close(saved)
-
-
-@contextlib.contextmanager
-def inside(folder: str) -> Iterator[None]:
-    before = os.getcwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from dropper_jax.study.peers.moordyn_run import moordyn_there
 from dropper_jax.study.stability import (
     breaking_cases,
     contact_cases,
@@ -16,7 +17,7 @@ from dropper_jax.study.stability import (
     rope_cases,
     sea_cases,
 )
-from dropper_jax.study.stability.case import Case, Outcome, baselines, moordyn_there, peers
+from dropper_jax.study.stability.case import Case, Outcome, baselines, peers
 
 PARTS = (
     energy_cases,

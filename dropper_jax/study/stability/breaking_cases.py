@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from dropper_jax.load.scene import Scene
-from dropper_jax.study.stability.case import Watched, watch
+from dropper_jax.study.stability.case import Watched, distance_from, watch
 from dropper_jax.study.stability.scenes import G, weight_on_rope
 
 MASS, LENGTH, STIFFNESS = 100.0, 10.0, 4e3
@@ -20,11 +20,10 @@ def _cut_off(short: bool) -> Watched:
     failure = {"line": "rope", "link": 1, "time": CUT}
     scene = weight_on_rope("cut-off", MASS, STIFFNESS, LENGTH, LENGTH + REST, failure=[failure])
 
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        exact = -0.5 * G * np.maximum(t - CUT, 0.0) ** 2
-        return float(np.max(np.abs(positions[:, 2] - positions[0, 2] - exact)))
+    def exact(t: np.ndarray) -> np.ndarray:
+        return -0.5 * G * np.maximum(t - CUT, 0.0) ** 2
 
-    return Watched(scene, 0.002, 1.6, "weight", measure)
+    return Watched(scene, 0.002, 1.6, "weight", distance_from(exact, 1.0, from_start=True))
 
 
 #: Tension at which the link parts, over the weight.
@@ -55,8 +54,7 @@ POSITION = np.array([0.0, 0.0, -8.0])
 def _taut_length() -> float:
     """Unstretched length [m] of either rope with which the weight rests where it is put."""
     size = float(np.hypot(ASIDE, POSITION[2]))
-    force = 0.5 * MASS * G * size / abs(POSITION[2])
-    return size - force / STIFFNESS
+    return size - 0.5 * MASS * G * size / abs(POSITION[2]) / STIFFNESS
 
 
 def between_two() -> Scene:
@@ -87,10 +85,7 @@ def _on_the_other(t: np.ndarray) -> np.ndarray:
 
 
 def _one_of_two(short: bool) -> Watched:
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        return float(np.max(np.linalg.norm(positions[:, [0, 2]] - _on_the_other(t), axis=1))) / ASIDE
-
-    return Watched(between_two(), 0.005, 3.0, "weight", measure)
+    return Watched(between_two(), 0.005, 3.0, "weight", distance_from(_on_the_other, ASIDE))
 
 
 CASES = [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import jax
@@ -161,22 +160,42 @@ def watch(name: str, claim: str, limit: float, unit: str, make: Callable[[bool],
 
     def measure(short: bool) -> Outcome:
         watched = make(short)
-        run = simulate(watched.scene, dt=watched.dt, duration=watched.duration)
-        return outcome(run, watched)
+        return outcome(simulate(watched.scene, dt=watched.dt, duration=watched.duration), watched)
 
     return Case(name, claim, limit, unit, measure)
 
 
 def outcome(run: Solution, watched: Watched) -> Outcome:
     """The measured value of a run; infinite if the run did not complete."""
-    if run.status != "ok":
-        return Outcome(float("inf"), run.status, watched=watched)
-    return Outcome(watched.measure(run.t, run.point_path(watched.point)), run.status, watched=watched)
+    measured = watched.measure(run.t, run.point_path(watched.point)) if run.status == "ok" else float("inf")
+    return Outcome(measured, run.status, watched=watched)
 
 
-@cache
-def moordyn_there() -> bool:
-    return moordyn_run.is_installed()
+def relative_drift(run: Solution) -> Outcome:
+    """The drift of the energy balance of a run over its energy scale."""
+    return Outcome(run.energy_drift / run.energy_scale, run.status)
+
+
+def rise(t: np.ndarray, positions: np.ndarray) -> float:
+    """The measure of a path: its maximum height above its start [m]."""
+    return float(np.max(positions[:, 2]) - positions[0, 2])
+
+
+def distance_from(
+    exact: Callable[[np.ndarray], np.ndarray], size: float, from_start: bool = False
+) -> Callable[[np.ndarray, np.ndarray], float]:
+    """The measure of a path: its maximum distance from `exact` at times (k,), over `size` [m].
+
+    `exact` gives heights (k,), or positions (k, 2) in the plane y = 0; with `from_start` from the first one on.
+    """
+
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        wanted = exact(t)
+        found = positions[:, [0, 2]] if wanted.ndim == 2 else positions[:, 2:]
+        found = found - from_start * found[0]
+        return float(np.max(np.linalg.norm(found - wanted.reshape(found.shape), axis=1))) / size
+
+    return measure
 
 
 def peers(watched: Watched, limit: float) -> dict[str, Any]:
@@ -185,8 +204,7 @@ def peers(watched: Watched, limit: float) -> dict[str, Any]:
 
 
 def _peer(watched: Watched, limit: float, scheme: str | None) -> dict[str, Any]:
-    given = (watched.scene, watched.point, watched.dt, watched.duration, scheme, watched.drive)
-    run = moordyn_run.run_point(*given)
+    run = moordyn_run.run_point(watched.scene, watched.point, watched.dt, watched.duration, scheme, watched.drive)
     if not run.ok:
         return {"status": "unstable", "failed_at_s": float(watched.dt * len(run.t)), "holds": False}
     measured = float(watched.measure(run.t, run.positions))

@@ -70,8 +70,7 @@ def short_link() -> Scene:
 
 def large_release() -> Scene:
     """Pulled by 200 times its weight, straight up."""
-    force = [[5.0, 0.0, 200 * 7 * 0.03 * GRAVITY]]
-    return scenes.loop("large-release", 0.3, release_nodes=[3], release_force=force)
+    return scenes.loop("large-release", 0.3, release_nodes=[3], release_force=[[5.0, 0.0, 200 * 7 * 0.03 * GRAVITY]])
 
 
 def turning() -> Scene:
@@ -113,6 +112,7 @@ def overdamped_pendulum() -> Scene:
     return scenes.chain("heavy-damping", [1.0], effects=heavy)
 
 
+@cache
 def _creeping(short: bool) -> CaseRun:
     return run_case(overdamped_pendulum(), 0.1, 40.0 if short else 400.0)
 
@@ -140,8 +140,7 @@ def _creep_energy(short: bool) -> Outcome:
 
 def fast() -> Scene:
     """Without weight, at 20 m/s round a circle."""
-    drag = {"quadratic_damping": {"b_q": 0.5}}
-    return scenes.chain("fast-drag", [0.3], effects=drag, polar_rate=[20.0])
+    return scenes.chain("fast-drag", [0.3], effects={"quadratic_damping": {"b_q": 0.5}}, polar_rate=[20.0])
 
 
 def _drag_speed(short: bool) -> Outcome:
@@ -165,8 +164,7 @@ def _creep(polar: list[float], short: bool) -> Outcome:
     rest = run_case(scene, 0.002, still)
     ran = run_case(scene, 0.002, still + (10.0 if short else 300.0))
     moved = np.linalg.norm(ran.run.r[ran.t >= still - 1e-9] - rest.run.r[-1], axis=-1)
-    status = ran.status if rest.status == "ok" else rest.status
-    return Outcome(float(np.max(moved)), status, (scene, 0.002, still))
+    return Outcome(float(np.max(moved)), ran.status if rest.status == "ok" else rest.status, (scene, 0.002, still))
 
 
 DAMPING_CASES = [
@@ -261,11 +259,10 @@ def _gradient(name: str, make: Callable[[], Scene], dt: float) -> Case:
     def measure(short: bool) -> Outcome:
         model, s = build(make())
         value = partial(_objective, make_stepper(model), model=model, s=s, steps=STEPS, dt=dt)
-        one = lambda x: value(jnp.asarray(x))  # noqa: E731
         exact = float(_slope(make_stepper(model), model, s, STEPS, dt))
-        around = (float(one(CHANGE)) - float(one(-CHANGE))) / (2 * CHANGE)
-        scale = max(abs(around), 1e-3)
-        return Outcome(abs(exact - around) / scale, "ok" if np.isfinite(exact) else "non_finite")
+        above, below = (float(value(jnp.asarray(change))) for change in (CHANGE, -CHANGE))
+        around = (above - below) / (2 * CHANGE)
+        return Outcome(abs(exact - around) / max(abs(around), 1e-3), "ok" if np.isfinite(exact) else "non_finite")
 
     claim = f"{name}: derivative after {STEPS * dt:g} s against central differences"
     return Case(f"gradient-{name}", claim, 1e-6, "relative", measure)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.optimize import brentq
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.simulate import simulate
 from dropper_jax.run.wakes import scene_wakes
-from dropper_jax.study.stability.case import Case, Outcome, Watched, watch
+from dropper_jax.study.stability.case import Case, Outcome, Watched, relative_drift, watch
 from dropper_jax.study.stability.energy_cases import ROUNDING
 from dropper_jax.study.stability.scenes import G
 from dropper_jax.study.stability.sea_cases import RHO
@@ -41,15 +42,15 @@ def streaming() -> Scene:
 
 
 def _streams(short: bool) -> Watched:
-    """At its end half of the link's drag `c cos^2 a` across it carries the weight, `m g sin a`."""
-    force = 0.25 * RHO * DRAG * WIDE * ROPE * CURRENT**2
+    return Watched(streaming(), 0.1, 60.0, "weight", _last_angle(DRAG))
+
+
+def _last_angle(drag: float) -> Callable[[np.ndarray, np.ndarray], float]:
+    """Error of the angle [rad] at the end: half of the link's drag `c cos^2 a` across it carries the weight `m g sin
+    a`."""
+    force = 0.25 * RHO * drag * WIDE * ROPE * CURRENT**2
     sine = brentq(lambda s: force * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
-
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        x, z = positions[-1, 0], positions[-1, 2] + 5.0
-        return abs(float(np.arctan2(x, -z) - np.arcsin(sine)))
-
-    return Watched(streaming(), 0.1, 60.0, "weight", measure)
+    return lambda t, positions: abs(float(np.arctan2(positions[-1, 0], -positions[-1, 2] - 5.0) - np.arcsin(sine)))
 
 
 def beside_a_rope(name: str, body: dict[str, Any], **more: Any) -> Scene:
@@ -93,8 +94,7 @@ def dropped_spar() -> Scene:
 
 def _energy(make: Any, dt: float, span: float, brief: float) -> Any:
     def measure(short: bool) -> Outcome:
-        ran = simulate(make(), dt=dt, duration=brief if short else span)
-        return Outcome(ran.energy_drift / ran.energy_scale, ran.status)
+        return relative_drift(simulate(make(), dt=dt, duration=brief if short else span))
 
     return measure
 
@@ -123,19 +123,14 @@ def rough() -> Scene:
 
 
 def _rough(short: bool) -> Outcome:
-    """At its end half of the link's drag across it carries the weight."""
-    force = 0.25 * RHO * ROUGH * WIDE * ROPE * CURRENT**2
-    sine = brentq(lambda s: force * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
     ran = simulate(rough(), dt=0.1, duration=60.0)
-    x, _, z = ran.point_path("weight")[-1]
-    return Outcome(abs(float(np.arctan2(x, -(z + 5.0)) - np.arcsin(sine))), ran.status)
+    return Outcome(_last_angle(ROUGH)(ran.t, ran.point_path("weight")), ran.status)
 
 
 def turning() -> Scene:
     """The same link in a tide that turns round every 20 s, 3000 times as fast as a real one."""
     table = streaming().to_dict()
-    tide = {"speed": PEAK, "amplitude": [1.0], "period": [CYCLE], "phase": [0.0]}
-    table["sea"] = {**table["sea"], "current": tide}
+    table["sea"]["current"] = {"speed": PEAK, "amplitude": [1.0], "period": [CYCLE], "phase": [0.0]}
     return load_scene({**table, "name": "turning-tide"})
 
 

@@ -59,8 +59,7 @@ def _crossing_outcome(short: bool) -> Outcome:
     low, *high = (ran.positions[:, line.nodes] for line in ran.lines)
     above = [_above(np.concatenate([a, b[1:]]), c) for a, b, c in zip(*high, low, strict=True)]
     sides = [(np.min(one), np.max(one)) for one in above if one.size]
-    there = [one.size > 0 for one in above]
-    rows = zip(sides, sides[1:], np.diff(np.flatnonzero(there)) == 1, strict=False)
+    rows = zip(sides, sides[1:], np.diff(np.flatnonzero([one.size for one in above])) == 1, strict=False)
     passed = any(next_to and (a[0] > 0.0 > b[1] or b[0] > 0.0 > a[1]) for a, b, next_to in rows)
     return Outcome(float(passed), ran.status)
 
@@ -72,9 +71,8 @@ def _above(high: np.ndarray, low: np.ndarray) -> np.ndarray:
     turn = lambda p, q: p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]  # noqa: E731
     with np.errstate(divide="ignore", invalid="ignore"):
         s, t = turn(c - a, e) / turn(d, e), turn(c - a, d) / turn(d, e)
-    there = (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
     height = (a[..., 2] + s * d[..., 2]) - (c[..., 2] + t * e[..., 2])
-    return height[there]
+    return height[(s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)]
 
 
 def _energy_gain(short: bool) -> Outcome:

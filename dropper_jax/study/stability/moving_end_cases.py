@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.simulate import simulate
-from dropper_jax.study.stability.case import Case, Outcome, Watched, watch
+from dropper_jax.study.stability.case import Case, Outcome, Watched, distance_from, watch
 from dropper_jax.study.stability.scenes import G, weight_on_rope
 
 MASS, PERIOD, LENGTH = 100.0, 0.5, 2.0
@@ -31,14 +31,13 @@ def _at_speed(short: bool) -> Watched:
     """Forced swing: `z = a w^2/(w^2 - W^2) (sin W t - W/w sin w t)`."""
     omega = 2 * np.pi / SLOW
 
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+    def exact(t: np.ndarray) -> np.ndarray:
         share = HEAVE * OMEGA**2 / (OMEGA**2 - omega**2)
-        exact = share * (np.sin(omega * t) - omega / OMEGA * np.sin(OMEGA * t))
-        return float(np.max(np.abs(positions[:, 2] - positions[0, 2] - exact))) / HEAVE
+        return share * (np.sin(omega * t) - omega / OMEGA * np.sin(OMEGA * t))
 
     scene = on_moving_top({"amplitude": [0.0, 0.0, HEAVE], "period": SLOW})
     drive = lambda t: np.array([0.0, 0.0, HEAVE * np.sin(omega * t)])  # noqa: E731
-    return Watched(scene, 0.005, 2.0, "weight", measure, drive)
+    return Watched(scene, 0.005, 2.0, "weight", distance_from(exact, HEAVE, from_start=True), drive)
 
 
 #: A top that moves evenly for a while, from and to 0.3 of a step: speed [m/s], step [s].
@@ -53,14 +52,13 @@ def _kinked_path(short: bool) -> Watched:
         s = np.maximum(s, 0.0)
         return LIFT * (s - np.sin(OMEGA * s) / OMEGA)
 
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        exact = swing(t - BEGIN) - swing(t - END)
-        return float(np.max(np.abs(positions[:, 2] - positions[0, 2] - exact))) / (LIFT / OMEGA)
+    def exact(t: np.ndarray) -> np.ndarray:
+        return swing(t - BEGIN) - swing(t - END)
 
     rows = [[0.0] * 3, [0.0, 0.0, LIFT * (END - BEGIN)]]
     scene = on_moving_top({"time": [BEGIN, END], "displacement": rows})
     drive = lambda t: np.array([0.0, 0.0, LIFT * (np.clip(t, BEGIN, END) - BEGIN)])  # noqa: E731
-    return Watched(scene, STEP, 1.5, "weight", measure, drive)
+    return Watched(scene, STEP, 1.5, "weight", distance_from(exact, LIFT / OMEGA, from_start=True), drive)
 
 
 #: The rigid pendulum: length [m], and the speed of its point [m/s].

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from dropper_jax.base.constants import SEA_WATER
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.simulate import simulate
-from dropper_jax.study.stability.case import Case, Outcome
+from dropper_jax.study.stability.case import Case, Outcome, relative_drift
 from dropper_jax.study.stability.energy_cases import ROUNDING
 from dropper_jax.study.stability.flow_cases import beside_a_rope
 from dropper_jax.study.stability.scenes import G
@@ -114,8 +114,7 @@ def pinned_arm() -> Scene:
 
 
 def _arm(short: bool) -> Outcome:
-    ran = simulate(pinned_arm(), dt=0.01, duration=4.0 if short else 60.0)
-    return Outcome(ran.energy_drift / ran.energy_scale, ran.status)
+    return relative_drift(simulate(pinned_arm(), dt=0.01, duration=4.0 if short else 60.0))
 
 
 CASES = [

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.simulate import Solution, simulate
-from dropper_jax.study.stability.case import Case, Outcome, Watched, outcome, watch
+from dropper_jax.study.stability.case import Case, Outcome, Watched, distance_from, outcome, rise, watch
 from dropper_jax.study.stability.scenes import G, weight_on_rope
 
 MASS, LENGTH = 100.0, 2.0
@@ -43,10 +43,6 @@ def _return(fall: float) -> Callable[[np.ndarray, np.ndarray], float]:
     return measure
 
 
-def _gain(t: np.ndarray, positions: np.ndarray) -> float:
-    return float(np.max(positions[:, 2]) - positions[0, 2])
-
-
 @cache
 def _snap_rope() -> Solution:
     """A fall of 10 m/s into a rope that is taut for 4 ms, saved every 20 ms."""
@@ -62,8 +58,7 @@ def _snap_peak(short: bool) -> Outcome:
 
 def _snap_return(short: bool) -> Outcome:
     run = _snap_rope()
-    watched = Watched(run.scene, 0.02, 1.3, "weight", _return(1.9))
-    return outcome(run, watched)
+    return outcome(run, Watched(run.scene, 0.02, 1.3, "weight", _return(1.9)))
 
 
 #: A rope of several links: the masses of its nodes [kg] and of the weight, stiffness of a link [N/m].
@@ -108,15 +103,11 @@ def _rope_by_scipy(t: np.ndarray) -> np.ndarray:
         return np.concatenate([v, -G - (force - np.append(force[1:], 0.0)) / mass])
 
     start = np.concatenate([-0.9 * each * np.arange(1, LINKS + 1), np.zeros(LINKS)])
-    found = solve_ivp(fall, (0.0, t[-1]), start, t_eval=t, rtol=1e-9, atol=1e-10, max_step=2e-4)
-    return found.y[LINKS - 1]
+    return solve_ivp(fall, (0.0, t[-1]), start, t_eval=t, rtol=1e-9, atol=1e-10, max_step=2e-4).y[LINKS - 1]
 
 
 def _snapping_rope(short: bool) -> Watched:
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        return float(np.max(np.abs(positions[:, 2] - _rope_by_scipy(t)))) / (0.1 * LENGTH)
-
-    return Watched(slack_rope(), 0.002, 0.3, "weight", measure)
+    return Watched(slack_rope(), 0.002, 0.3, "weight", distance_from(_rope_by_scipy, 0.1 * LENGTH))
 
 
 #: Soft link above a stiff one: stiffness [N/m], masses [kg].
@@ -152,19 +143,16 @@ def stiffness_ratio() -> Scene:
 
 
 def _modes(t: np.ndarray) -> np.ndarray:
-    """Height of the lower weight from the two normal modes, rest at zero."""
+    """Height of the lower weight above its start, from the two normal modes."""
     stiffness = np.array([[SOFT + STIFF, -STIFF], [-STIFF, STIFF]])
     root = np.sqrt([ABOVE, BELOW])
     squares, shapes = np.linalg.eigh(stiffness / np.outer(root, root))
     start = shapes.T @ (root * np.array([-SWING, -SWING]))
-    return (shapes @ (start[:, None] * np.cos(np.sqrt(squares)[:, None] * t)) / root[:, None])[1]
+    return (shapes @ (start[:, None] * np.cos(np.sqrt(squares)[:, None] * t)) / root[:, None])[1] + SWING
 
 
 def _ratio(short: bool) -> Watched:
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        return float(np.max(np.abs(positions[:, 2] - positions[0, 2] - _modes(t) - SWING))) / SWING
-
-    return Watched(stiffness_ratio(), 0.005, 5.0, "weight", measure)
+    return Watched(stiffness_ratio(), 0.005, 5.0, "weight", distance_from(_modes, SWING, from_start=True))
 
 
 def _falls(dt: float, duration: float, measure: Callable[[np.ndarray, np.ndarray], float]) -> Any:
@@ -177,7 +165,7 @@ CASES = [
     watch("slack-taut-return", "the same: what is missing of the height it comes back to", 0.02, "of the fall",
           _falls(0.01, 12.0, _return(0.2))),
     watch("slack-taut-coarse", "the same for 60 s at steps of half the time in tension: maximum height above "
-          "its release height", 1e-9, "m", _falls(0.05, 60.0, _gain)),
+          "its release height", 1e-9, "m", _falls(0.05, 60.0, rise)),
     Case("snap-peak", "a weight of 100 kg snaps a rope taut within 4 ms at 6 m/s, steps follow within 20 ms: error of "
          "the largest tension", 0.01, "relative", _snap_peak),
     Case("snap-return", "the same: what is missing of the height it comes back to", 0.02, "of the fall",

@@ -92,8 +92,7 @@ def driven() -> Scene:
 
     Rigid rotation about this line is an exact motion of the loop: `w^2 = g sum(m z) / sum(m z^2)`.
     """
-    scene = loop("driven-at-resonance", 0.3)
-    depth = -equilibrium(scene).positions[1:-1, 2]
+    depth = -equilibrium(loop("driven-at-resonance", 0.3)).positions[1:-1, 2]
     period = float(2 * np.pi * np.sqrt(np.sum(depth**2) / (GRAVITY * np.sum(depth))))
     motion = {"point": "right", "amplitude": [0.0, 0.02, 0.0], "period": period, "ramp": 2.0}
     return loop("driven-at-resonance", 0.3, effects={"end_motion": motion})
@@ -104,8 +103,7 @@ def thousand_links(links: int = 1000) -> Scene:
     table = loop("thousand-links", 0.3).to_dict()
     table["point"][1]["position"] = [60.0, 0.0, 0.0]
     table["line"][0].update(links=links, length=100.0 / links, mass=100.0 / links)
-    force = [[0.0, 20.0, 20.0]]
-    table["start"] = {"kind": "static", "release_nodes": [links // 2], "release_force": force}
+    table["start"] = {"kind": "static", "release_nodes": [links // 2], "release_force": [[0.0, 20.0, 20.0]]}
     return Scene.from_dict(table)
 
 
@@ -169,7 +167,3 @@ def weight_on_thread(
             **more,
         }
     )
-
-
-def largest(x: np.ndarray) -> float:
-    return float(np.max(np.abs(x)))

@@ -14,7 +14,7 @@ from dropper_jax.base.constants import SEA_WATER
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.simulate import simulate
 from dropper_jax.sea.stream_function import stream_function
-from dropper_jax.study.stability.case import Case, Outcome, Watched, watch
+from dropper_jax.study.stability.case import Case, Outcome, Watched, distance_from, watch
 from dropper_jax.study.stability.scenes import G, weight_on_thread
 
 RHO = SEA_WATER
@@ -48,11 +48,8 @@ def _ball_by_scipy(t: np.ndarray) -> np.ndarray:
 
 
 def _crossing(short: bool) -> Watched:
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        return float(np.max(np.abs(positions[:, 2] - _ball_by_scipy(t)))) / DROP
-
     scene = weight_on_thread("dry-wet", BALL, [0.0, 0.0, DROP], {}, sea={"depth": 30.0, "density": RHO})
-    return Watched(scene, 0.01, 4.0 if short else 10.0, "weight", measure)
+    return Watched(scene, 0.01, 4.0 if short else 10.0, "weight", distance_from(_ball_by_scipy, DROP))
 
 
 #: A spar: mass [kg], diameter, height [m] and drag coefficient of its base; how high its base starts [m].
@@ -79,15 +76,17 @@ def _spar_by_scipy(t: np.ndarray) -> np.ndarray:
 
 
 def _under(short: bool) -> Watched:
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        return float(np.max(np.abs(positions[:, 2] - _spar_by_scipy(t)))) / (ABOVE + SPAR["height"])
-
+    measure = distance_from(_spar_by_scipy, ABOVE + SPAR["height"])
     return Watched(dropped_spar(), 0.01, 4.0 if short else 10.0, "weight", measure)
 
 
 #: Waves at a share of the height at which they break: depth [m], period [s].
 DEPTH, PERIOD, NEARLY = 10.0, 6.0, 0.95
 DRIFTER = {"mass": 20.0, "volume": 0.03, "drag_area": 0.1, "added_mass": 0.5}
+
+
+def _regular_sea(amplitude: float) -> dict[str, Any]:
+    return {"depth": DEPTH, "density": RHO, "waves": {"kind": "regular", "amplitude": amplitude, "period": PERIOD}}
 
 
 @cache
@@ -141,10 +140,9 @@ def _drifts(body: dict[str, float], height: float, duration: float) -> Callable[
 
     def measure(t: np.ndarray, positions: np.ndarray) -> float:
         miss = positions[:, [0, 2]] - path(t, positions[0, [0, 2]])
-        return float(np.max(np.linalg.norm(miss, axis=1))) / _amplitude()
+        return float(np.max(np.linalg.norm(miss, axis=1))) / amplitude
 
-    waves = {"kind": "regular", "amplitude": _amplitude(), "period": PERIOD}
-    sea = {"depth": DEPTH, "density": RHO, "waves": waves}
+    sea = _regular_sea(_amplitude())
     scene = weight_on_thread("near-breaking", body, [0.0, 0.0, height], {}, sea=sea)
     return lambda short: Watched(scene, 0.01, duration, "weight", measure)
 
@@ -189,7 +187,6 @@ SWELL = 0.4
 
 def pendulum() -> Scene:
     """A pendulum half in the water, which waves drench and leave dry."""
-    waves = {"kind": "regular", "amplitude": SWELL, "period": PERIOD}
     return load_scene(
         {
             "name": "pendulum-in-waves",
@@ -202,7 +199,7 @@ def pendulum() -> Scene:
                 {"name": "rod", "from": "pivot", "to": "bob", "links": 1, "length": ROD, "mass": BOB}
                 | {"diameter": ROUND}
             ],
-            "sea": {"depth": DEPTH, "density": RHO, "waves": waves},
+            "sea": _regular_sea(SWELL),
             "effects": {
                 "weight": {"gravity": G},
                 "buoyancy": {},
@@ -234,8 +231,7 @@ def _pendulum_by_scipy(t: np.ndarray) -> np.ndarray:
 def _swings(short: bool) -> Outcome:
     run = simulate(pendulum(), duration=5.0 if short else 20.0)
     d = run.positions[:, 1] - run.positions[:, 0]
-    miss = np.arctan2(d[:, 0], -d[:, 2]) - _pendulum_by_scipy(run.t)
-    return Outcome(float(np.max(np.abs(miss))), run.status)
+    return Outcome(float(np.max(np.abs(np.arctan2(d[:, 0], -d[:, 2]) - _pendulum_by_scipy(run.t)))), run.status)
 
 
 #: Floats in a row, tied to one another and to an anchor at either end: their number, distance [m], stiffness [N] and
@@ -257,7 +253,6 @@ def row_of_floats() -> Scene:
         {"name": f"tie-{i}", "from": f"float-{i}", "to": f"float-{i + 1}", "type": "tie", "length": size, "links": 1}
         for i, size in enumerate(sizes.tolist())
     ]
-    waves = {"kind": "regular", "amplitude": RIDDEN, "period": PERIOD}
     return load_scene(
         {
             "name": "many-floats",
@@ -265,7 +260,7 @@ def row_of_floats() -> Scene:
             "line_type": [{"name": "tie", "mass": 1e-6, "diameter": 1e-4, "EA": TETHER, "damping": LOSS}],
             "point": points,
             "line": lines,
-            "sea": {"depth": DEPTH, "density": RHO, "waves": waves},
+            "sea": _regular_sea(RIDDEN),
             "effects": {"weight": {"gravity": G}},
             "start": {"kind": "points"},
         }
@@ -303,10 +298,10 @@ def _row_by_scipy(t: np.ndarray) -> np.ndarray:
 def _row(short: bool) -> Watched:
     watched = FLOATS // 2
 
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        miss = positions[:, [0, 2]] - _row_by_scipy(t)[:, watched - 1]
-        return float(np.max(np.linalg.norm(miss, axis=1))) / RIDDEN
+    def exact(t: np.ndarray) -> np.ndarray:
+        return _row_by_scipy(t)[:, watched - 1]
 
+    measure = distance_from(exact, RIDDEN)
     return Watched(row_of_floats(), 0.02, 1.0 if short else 4.0, f"float-{watched}", measure)
 
 

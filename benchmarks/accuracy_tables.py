@@ -1,7 +1,5 @@
 """Tables of stability, accuracy, speed, sweeps, reports and films."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from study import Found, Rows, columns, kilo, kilo_range, markdown, percent, table_of

@@ -63,7 +63,7 @@ def main(args):
     @cache
     def peak(law, variable, sign):
         """A function of the case: the largest leg tension of a moved design."""
-        x = farm.moved(names.index(variable), sign * SHARE * farm.x[names.index(variable)]) if sign else farm.x
+        x = designs[variable, sign]
         if law == "window":
             run = farm.peaks_of(x, DURATION)
         else:
@@ -77,7 +77,9 @@ def main(args):
     resume(args.out, "base", ({"seed": seed} for seed in cases), base, loops=args.loops, share=SHARE)
     slopes = np.array([row["slope"] for row in stored(args.out)["base"]])
     strongest = np.argsort(-np.abs(np.mean(slopes, axis=0) * farm.x))[:STRONGEST]
-    designs = [("", 0), *((names[k], sign) for k in strongest for sign in (1, -1))]
+    designs = {("", 0): farm.x}
+    for k in strongest:
+        designs |= {(names[k], sign): farm.moved(k, sign * SHARE * farm.x[k]) for sign in (1, -1)}
     wanted = (
         {"law": law, "variable": variable, "sign": sign, "seed": seed}
         for law in LAWS

@@ -22,7 +22,6 @@ in old checkouts: there with PYTHONPATH set to them.
 """
 
 import dataclasses
-import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -30,7 +29,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from study import command
+from study import command, timed
 
 import dropper_jax as dj
 
@@ -262,12 +261,14 @@ def record_all(path: str, names: Sequence[str]) -> int:
     """Record scenes into a file."""
     kept: dict[str, np.ndarray] = {}
     for name in names:
-        begun = time.perf_counter()
-        one = record(name)
+        one, times = timed(partial(record, name))
         kept |= put(name, one)
-        residual, spent = float(np.max(one["after/residual"])), time.perf_counter() - begun
+        residual = float(np.max(one["after/residual"]))
         print(f"{name:36} {one['steps']:4d} steps, growth {one['growth']:8.1e}, ", end="")
-        print(f"residual {residual:8.1e}, highest level {np.max(one['after/level']):2d}, {spent:4.1f} s", flush=True)
+        print(
+            f"residual {residual:8.1e}, highest level {np.max(one['after/level']):2d}, {times['seconds']:4.1f} s",
+            flush=True,
+        )
     np.savez_compressed(path, **kept)
     return 0
 
@@ -293,10 +294,6 @@ def compare_all(path: str, names: Sequence[str], rounding: bool) -> int:
 @command({"command": ("record", "compare"), "file": str, "scene": [str]}, rounding=False)
 def main(given) -> int:
     print(f"{given.command}: {dj.__file__}, jax {jax.__version__}")
-    begun = time.perf_counter()
     if given.command == "record":
-        status = record_all(given.file, given.scene or dj.scene_names())
-    else:
-        status = compare_all(given.file, given.scene, given.rounding)
-    print(f"{time.perf_counter() - begun:.0f} s")
-    return status
+        return record_all(given.file, given.scene or dj.scene_names())
+    return compare_all(given.file, given.scene, given.rounding)

@@ -6,18 +6,17 @@
 Prints steps per second, the gain over a Python loop over single compiled runs, and memory against the number of cases.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import sys
 import tempfile
 import time
+from functools import partial
 from typing import Any
 
 import jax
 import numpy as np
-from study import RESULTS, command, describe, say, store
+from study import RESULTS, command, describe, say, store, timed
 
 import dropper_jax as dj
 from fitting.cli.sweep import use_cores
@@ -35,14 +34,14 @@ def scene(duration: float) -> dj.Scene:
 
 def measure(cases: int, duration: float, folder: str) -> dict[str, Any]:
     """One sweep over a damping coefficient."""
-    cpu = time.process_time()
-    found = sweep(scene(duration), {"b_l": np.linspace(0.001, 0.004, cases)}, f"{folder}/{cases}.zarr")
+    values = {"b_l": np.linspace(0.001, 0.004, cases)}
+    found, times = timed(partial(sweep, scene(duration), values, f"{folder}/{cases}.zarr"))
     return {
         "cases": cases,
         "steps_per_case": found.steps,
         "compile_s": found.compile_s,
         "run_s": found.run_s,
-        "cpu_s": time.process_time() - cpu,
+        "cpu_s": times["processor_s"],
         "million_steps_per_s": found.steps_per_s / 1e6,
         "ok": found.counts["ok"],
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,

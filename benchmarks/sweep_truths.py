@@ -8,11 +8,11 @@ tail, and b_l and b_q fitted to it.
 """
 
 import tempfile
-import time
+from functools import partial
 
 import numpy as np
 from closed_chain import Chain
-from study import RESULTS, Found, command, describe, say, store
+from study import RESULTS, Found, command, describe, say, store, timed
 
 import dropper_jax as dj
 from fitting import Convention, Trace, fit
@@ -78,16 +78,15 @@ def main(args) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for case, pair in enumerate(zip(*PAIRS.values(), strict=True)):
             traces.append(truth(SCENE, *pair, args.duration, case))
-            start_s = time.process_time()  # all truths have one sweep, which the first one runs
-            out = f"{folder}/pairs.zarr"
-            scores = sweep_against_trace(SCENE, PAIRS, traces[-1], out, listed=True, chunk=8, quantities=[])
-            seconds = {"sweep_cpu_s": time.process_time() - start_s}
-            found["rows"].append({"b_l": pair[0], "b_q": pair[1], **rank(scores, case), **seconds})
+            given = SCENE, PAIRS, traces[-1], f"{folder}/pairs.zarr"
+            # all truths have one sweep, which the first one runs
+            scores, times = timed(partial(sweep_against_trace, *given, listed=True, chunk=8, quantities=[]))
+            row = {"b_l": pair[0], "b_q": pair[1], **rank(scores, case)}
+            found["rows"].append({**row, "sweep_cpu_s": times["processor_s"]})
             say(found["rows"][-1])
     store(args.out, found)
     for trace, row in zip(traces, found["rows"], strict=True):
-        start_s = time.process_time()
-        row["fit"] = fitted(trace, np.array([row["b_l"], row["b_q"]]))
-        row["fit_cpu_s"] = time.process_time() - start_s
+        row["fit"], times = timed(partial(fitted, trace, np.array([row["b_l"], row["b_q"]])))
+        row["fit_cpu_s"] = times["processor_s"]
         say(row)
         store(args.out, found)

@@ -211,7 +211,7 @@ def test_derivatives_of_a_run_agree_forward_reverse_and_with_differences(both_mo
         start={"kind": "points"},
     )
     model, start = dj.build(table)
-    stepper, line = dj.make_stepper(model), model.line
+    stepper, line = dj.make_stepper(model).plain, model.line
 
     def end(share: jax.Array) -> jax.Array:
         heavier = line.mass * jnp.where(line.axial.rigid(line.links), share, 1.0)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.run.build import build_model
 
 #: Half-grown mussel dropper (Zhu et al. 2020), its displaced diameter at 1300 kg/m^3.
 OUTER, DISPLACED, MASS, CDN = 0.13, 0.0859, 7.53, 1.3
@@ -49,7 +50,7 @@ def instant(crop: dict[str, float], speed: float = 0.3):
     """Model and instant of the droppers with other values of the crop; all nodes move at this speed."""
     scene = copy.deepcopy(SCENE)
     scene["line_type"][0] |= crop
-    model = dj.build(scene)[0]
+    model = build_model(dj.load_scene(scene))
     geometry = model.geometry
     r = np.zeros((geometry.free, 3))
     for path, ends in zip(geometry.paths, ([[0, 0, -5], [0, 0, -9]], [[0, 0, -9], [4, 0, -5]]), strict=True):

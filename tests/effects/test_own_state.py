@@ -120,7 +120,7 @@ def test_a_halved_step_advances_it_by_parts(known):
 @pytest.mark.parametrize("checkpoint", [False, True])
 def test_derivatives_and_batches_go_through_it(known, checkpoint, both_modes):
     model, start = dj.build(rope())
-    stepper = dj.make_stepper(model)
+    stepper = dj.make_stepper(model).plain
 
     def length(viscosity):
         weight, creep = model.effects
@@ -151,7 +151,7 @@ def test_a_scene_without_such_effects_carries_nothing():
 
 
 def test_nodes_are_found_through_their_line():
-    chain = dj.build("string")[0]
+    chain = build_model(dj.load_scene("string"))
     k = chain.kinematics(jnp.zeros((chain.free_nodes, 3)), jnp.zeros((chain.free_nodes, 3)), 0.0)
     assert k.node(0, 1) == k.node(chain.line.name, 1) == 0
     system = build_model(dj.load_scene("paper-case-1"))  # without its static pose

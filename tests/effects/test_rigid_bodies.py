@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import dropper_jax as dj
 from dropper_jax import SceneError, build, make_stepper
 from dropper_jax.load.checks_system import body_warnings
+from dropper_jax.run.build import build_model
 
 INERTIA, RATES = (1.0, 2.0, 3.0), (0.3, 1.0, 0.2)
 
@@ -171,6 +172,6 @@ def test_an_attachment_on_an_arm_outside_the_hull_is_a_warning():
 
 
 def test_nodes_of_bodies_are_not_taken_for_times_at_which_an_effect_is_not_smooth():
-    model, _ = dj.build("ballasted-spar")
+    model = build_model(dj.load_scene("ballasted-spar"))
     ramp = float(dj.load_scene("ballasted-spar").sea.ramp)
     assert sorted(model.corners.tolist()) == [0.0, ramp]  # when the waves begin and are full

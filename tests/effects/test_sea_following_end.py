@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import dropper_jax as dj
+from dropper_jax.run.build import build_model
 
 
 def test_an_end_that_follows_the_sea_moves_with_the_water_at_the_surface(hanging):
@@ -12,7 +13,7 @@ def test_an_end_that_follows_the_sea_moves_with_the_water_at_the_surface(hanging
         {"weight": {}, "sea_following_end": {"point": "top"}}, {"waves": waves, "ramp": 2.0, "stretching": "none"}
     )
     scene["point"][0]["position"], scene["point"][1]["position"] = [0.0, 0.0, 0.0], [0.0, 0.0, -1.0]
-    model, _ = dj.build(scene)
+    model = build_model(dj.load_scene(scene))
     place, t = jnp.zeros((1, 3)), jnp.array(5.0)
     ends = model.ends(t)
     np.testing.assert_allclose(ends.start[2], model.sea.elevation(place, t)[0], atol=1e-12)

@@ -31,7 +31,7 @@ def period_error(march, scene, reduced, amplitude, steps, **choice):
     """
     model, s = dj.build(scene)
     exact = period(reduced, amplitude)
-    r, _, _ = march(dj.make_stepper(model, **choice), model, s, 2.25 * exact, steps)
+    r, _, _ = march(dj.make_stepper(model, **choice).plain, model, s, 2.25 * exact, steps)
     left = np.arctan2(r[-1, -1, 0], -r[-1, -1, 2])
     rate = 2 * np.sqrt(G / reduced) * np.sin(amplitude / 2)
     return abs(left) / rate / (2.25 * exact)
@@ -52,7 +52,7 @@ def test_conical_pendulum_with_the_right_rate_keeps_its_circle_for_40_seconds():
 
 def test_conical_pendulum_pulls_with_its_weight_over_the_sine_of_its_angle(march):
     model, s = dj.build("conical-pendulum")
-    tension = march(dj.make_stepper(model), model, s, 1.0, 4096)[2]
+    tension = march(dj.make_stepper(model).plain, model, s, 1.0, 4096)[2]
     assert tension[-1, 0] == pytest.approx(1.0 * G / np.sin(np.pi / 8), rel=1e-5)
 
 
@@ -85,7 +85,7 @@ def test_weight_in_water_sets_the_period_not_the_weight_in_air(march, chain):
     """w/m takes the place of g."""
     scene = chain([0.7], [0.3], angles(0.8), effects={"weight": {"wet_weight": 0.3 * G / 4}})
     model, s = dj.build(scene)
-    r, _, _ = march(dj.make_stepper(model), model, s, 2 * 2.25 * period(0.7, 0.8), 16384)
+    r, _, _ = march(dj.make_stepper(model).plain, model, s, 2 * 2.25 * period(0.7, 0.8), 16384)
     assert abs(r[-1, 0, 0]) < 1e-5
 
 
@@ -94,7 +94,7 @@ def test_small_swings_with_linear_damping_decay_as_the_closed_form(march, chain)
     mass, length, b, amplitude, t = 0.5, 0.8, 0.3, 1e-4, 3.0
     scene = chain([length], [mass], angles(amplitude), effects={"weight": {}, "linear_damping": {"b_l": b}})
     model, s = dj.build(scene)
-    r, _, _ = march(dj.make_stepper(model), model, s, t, 8192)
+    r, _, _ = march(dj.make_stepper(model).plain, model, s, t, 8192)
     c = b / (2 * mass)
     w = np.sqrt(G / length - c**2)
     expected = amplitude * np.exp(-c * t) * (np.cos(w * t) + c / w * np.sin(w * t))
@@ -104,6 +104,6 @@ def test_small_swings_with_linear_damping_decay_as_the_closed_form(march, chain)
 def test_without_any_force_a_link_turns_at_a_constant_rate(march, chain):
     scene = chain([0.6], [0.2], angles(0.3, rate=2.0), effects={})
     model, s = dj.build(scene)
-    r, _, tension = march(dj.make_stepper(model), model, s, 1.0, 4096)
+    r, _, tension = march(dj.make_stepper(model).plain, model, s, 1.0, 4096)
     assert np.arctan2(r[-1, 0, 0], -r[-1, 0, 2]) == pytest.approx(2.3, abs=1e-6)
     assert tension[-1, 0] == pytest.approx(0.2 * 0.6 * 2.0**2, rel=1e-6)

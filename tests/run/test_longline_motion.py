@@ -50,7 +50,7 @@ def driven_chain(one_line):
     sea = {"depth": 20.0, "current": {"kind": "uniform", "speed": 0.5, "direction": 1.0}}
     scene = one_line(24.0, 4, [0.0, 0.0, -10.0], [20.0, 0.0, 0.0], kind, effects, sea=sea)
     model, s = build(scene)
-    return model, s, make_stepper(model, halvings=0)
+    return model, s, make_stepper(model).plain
 
 
 def scaled(model, factors):

@@ -12,6 +12,7 @@ from jax.flatten_util import ravel_pytree
 import dropper_jax as dj
 from dropper_jax import Model
 from dropper_jax.residual import Unknowns
+from dropper_jax.run.build import build_model
 from dropper_jax.solvers import SOLVERS
 
 SLACK = {"weight": {}, "linear_damping": {"b_l": 0.02}, "quadratic_damping": {"b_q": 0.3}}
@@ -49,7 +50,7 @@ def test_all_solvers_give_the_same_positions_over_two_seconds(march, scene):
     found = {}
     for name, solver in SOLVERS.items():
         if solver.refuse(model, dj.INTEGRATORS["energy_momentum"]()) is None:
-            stepper = dj.make_stepper(model, solver=name, halvings=0, track_work=False)
+            stepper = dj.make_stepper(model, solver=name, extra=0, halvings=0, track_work=False)
             found[name] = march(stepper, model, s, 2.0, steps, 10)[0]
     assert set(found) == {"dense", "banded"} | ({"condensed"} if "compound" not in scene else set())
     for r in found.values():
@@ -60,7 +61,7 @@ def test_all_solvers_give_the_same_positions_over_two_seconds(march, scene):
 def test_all_solvers_give_the_same_positions_with_the_other_schemes(march, integrator):
     model, s = dj.build("dropper-release-b")
     found = [
-        march(dj.make_stepper(model, integrator, name, halvings=0, track_work=False), model, s, 0.5, 256, 4)[0]
+        march(dj.make_stepper(model, integrator, name, extra=0, halvings=0, track_work=False), model, s, 0.5, 256, 4)[0]
         for name in ("dense", "banded", "condensed")
     ]
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9)
@@ -197,7 +198,7 @@ def test_pairings_that_make_no_sense_are_refused_with_their_reason(chain, solver
 )
 def test_weights_that_a_scheme_does_not_take_are_refused(integrator, gamma):
     with pytest.raises(dj.SceneError, match=r"run\.gamma"):
-        dj.make_stepper(dj.build("string")[0], integrator, gamma=gamma)
+        dj.make_stepper(build_model(dj.load_scene("string")), integrator, gamma=gamma)
 
 
 def test_auto_takes_the_cheapest_solver_that_applies(chain):

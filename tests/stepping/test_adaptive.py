@@ -101,7 +101,7 @@ def test_a_run_along_the_steps_taken_is_the_same_and_has_derivatives_in_both_mod
     followed, falling, checkpoint, both_modes
 ):
     model, start = dj.build(falling(**CASE))
-    stepper = dj.make_stepper(model, track_work=False)
+    stepper = dj.make_stepper(model, track_work=False).plain
     lengths, number = jax.jit(partial(dj.adaptive_step_lengths, stepper, intervals=25, most=2000))(
         model, start, dt=0.02, tolerance=0.02
     )

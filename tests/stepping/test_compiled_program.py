@@ -18,6 +18,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import Effect, component, parameter
 from dropper_jax.effects import EFFECTS
+from dropper_jax.run.build import build_model
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "operations.json"
 SCENES = (
@@ -46,7 +47,8 @@ TRANSCENDENTAL = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "exp2", "l
 
 
 def step_jaxpr(source, **choice):
-    model, s = dj.build(source)
+    model = build_model(dj.load_scene(source))
+    s = dj.state(model, jnp.zeros((model.free_nodes, 3)))  # its shapes count, not where it is
     stepper = dj.make_stepper(model, **choice)
     return jax.make_jaxpr(partial(dj.step, stepper))(model, s, jnp.asarray(0.005))
 

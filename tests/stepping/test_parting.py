@@ -92,7 +92,7 @@ def test_what_broke_is_in_the_summary_the_warnings_and_the_report(cut):
 def swinging():
     """Weight let go unstretched, which swings about its rest; model whose one entry takes any load and time."""
     model, s = build(hanging(2, {"line": "line", "link": 2, "load": 1.0}, start={"kind": "points"}))
-    return model, s, make_stepper(model, halvings=0)
+    return model, s, make_stepper(model).plain
 
 
 def failing(model, load=jnp.inf, time=jnp.inf):

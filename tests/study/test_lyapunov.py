@@ -16,7 +16,7 @@ from dropper_jax.study.stability.scenes import chain
 def test_an_upside_down_pendulum_leaves_at_its_rate() -> None:
     """Balanced on its head it leaves as exp(t sqrt(g/L)) (linear theory): the exponent is sqrt(9.81/2)."""
     model, s = dj.build(chain("upside-down", [np.pi], 2.0))
-    found = lyapunov(model, s, dj.make_stepper(model), 0.002, 1000)
+    found = lyapunov(model, s, dj.make_stepper(model).plain, 0.002, 1000)
     assert float(found.exponent) == np.float64(found.exponent)
     np.testing.assert_allclose(float(found.exponent), np.sqrt(9.81 / 2.0), rtol=1e-3)
 
@@ -24,14 +24,14 @@ def test_an_upside_down_pendulum_leaves_at_its_rate() -> None:
 def test_a_damped_pendulum_at_rest_loses_perturbations_at_half_its_damping_rate() -> None:
     """x'' + (b/m) x' + (g/L) x = 0 has the real part -b/(2m) = -0.4 1/s."""
     model, s = dj.build(chain("damped", [0.0], 1.0, effects={"weight": {}, "linear_damping": {"b_l": 0.8}}))
-    found = lyapunov(model, s, dj.make_stepper(model), 0.005, 8000)
+    found = lyapunov(model, s, dj.make_stepper(model).plain, 0.005, 8000)
     np.testing.assert_allclose(float(found.exponent), -0.4, atol=0.02)
 
 
 def test_growth_is_that_of_two_neighbouring_runs() -> None:
     """The tangent map against the difference of two runs 1e-7 apart, by the ratio of their sizes at two times."""
     model, s = dj.build("double-pendulum-chaotic")
-    stepper = dj.make_stepper(model)
+    stepper = dj.make_stepper(model).plain
     steps, dt = 1500, 0.002
     growth = np.asarray(lyapunov(model, s, stepper, dt, steps).growth)
     v = jax.random.normal(jax.random.key(0), s.v.shape)
@@ -47,7 +47,7 @@ def test_growth_is_that_of_two_neighbouring_runs() -> None:
 
 def test_the_same_call_gives_the_same_numbers_and_the_horizon_follows_the_growth() -> None:
     model, s = dj.build("double-pendulum-chaotic")
-    stepper = dj.make_stepper(model)
+    stepper = dj.make_stepper(model).plain
     once, again = (lyapunov(model, s, stepper, 0.002, 1500) for _ in range(2))
     assert np.array_equal(once.growth, again.growth)
     span = horizon(once, 0.002, 3.0)

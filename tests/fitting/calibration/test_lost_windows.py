@@ -1,6 +1,7 @@
 """Windows that follow the motion: a small dropper that is lifted and released."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -46,9 +47,16 @@ def prepared(trace):
     return prepare([trace], rig(), start=dict(zip(NAMES, 5 * TRUTH, strict=True)))
 
 
+def fit_by(simulator, traces, scene, start):
+    """The default fit from this start, by a compiled simulator of the scene; None: by its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fitting.calibration.fit.prepare", partial(prepare, simulator=simulator))
+        return fit(traces, scene, start=dict(zip(NAMES, start, strict=True)))
+
+
 @pytest.fixture(scope="module")
-def result(trace):
-    return fit([trace], rig(), start=dict(zip(NAMES, 5 * TRUTH, strict=True)))
+def result(trace, prepared):
+    return fit_by(prepared.simulator, [trace], rig(), 5 * TRUTH)
 
 
 def test_the_default_fit_of_a_lifted_dropper_finds_its_damping(result):
@@ -145,8 +153,8 @@ def swapped(trace):
     return replace(trace, theta=theta)
 
 
-def test_a_stretch_that_no_start_explains_is_left_out_and_listed(swapped):
-    result = fit([swapped], rig(), start=dict(zip(NAMES, 2 * TRUTH, strict=True)))
+def test_a_stretch_that_no_start_explains_is_left_out_and_listed(swapped, prepared):
+    result = fit_by(prepared.simulator, [swapped], rig(), 2 * TRUTH)
     table = result.to_json()
     assert result.status == "lost_windows"
     assert "samples lie in windows that no start explains" in table["error"]
@@ -157,24 +165,23 @@ def test_a_stretch_that_no_start_explains_is_left_out_and_listed(swapped):
 
 def test_a_model_that_misses_its_trace_is_no_ok_until_its_error_is_stated(trace):
     heavy = {"mass": [0.02, 0.02, 0.025, 0.02]}
-    start = dict(zip(NAMES, TRUTH, strict=True))
-    missed = fit([trace], rig(**heavy), start=start)
+    missed = fit_by(None, [trace], rig(**heavy), TRUTH)
     assert missed.status in ("misfit", "lost_windows")
     assert missed.chi2_per_dof > 2
-    stated = fit([trace], rig(**heavy, model_error=float(missed.rms)), start=start)
+    simulator = missed.solution.problem.simulator
+    stated = fit_by(simulator, [trace], rig(**heavy, model_error=float(missed.rms)), TRUTH)
     assert stated.status == "ok"
     assert stated.chi2_per_dof < 2
 
 
-def test_angles_of_a_run_are_explained_up_to_the_error_of_its_step(tmp_path):
+def test_angles_of_a_run_are_explained_up_to_the_error_of_its_step(tmp_path, prepared):
     path = write_angles(simulate(rig(), save_every=5, step_check=True), tmp_path / "angles.csv")
-    start = dict(zip(NAMES, 2 * TRUTH, strict=True))
-    result = fit([path], rig(), start=start)
+    result = fit_by(prepared.simulator, [path], rig(), 2 * TRUTH)
     assert result.status == "ok"
     assert result.chi2_per_dof > 0.1
     assert np.all(np.abs(result.values - TRUTH) < 3 * result.uncertainty.std_error)
     assert abs(result.values[0] - TRUTH[0]) < 0.05 * TRUTH[0]
     assert any("model error as stated by the traces" in line for line in result.warnings)
-    unstated = fit([replace(read_trace(path), model_error=0.0)], rig(), start=start)
+    unstated = fit_by(prepared.simulator, [replace(read_trace(path), model_error=0.0)], rig(), 2 * TRUTH)
     assert unstated.status == "misfit"
     assert "model_error" in unstated.message

@@ -11,6 +11,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import dropper_jax as dj
+from dropper_jax.run.build import build_model
 from fitting import Convention, Trace, fit, prepare
 from fitting.calibration.advice import Candidate, advise, groups, wide
 from fitting.calibration.fit import estimate, summarise
@@ -48,12 +49,21 @@ def spoiled(two, motion, seed, how):
     return Trace("rods", t, phi + white, convention=Convention("down", 1, "rad"))
 
 
+@pytest.fixture(scope="module")
+def clean(two, ready, motion):
+    """Standard errors of clean traces: median of three."""
+    found = []
+    for seed in range(3):
+        prepared = ready(two.seen(motion, seed))
+        found.append(summarise(prepared, "windows", estimate(prepared, "windows")).uncertainty.std_error)
+    return np.median(found, axis=0)
+
+
 @pytest.mark.parametrize(
     ("how", "kind", "wider"), [("unlike", "white", 3.0), ("memory", "correlated", 3.0), ("jitter", "jitter", 1.6)]
 )
-def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(two, ready, motion, ten, how, kind, wider):
+def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(two, ready, motion, clean, how, kind, wider):
     """Two draws of each: their errors cover, and are little larger than those of clean traces."""
-    clean = np.median([result.uncertainty.std_error for result in ten], axis=0)
     for seed in (30, 31):
         prepared = ready(spoiled(two, motion, seed, how))
         result = summarise(prepared, "windows", estimate(prepared, "windows"))
@@ -195,10 +205,11 @@ def test_outliers_pull_a_fit_by_students_loss_less_and_are_named(two, ready, mot
     assert off[np.argmin(np.abs(trace.t - float(named[2]))), int(named[1])]
 
 
-def test_held_out_spans_are_scored_by_the_same_windows_however_the_fit_is_cut(rods, two, motion):
+def test_held_out_spans_are_scored_by_the_same_windows_however_the_fit_is_cut(rods, two, ready, motion):
     """Shorter windows of the fit alone must not lower the score; the span itself is cut where errors grow too far."""
     trace = two.seen(motion, 6)
-    long, short = (prepare(trace, rods, two.FREE, window=s, held_out=[(7.2, 9.6)]) for s in (two.WINDOW, 0.6))
+    options = {"held_out": [(7.2, 9.6)], "simulator": ready(trace).simulator}
+    long, short = (prepare(trace, rods, two.FREE, window=s, **options) for s in (two.WINDOW, 0.6))
     assert short.windows.length < long.windows.length
     assert window_length(short, (7.2, 9.6)) == window_length(long, (7.2, 9.6)) == pytest.approx(2.4)
     chaotic = replace(long, lyapunov=5.0)  # 12 e-folds over the span, of which a window's start bears 6
@@ -251,7 +262,7 @@ def test_two_errors_are_both_named_where_a_third_candidate_hides_them(monkeypatc
 
 def test_groups_try_lengths_before_the_end_that_they_can_replace():
     """The end cannot replace lengths: with lengths tried first, wrong lengths and a wrong end are told apart."""
-    model, _ = dj.build("dropper-release-a")
+    model = build_model(dj.load_scene("dropper-release-a"))
     names = [group.name for group in groups(model, [], [])]
     assert names.index("lengths of links") < names.index("position of the second end")
 

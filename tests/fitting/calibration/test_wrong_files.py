@@ -3,6 +3,7 @@
 import json
 import tomllib
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import SceneError, load_scene
 from dropper_jax.cli import main
-from fitting import Convention, fit, write_trace
+from dropper_jax.run.build import build_model
+from fitting import Convention, fit, prepare, write_trace
 from fitting.calibration import wrong_files
 from fitting.calibration.wrong_files import name_wrong_file, refuse_rising_energy, refuse_wrong_file
 from fitting.traces.conventions import settle_convention
@@ -134,7 +136,7 @@ def test_two_links_between_hooks_are_refused_because_they_cannot_move(tmp_path, 
 
 def test_the_file_of_another_rig_is_refused_unless_its_geometry_is_free(scene, held):
     other = scene.with_values({"point.1.position.0": 0.33, "line.0.length": 0.14})
-    model, _ = dj.build(other)
+    model = build_model(dj.load_scene(other))
     with pytest.raises(SceneError, match="another rig, as it seems"):
         refuse_wrong_file(held, model, Convention(), ["effects.linear_damping.b_l"])
     (note,) = refuse_wrong_file(held, model, Convention(), ["line.0.length", "point.1.position.0"])
@@ -151,7 +153,7 @@ def test_a_right_file_with_gaps_outliers_and_a_still_start_is_not_named(scene, h
     first = np.nanmedian(trace.theta[:3], axis=0) + 0.006 * np.random.default_rng(seed).standard_normal((still, 4))
     theta = np.concatenate([first, trace.theta])
     trace = replace(trace, t=17.3 + trace.interval * np.arange(len(theta)), theta=theta)
-    model, _ = dj.build(scene)
+    model = build_model(dj.load_scene(scene))
     assert refuse_wrong_file(trace, model, Convention()) == []
     settled, _ = settle_convention(trace, model, Convention())
     refuse_rising_energy(settled, model, [(float(trace.t[0]), float(trace.t[-1]))], 0.6)
@@ -205,8 +207,11 @@ def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_
     assert name_wrong_file(prepared) == ""
 
 
-def test_a_fit_of_a_wrong_file_is_not_ok_and_says_why(two, rods, motion):
-    result = fit(relative(two.seen(motion, 6)), rods, two.FREE, window=two.WINDOW, method="windows", iterations=3)
+def test_a_fit_of_a_wrong_file_is_not_ok_and_says_why(two, rods, ready, motion, monkeypatch):
+    trace = relative(two.seen(motion, 6))
+    # by the simulator of the other tests, whose windows are compiled
+    monkeypatch.setattr("fitting.calibration.fit.prepare", partial(prepare, simulator=ready(trace).simulator))
+    result = fit(trace, rods, two.FREE, window=two.WINDOW, method="windows", iterations=3)
     assert result.status != "ok"
     assert "angles are relative to the link before" in result.message
     assert result.wrong_file in result.warnings

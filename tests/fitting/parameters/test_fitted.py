@@ -3,6 +3,7 @@
 import numpy as np
 
 import dropper_jax as dj
+from dropper_jax.run.build import build_model
 from fitting.channels.free import find_free
 from fitting.parameters.of_scene import find_parameters, fitted_scene
 from fitting.parameters.parameter import apply
@@ -18,12 +19,12 @@ SCENE = {
 
 def test_a_scene_built_from_the_fitted_one_has_the_fitted_model():
     scene = dj.load_scene(SCENE)
-    model, _ = dj.build(scene)
+    model = build_model(dj.load_scene(scene))
     names = ["effects.linear_damping.b_l", "line.0.mass.1", "point.a.position.0", "effects.weight.gravity"]
     parameters = find_parameters(scene, model, names, "free")
     values = np.array([0.2, 0.13, 0.01, 9.7])
     fitted = fitted_scene(scene, apply(model, parameters, values), parameters, values)
-    again = find_parameters(fitted, dj.build(fitted)[0], names, "free")
+    again = find_parameters(fitted, build_model(dj.load_scene(fitted)), names, "free")
     assert np.allclose([p.value for p in again], values)
     assert fitted.value("line.0.mass.2") == 0.1
 
@@ -42,7 +43,7 @@ def test_a_link_counted_among_all_lines_is_the_right_lines():
             "effects": {"weight": {}},
         }
     )
-    model, _ = dj.build(scene)
+    model = build_model(dj.load_scene(scene))
     parameters = find_parameters(scene, model, ["line.0.mass.2"], "free")
     fitted = fitted_scene(scene, model, parameters, np.array([3.0]))
     assert [np.ravel(line.mass).tolist() for line in fitted.lines] == [[1.0, 1.0], [3.0, 1.0]]
@@ -56,6 +57,6 @@ def test_values_of_sensors_are_not_of_the_scene():
     depth = {"name": "d", "kind": "depth", "column": "y", "unit": "m", "node": 3}
     data = read_data({"run": [{"file": {"t": t, "y": t}}], "channel": [depth]}, scene)
     parameters = find_free(scene, data, ["channel.d.offset", "b_l"])
-    fitted = fitted_scene(scene, dj.build(scene)[0], parameters, np.array([1.0, 0.3]))
+    fitted = fitted_scene(scene, build_model(dj.load_scene(scene)), parameters, np.array([1.0, 0.3]))
     assert fitted.value("effects.linear_damping.b_l") == 0.3
     assert fitted == scene.with_values({"effects.linear_damping.b_l": 0.3})

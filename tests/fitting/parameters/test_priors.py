@@ -5,6 +5,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import Scene, SceneError
+from dropper_jax.run.build import build_model
 from fitting.estimate.normal_equations import prior_of
 from fitting.parameters.of_scene import default_free, find_parameters, power_of_mass, rig_priors
 from fitting.parameters.parameter import resolve
@@ -16,7 +17,7 @@ NAME = "measured-double-pendulum"
 def found(priors, free, scene=NAME):
     table = dj.load_scene(scene).to_dict()
     scene = Scene.from_dict({**table, "fit": {"prior": priors}})
-    model, _ = dj.build(scene)
+    model = build_model(dj.load_scene(scene))
     return rig_priors(scene, model, resolve(model, free))
 
 
@@ -97,7 +98,7 @@ def test_what_the_rig_leaves_open_is_free_by_default():
 
 
 def test_offsets_of_markers_add_to_their_own_links_and_the_cameras_to_all():
-    model, _ = dj.build(NAME)
+    model = build_model(dj.load_scene(NAME))
     parameters = resolve(model, ["camera.offset", "marker.offset"])
     assert [p.name for p in parameters] == ["camera.offset", "marker.offset.0", "marker.offset.1"]
     np.testing.assert_allclose(camera_offset(parameters, np.array([0.1, 0.02, 0.003]), 2), [0.12, 0.103])
@@ -119,7 +120,7 @@ def test_a_prior_of_the_sea_holds_what_is_free_of_the_sea():
             "fit": fit,
         }
     )
-    model, _ = dj.build(scene)
+    model = build_model(dj.load_scene(scene))
     found, _ = rig_priors(scene, model, find_parameters(scene, model, ["sea.current.speed"], "free"))
     assert found[0].prior == pytest.approx((0.4, 0.008))
     assert found[0].unit == "m/s"

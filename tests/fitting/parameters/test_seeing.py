@@ -7,6 +7,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError
+from dropper_jax.run.build import build_model
 from fitting.parameters.parameter import apply, resolve
 from fitting.parameters.target import camera_angles
 
@@ -16,7 +17,7 @@ THETA = np.array([1.2, 0.4, -0.5, -1.1])
 
 @pytest.fixture(scope="module")
 def model(chain):
-    return dj.build(chain(LENGTH, 0.1, {"kind": "static"}, [0.6, 0, 0]))[0]
+    return build_model(dj.load_scene(chain(LENGTH, 0.1, {"kind": "static"}, [0.6, 0, 0])))
 
 
 def test_markers_beside_their_nodes_are_seen_where_geometry_puts_them(model):

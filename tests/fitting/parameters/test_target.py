@@ -5,14 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import build
+from dropper_jax import load_scene
+from dropper_jax.run.build import build_model
 from fitting.parameters.parameter import Parameter, apply, resolve
 from fitting.parameters.target import Direction
 
 
 @pytest.fixture(scope="module")
 def model():
-    return build("dropper-release-a")[0]
+    return build_model(load_scene("dropper-release-a"))
 
 
 def test_only_the_numbers_that_are_named_change(model):
@@ -35,7 +36,7 @@ def test_an_entry_of_a_table_of_vectors_is_one_number():
     force = {"nodes": [2, 3], "force_n": [[0.1, 0.0, 0.3], [0.0, 0.2, 0.1]]}
     loop = {"name": "loop", "from": "a", "to": "b", "links": 4, "length": 0.3, "mass": 0.1}
     scene = {"point": points, "line": [loop], "effects": {"weight": {}, "nodal_force": force}}
-    pushed = build({"run": {"dt": 0.01, "duration": 1.0}, **scene})[0]
+    pushed = build_model(load_scene({"run": {"dt": 0.01, "duration": 1.0}, **scene}))
     path = "effects.nodal_force.force_n"
     values = jnp.array([0.1, 0.0, 0.3, 0.0, 0.7, 0.1])
     for names, given in (([path], values), ([f"{path}.4"], values[4:5])):

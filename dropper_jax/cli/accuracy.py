@@ -18,7 +18,7 @@ from dropper_jax.cli.options import (
     read_scene,
     table,
 )
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -59,11 +59,10 @@ def run(args: argparse.Namespace) -> int:
         for value in values:
             if not 0 < value < float("inf"):
                 raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0 s")
-    plot, out = plot_folder(args.plot), out_file(args.out)
     found = report(read_scene(args), args)
-    if plot:
-        draw(found, picture(plot, "accuracy"))
-    return deliver(args.json, done_object(**found), text(found), out)
+    if args.plot:
+        draw(found, picture(args.plot, "accuracy"))
+    return deliver(args.json, done_object(**found), text(found), args.out)
 
 
 def report(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
@@ -118,10 +117,18 @@ def _loads(found: dict[str, Any]) -> str:
     if not found["rows"]:
         return f"loads: {found['skipped']}"
     names = ("mean", "deviation", "window_maximum", "maximum")
-    rows = [("dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status")]
-    for row in found["rows"]:
-        errors = (_short(row["errors"][name], "{:.2%}") for name in names)
-        rows.append((f"{row['dt']:.4g}", *errors, f"{row['us_per_step']:.3g}", row["status"]))
+    rows = [
+        ("dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status"),
+        *(
+            (
+                f"{row['dt']:.4g}",
+                *(_short(row["errors"][name], "{:.2%}") for name in names),
+                f"{row['us_per_step']:.3g}",
+                row["status"],
+            )
+            for row in found["rows"]
+        ),
+    ]
     head = f"errors of the loads of the worst line, against {found['reference_dt']:.4g} s:"
     return "\n".join([head, table(rows), *(item["text"] for item in found["advice"])])
 
@@ -142,9 +149,15 @@ HEAD = (
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:
     keys = ("rms_angle_error_rad", "rms_position_error_m", "rms_tension_error_n", "energy_drift_j")
-    speed = (_short(row["us_per_step"], "{:.3g}"), _short(row["wall_s_per_simulated_s"], "{:.2g}"))
-    errors = (_short(row[key], "{:.1e}") for key in keys)
-    return (row["label"], row["solver"], f"{row['dt']:.4g}", *errors, *speed, row["status"])
+    return (
+        row["label"],
+        row["solver"],
+        f"{row['dt']:.4g}",
+        *(_short(row[key], "{:.1e}") for key in keys),
+        _short(row["us_per_step"], "{:.3g}"),
+        _short(row["wall_s_per_simulated_s"], "{:.2g}"),
+        row["status"],
+    )
 
 
 def _short(value: float | None, form: str) -> str:

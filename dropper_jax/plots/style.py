@@ -119,8 +119,8 @@ def how(run: Run) -> tuple[str, str]:
     return (text, FAINT) if run.status == "ok" else (f"{text}, ended with {run.status}", ALERT)
 
 
-def title(figure: Figure, run: Run, what: str) -> None:
-    """Title of the figure, with integrator and step below it."""
+def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
+    """Write the figure with its title, and integrator and step at the bottom."""
     text, colour = how(run)
     figure.suptitle(heading(run, what), fontsize=12, fontweight="bold", x=0.01, ha="left")
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
@@ -129,6 +129,7 @@ def title(figure: Figure, run: Run, what: str) -> None:
     layout = figure.get_layout_engine()
     if layout is not None:
         layout.set(rect=(0.0, foot, 1.0, 1.0 - foot - head))
+    return save(figure, path)
 
 
 def time_axis(axes: Axes, t: np.ndarray) -> None:

@@ -87,13 +87,13 @@ def _tension_row(line: dict[str, Any]) -> Cells:
             for end in ("first", "last")
         },
         "99 % [N]": newton(max(line["percentiles_n"]["99"])),
-        "largest [N]": _at(line["largest"], newton(line["largest"]["n"])),
+        "largest [N]": with_position(line["largest"], newton(line["largest"]["n"])),
         "utilisation": "-" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
         "with the safety factor": "-" if used is None else f"{100 * used['with_factor']:.1f} %",
     }
 
 
-def _at(found: dict[str, Any], value: str, when: str = "t_s") -> str:
+def with_position(found: dict[str, Any], value: str, when: str = "t_s") -> str:
     """A value with its arc length and time."""
     return f"{value} at {found['at_m']:.1f} m, {found[when]:.2f} s"
 
@@ -178,7 +178,9 @@ def _snap_row(line: dict[str, Any]) -> Cells:
         "line": line["line"],
         "events in the worst link": str(line["most_events"]),
         "slack, worst link [% of time]": _percent(line["largest_share_slack"]),
-        "largest peak [N]": _at(line["shown"][0], newton(_largest_snap(line)), "peak_s") if line["shown"] else "none",
+        "largest peak [N]": with_position(line["shown"][0], newton(_largest_snap(line)), "peak_s")
+        if line["shown"]
+        else "none",
     }
 
 
@@ -271,7 +273,7 @@ def _acceleration_row(line: dict[str, Any]) -> Cells:
         "line": line["line"],
         "rms, worst node [m/s^2]": f"{max(line['rms_m_per_s2']):.3g}",
         "99 %, worst node [m/s^2]": f"{max(line['p99_m_per_s2']):.3g}",
-        "largest [m/s^2]": _at(line, f"{line['largest_m_per_s2']:.3g}"),
+        "largest [m/s^2]": with_position(line, f"{line['largest_m_per_s2']:.3g}"),
     }
 
 

@@ -95,8 +95,7 @@ class Coupled:
         Raises:
             SceneError: no equilibrium found, values that are not finite or not of this shape.
         """
-        home = np.array([self.scene.point(name).position for name in self.points])
-        all_positions = home if positions is None else self._read("positions", positions)
+        all_positions = self._home if positions is None else self._read("positions", positions)
         rates = np.zeros_like(all_positions) if velocities is None else self._read("velocities", velocities)
         self._lines = coupled_lines(self._moved_to(all_positions), self.points, rates, self.accelerations)
         self._plain = self._lines.stepper.until_converged or not self._lines.model.laws
@@ -201,12 +200,16 @@ class Coupled:
         return result
 
     def _moved_to(self, positions: np.ndarray) -> Scene:
-        names = [p.name for p in self.scene.points]
-        home = [self.scene.point(name).position for name in self.points]
-        if all(np.array_equal(a, b) for a, b in zip(positions, home, strict=True)):
+        if np.array_equal(positions, self._home):
             return self.scene
+        names = [p.name for p in self.scene.points]
         where = zip(self.points, positions, strict=True)
         return self.scene.with_values({f"point.{names.index(name)}.position": p.tolist() for name, p in where})
+
+    @property
+    def _home(self) -> np.ndarray:
+        """Positions (c, 3) [m] of the points in the scene."""
+        return np.array([self.scene.point(name).position for name in self.points])
 
     def _fail(self, dt: float, count: int) -> None:
         end = self.time + dt

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import (
@@ -19,9 +19,6 @@ from dropper_jax.cli.options import (
     table,
 )
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-
-if TYPE_CHECKING:
-    from dropper_jax.load.scene import Scene
 
 help = "measure errors and times of all integrators over a range of steps, and advise"
 
@@ -59,23 +56,19 @@ def run(args: argparse.Namespace) -> int:
         for value in values:
             if not 0 < value < float("inf"):
                 raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0 s")
-    found = report(read_scene(args), args)
-    if args.plot:
-        draw(found, picture(args.plot, "accuracy"))
-    return deliver(args.json, done_object(**found), text(found), args.out)
+    scene = read_scene(args)
 
-
-def report(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
-    """Measure the quantities that the options request."""
     from dropper_jax.study.accuracy import REPORT_DTS, accuracy
     from dropper_jax.study.march import parse
 
-    schemes = [parse(name) for text in args.integrators for name in text.split(",")] if args.integrators else None
-    dts = tuple(args.dts) if args.dts else REPORT_DTS
+    schemes = [parse(name) for text in args.integrators or () for name in text.split(",")] or None
+    dts = tuple(args.dts or REPORT_DTS)
     found = accuracy(scene, schemes, dts, args.span, not args.quick, progress(args.quiet), args.peers)
     for item in found["refused"]:
         print_line(f"left out: {item['scheme']}: {item['reason']}")
-    return found
+    if args.plot:
+        draw(found, picture(args.plot, "accuracy"))
+    return deliver(args.json, done_object(**found), text(found), args.out)
 
 
 def draw(found: dict[str, Any], path: Path) -> None:

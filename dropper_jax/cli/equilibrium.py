@@ -60,10 +60,10 @@ def run(args: argparse.Namespace) -> int:
     angles = np.concatenate([np.stack(link_angles(found.positions[line.nodes]), axis=-1) for line in lines])
     bent = curvature(scene, np.asarray(found.positions)[None])[0]
     failed = found.status != "ok"
+    remarks = (*floating_warnings(scene), *body_warnings(scene))
     if not failed:
         check_stretch(scene, found.positions)
-    remarks = () if failed else pose_remarks(scene, found.positions, found.tension)
-    remarks = (*remarks, *floating_warnings(scene), *body_warnings(scene))
+        remarks = (*pose_remarks(scene, found.positions, found.tension), *remarks)
     print_warnings(remarks)
     if args.plot and not failed:
         from dropper_jax.plots.tension import along_lines

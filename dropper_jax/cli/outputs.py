@@ -66,8 +66,14 @@ def save_or_report(solution: Solution, out: Path | None) -> str | None:
 class Output(argparse.Action):
     """A file or folder to write, checked while the options are read: `const` makes the path of text and option."""
 
-    def __call__(self, parser: argparse.ArgumentParser, args: argparse.Namespace, text: str, *_: object) -> None:
-        setattr(args, self.dest, self.const(text, self.option_strings[0]))
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        setattr(namespace, self.dest, self.const(values, self.option_strings[0]))
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:

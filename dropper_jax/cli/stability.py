@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest, silent
@@ -41,21 +40,15 @@ def run(args: argparse.Namespace) -> int:
         say(i / len(cases), case.name)
         rows.append(evaluate(case, args.short, not args.short))
     say(1.0, "done")
-    return report(rows, args.json, args.out)
-
-
-def report(rows: list[dict[str, Any]], as_json: bool, out: Path | None = None) -> int:
-    """Print the rows; returns the exit code."""
     missed = [row["name"] for row in rows if not row["ok"]]
     failure = ("not_converged", f"limits exceeded: {', '.join(missed)}") if missed else None
-    return deliver(as_json, done_object(cases=rows), text(rows), out, failure)
+    return deliver(args.json, done_object(cases=rows), text(rows), args.out, failure)
 
 
 def text(rows: list[dict[str, Any]]) -> str:
     """The result as a table."""
     beside = PEERS if any("peers" in row for row in rows) else ()
-    cells = [("case", "measured", "limit", "unit", "holds", "status", *BASELINES, *beside)]
-    cells += [
+    cells = [
         (
             row["name"],
             f"{row['measured']:.1e}",
@@ -68,7 +61,8 @@ def text(rows: list[dict[str, Any]]) -> str:
         )
         for row in rows
     ]
-    return "\n".join([table(cells), "", *(f"{row['name']}: {row['claim']}" for row in rows)])
+    heads = ("case", "measured", "limit", "unit", "holds", "status", *BASELINES, *beside)
+    return "\n".join([table([heads, *cells]), "", *(f"{row['name']}: {row['claim']}" for row in rows)])
 
 
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")

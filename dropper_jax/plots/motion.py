@@ -41,8 +41,7 @@ def motion_panels(run: Run) -> list[Panel]:
             panels.append(Panel(f"{letter} [m]" if alone else f"{letter} from its start [m]", curves))
     if not panels:  # without motion the picture shows the position
         panels = [Panel("z [m]", [Curve(name, run.t, path[:, 2]) for name, path in paths.items()], "nothing moves")]
-    surface = _surface(run, next(iter(paths.values())), next(iter(paths)))
-    return [*panels, *([surface] if surface else [])]
+    return [*panels, *_surface(run, next(iter(paths.values())), next(iter(paths)))]
 
 
 def tracked_nodes(run: Run) -> dict[str, int]:
@@ -66,16 +65,13 @@ def tracked_nodes(run: Run) -> dict[str, int]:
     return {name: wanted[name] for name in names}
 
 
-def _surface(run: Run, path: np.ndarray, name: str) -> Panel | None:
-    """Elevation [m] over the mean position of a path (k, 3); None without waves."""
+def _surface(run: Run, path: np.ndarray, name: str) -> list[Panel]:
+    """Elevation [m] over the mean position of a path (k, 3); empty without waves."""
     position = path.mean(axis=0)
     title = f"surface elevation above the mean position of {name}"
     eta = np.zeros(1) if run.surface is None else run.surface(position[None], run.t)[:, 0]
-    return (
-        None
-        if np.ptp(eta) == 0
-        else Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True)
-    )
+    panel = Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True)
+    return [panel] if np.ptp(eta) > 0 else []
 
 
 @style.with_style

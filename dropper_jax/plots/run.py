@@ -157,7 +157,8 @@ class Run:
         buoys: its buoys.
         bodies: its rigid bodies; None without.
         point_names: nodes of a system's points by name.
-        extremes: minimum and maximum tension (k, n) [N] since the previous sample, if steps adapt to snap loads.
+        min_tension, max_tension: (k, n) [N] of each sample: since the previous one if steps adapt to snap loads, else
+            the tension itself.
         surface: the elevation (q, n) [m] over positions (n, 3) at times (q,); None without water.
     """
 
@@ -169,6 +170,8 @@ class Run:
     positions: np.ndarray
     velocities: np.ndarray
     tension: np.ndarray
+    min_tension: np.ndarray
+    max_tension: np.ndarray
     t_tension: np.ndarray
     kinetic: np.ndarray
     potential: np.ndarray
@@ -181,18 +184,7 @@ class Run:
     buoys: tuple[Float, ...] = ()
     bodies: Bodies | None = None
     point_names: dict[str, int] = dataclasses.field(default_factory=dict)
-    extremes: tuple[np.ndarray, np.ndarray] | None = None
     surface: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
-
-    @property
-    def max_tension(self) -> np.ndarray:
-        """Maximum tension (k, n) [N] of each sample."""
-        return self.tension if self.extremes is None else self.extremes[1]
-
-    @property
-    def min_tension(self) -> np.ndarray:
-        """Minimum tension (k, n) [N] of each sample."""
-        return self.tension if self.extremes is None else self.extremes[0]
 
     @property
     def first(self) -> np.ndarray:
@@ -239,6 +231,8 @@ def readable(solution: Solution) -> Run:
     good = np.append(finite & near, False)
     last = max(1, int(np.argmin(good)))
     positions, velocities, kinetic, potential = (a[:last] for a in moved)
+    tension = np.asarray(solution.tension, float)[:last]
+    least, largest = (tension if a is None else a[:last] for a in (solution.tension_min, solution.tension_max))
     return Run(
         name=solution.scene.name,
         integrator=str(solution.settings["integrator"]),
@@ -247,21 +241,17 @@ def readable(solution: Solution) -> Run:
         t=np.asarray(solution.t, float)[:last],
         positions=positions,
         velocities=velocities,
-        tension=np.asarray(solution.tension, float)[:last],
+        tension=tension,
+        min_tension=least,
+        max_tension=largest,
         t_tension=np.asarray(solution.t_tension, float)[:last],
         kinetic=kinetic,
         potential=potential,
         work=work[:last],
         work_names=tuple(solution.work_names),
-        extremes=_extremes(solution, last),
         bodies=bodies_of(solution, last),
         **_lines(solution),
     )
-
-
-def _extremes(solution: Solution, last: int) -> tuple[np.ndarray, np.ndarray] | None:
-    least, largest = solution.tension_min, solution.tension_max
-    return None if least is None or largest is None else (least[:last], largest[:last])
 
 
 def elevations(scene: Scene, positions: np.ndarray, times: np.ndarray) -> np.ndarray:

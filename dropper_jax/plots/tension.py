@@ -147,7 +147,7 @@ def ends_panel(run: Run) -> Panel:
             ends = tuple((f"at {stop}", link) for stop, (_, link) in zip(stops, ends, strict=True))
         for name, link in ends:
             values, low, high = (a[kept, link] / size for a in (run.tension, run.min_tension, run.max_tension))
-            range_ = (None, None) if run.extremes is None else (low, high)
+            range_ = () if run.max_tension is run.tension else (low, high)
             curves.append(Curve(name if both else line.name, t, values, *range_))
     title = _count_title(
         "ends of the line" if both else "more loaded end of each line", len(lines), len(run.written_lines)

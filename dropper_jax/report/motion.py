@@ -78,7 +78,8 @@ def line_distances(record: Record) -> list[dict[str, Any]]:
     that end in a common point of both lines are left out.
     """
     lines = range(len(record.written_lines))
-    low, high = np.stack([_swept(record, i) for i in lines], axis=1)
+    nodes = [record.positions[:, line.nodes] for line in record.written_lines]
+    low, high = (np.stack([limit(own, axis=(0, 1)) for own in nodes]) for limit in (np.min, np.max))
     gap = np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=-1)
     pairs = sorted((float(gap[a, b]), a, b) for a in lines for b in lines if a < b)
     best: list[tuple[float, Any]] = [(np.inf, None) for _ in lines]
@@ -125,11 +126,6 @@ def _touching(record: Record, a: int, b: int) -> float | None:
     """Half the sum of the maximum diameters [m], the distance of axes in contact; None if a line has no diameter."""
     both = [record.written_lines[i].spec.diameter for i in (a, b)]
     return None if any(d is None for d in both) else float(0.5 * sum(np.max(d) for d in both))
-
-
-def _swept(record: Record, index: int) -> np.ndarray:
-    nodes = record.positions[:, record.written_lines[index].nodes].reshape(-1, 3)
-    return np.stack([nodes.min(axis=0), nodes.max(axis=0)])
 
 
 def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,7 @@ def _chosen(sizes: list[float]) -> list[int]:
 
 
 def _finish(
-    figure: Figure, part: Record, what: str, shown: list[dict[str, Any]], every: list[dict[str, Any]], path: Path
+    figure: Figure, part: Record, what: str, shown: Sequence[object], every: Sequence[object], path: Path
 ) -> Path:
     """Write the picture; its title has the numbers of items if some are not shown."""
     more = "" if len(shown) == len(every) else f", {len(shown)} of {len(every)} (the largest)"

@@ -99,9 +99,7 @@ class Coupled:
         rates = np.zeros_like(all_positions) if velocities is None else self._read("velocities", velocities)
         self._lines = coupled_lines(self._moved_to(all_positions), self.points, rates, self.accelerations)
         self._plain = self._lines.stepper.until_converged or not self._lines.model.laws
-        self._saved = self._lines.init()
-        self.status, self.failure = "ok", ""
-        return self.forces
+        return self._accept(self._lines.init())
 
     def step(
         self, positions: Vectors, velocities: Vectors, dt: float, accelerations: Vectors | None = None
@@ -131,9 +129,7 @@ class Coupled:
         self.residual, self.retried = float(outputs.residual), int(outputs.retried)
         if outputs.failed or not np.all(np.isfinite(outputs.forces)):
             self._fail(dt, count)
-        self.status, self.failure = "ok", ""
-        self._saved = state
-        return self.forces
+        return self._accept(state)
 
     def save(self, path: str | Path | None = None) -> dict[str, np.ndarray]:
         """The whole state as arrays; also written to an `.npz` file if a path is given."""
@@ -153,9 +149,8 @@ class Coupled:
         """
         if self._saved is None:
             self.init()
-        self._saved = restore_carry(self._state(), saved if isinstance(saved, dict) else self._read_file(Path(saved)))
-        self.status, self.failure = "ok", ""
-        return self.forces
+        arrays = saved if isinstance(saved, dict) else self._read_file(Path(saved))
+        return self._accept(restore_carry(self._state(), arrays))
 
     @property
     def time(self) -> float:
@@ -181,6 +176,11 @@ class Coupled:
     def tension(self) -> np.ndarray:
         """Tensions of all links (n,) [N] in the last step."""
         return np.asarray(self._state().progress.state.tension)
+
+    def _accept(self, state: CoupledState) -> np.ndarray:
+        """Make this the present state, and return its forces on the points (c, 3) [N]."""
+        self._saved, self.status, self.failure = state, "ok", ""
+        return self.forces
 
     def _state(self) -> CoupledState:
         if self._saved is None:

@@ -104,8 +104,10 @@ def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
 
 
 def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
+    if scene.sea is None:
+        return
     nodes = point_nodes(scene)
-    for buoy in scene.buoys if scene.sea is not None else ():
+    for buoy in scene.buoys:
         base = float(positions[nodes[buoy.point], 2]) - buoy.attachment
         if base + buoy.height < 0.0:
             yield f"{buoy.name}: at rest its top is {-base - buoy.height:.3g} m under water"
@@ -273,8 +275,7 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
     text."""
     if not solution.scene.start.is_static or solution.continues or "load_errors" in solution.settings:
         return
-    least = solution.tension if solution.tension_min is None else solution.tension_min
-    largest = solution.tension if solution.tension_max is None else solution.tension_max
+    least, largest = solution.tension_range
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):
         rest = float(np.max(solution.tension[0, where.links]))
         # ratio to the static tension below which a link is slack

@@ -234,12 +234,16 @@ class Samples:
         """The same of the angles [deg] of the end links above the horizontal: the uplift at an anchor."""
         return _by_end(end_angles(self.positions, whole_lines(self.scene)))
 
-    def _extent(self, links: slice | np.ndarray) -> dict[str, float]:
-        found = extent(self.tension[:, links])
+    @property
+    def tension_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Minimum and maximum tension (k, n) [N] of each sample; the tension itself without snap-adaptive steps."""
         if self.tension_min is None or self.tension_max is None:
-            return found
-        extremes = np.min(self.tension_min[:, links]), np.max(self.tension_max[:, links])
-        return {**found, "min": float(extremes[0]), "max": float(extremes[1])}
+            return self.tension, self.tension
+        return self.tension_min, self.tension_max
+
+    def _extent(self, links: slice | np.ndarray) -> dict[str, float]:
+        least, largest = (a[:, links] for a in self.tension_range)
+        return {**extent(self.tension[:, links]), "min": float(np.min(least)), "max": float(np.max(largest))}
 
     def provenance(self) -> dict[str, Any]:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""

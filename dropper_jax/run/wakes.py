@@ -146,7 +146,7 @@ def solve_wakes(elements: Elements, speed: float, depth: float, turbulence: floa
     """
     count = len(elements.x)
     wakes = Wakes(elements, float(speed), float(depth), turbulence, np.full(count, float(speed)), np.zeros(count))
-    at, plane = -np.inf, None
+    at, plane = -np.inf, wakes.plane(-np.inf)
     for i in np.argsort(elements.x, kind="stable"):
         if elements.x[i] > at + 0.5 * BEHIND * elements.diameter[i]:  # elements next to each other share a plane
             at = elements.x[i]

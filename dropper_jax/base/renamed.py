@@ -46,6 +46,7 @@ RENAMED = (
     Row("module", "dropper_jax.base", "progress", "errors", "0.2"),
     Row("module", "dropper_jax.cli", "codes", "dropper_jax.cli.options", "0.2"),
     Row("module", "dropper_jax.cli", "output", "dropper_jax.cli.options", "0.2"),
+    Row("module", "dropper_jax.view", "make", "dropper_jax.view", "0.2"),
     Row("module", "dropper_jax.study", "schemes", "dropper_jax.study.march", "0.2"),
     Row("module", "fitting.optimise", "picture", "run", "0.2"),
     Row("module", "fitting.parameters", "fitted", "of_scene", "0.2"),

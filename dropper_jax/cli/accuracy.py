@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import (
@@ -18,10 +18,7 @@ from dropper_jax.cli.options import (
     read_scene,
     table,
 )
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
-
-if TYPE_CHECKING:
-    from dropper_jax.load.scene import Scene
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 help = "measure errors and times of all integrators over a range of steps, and advise"
 
@@ -59,24 +56,19 @@ def run(args: argparse.Namespace) -> int:
         for value in values:
             if not 0 < value < float("inf"):
                 raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0 s")
-    plot, out = plot_folder(args.plot), out_file(args.out)
-    found = report(read_scene(args), args)
-    if plot:
-        draw(found, picture(plot, "accuracy"))
-    return deliver(args.json, done_object(**found), text(found), out)
+    scene = read_scene(args)
 
-
-def report(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
-    """Measure the quantities that the options request."""
     from dropper_jax.study.accuracy import REPORT_DTS, accuracy
     from dropper_jax.study.march import parse
 
-    schemes = [parse(name) for text in args.integrators for name in text.split(",")] if args.integrators else None
-    dts = tuple(args.dts) if args.dts else REPORT_DTS
+    schemes = [parse(name) for text in args.integrators or () for name in text.split(",")] or None
+    dts = tuple(args.dts or REPORT_DTS)
     found = accuracy(scene, schemes, dts, args.span, not args.quick, progress(args.quiet), args.peers)
     for item in found["refused"]:
         print_line(f"left out: {item['scheme']}: {item['reason']}")
-    return found
+    if args.plot:
+        draw(found, picture(args.plot, "accuracy"))
+    return deliver(args.json, done_object(**found), text(found), args.out)
 
 
 def draw(found: dict[str, Any], path: Path) -> None:
@@ -118,10 +110,18 @@ def _loads(found: dict[str, Any]) -> str:
     if not found["rows"]:
         return f"loads: {found['skipped']}"
     names = ("mean", "deviation", "window_maximum", "maximum")
-    rows = [("dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status")]
-    for row in found["rows"]:
-        errors = (_short(row["errors"][name], "{:.2%}") for name in names)
-        rows.append((f"{row['dt']:.4g}", *errors, f"{row['us_per_step']:.3g}", row["status"]))
+    rows = [
+        ("dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status"),
+        *(
+            (
+                f"{row['dt']:.4g}",
+                *(_short(row["errors"][name], "{:.2%}") for name in names),
+                f"{row['us_per_step']:.3g}",
+                row["status"],
+            )
+            for row in found["rows"]
+        ),
+    ]
     head = f"errors of the loads of the worst line, against {found['reference_dt']:.4g} s:"
     return "\n".join([head, table(rows), *(item["text"] for item in found["advice"])])
 
@@ -142,9 +142,15 @@ HEAD = (
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:
     keys = ("rms_angle_error_rad", "rms_position_error_m", "rms_tension_error_n", "energy_drift_j")
-    speed = (_short(row["us_per_step"], "{:.3g}"), _short(row["wall_s_per_simulated_s"], "{:.2g}"))
-    errors = (_short(row[key], "{:.1e}") for key in keys)
-    return (row["label"], row["solver"], f"{row['dt']:.4g}", *errors, *speed, row["status"])
+    return (
+        row["label"],
+        row["solver"],
+        f"{row['dt']:.4g}",
+        *(_short(row[key], "{:.1e}") for key in keys),
+        _short(row["us_per_step"], "{:.3g}"),
+        _short(row["wall_s_per_simulated_s"], "{:.2g}"),
+        row["status"],
+    )
 
 
 def _short(value: float | None, form: str) -> str:

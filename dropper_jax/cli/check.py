@@ -15,7 +15,7 @@ from dropper_jax.cli.options import (
     read_scene,
     table,
 )
-from dropper_jax.cli.outputs import add_out, deliver, out_file, weights_table
+from dropper_jax.cli.outputs import add_out, deliver, weights_table
 from dropper_jax.cli.run import OVERRIDES
 
 if TYPE_CHECKING:
@@ -39,25 +39,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    out = out_file(args.out)
     scene = read_scene(args, OVERRIDES)
 
-    from dropper_jax.load.checks_system import body_warnings
-    from dropper_jax.run.growth import floating_warnings
-
     found = examine(scene)
-    warnings = [*floating_warnings(scene), *body_warnings(scene)]
-    print_warnings(warnings)
-    return deliver(
-        args.json, done_object(scene=scene.name, **found, warnings=warnings), text(scene, args.scene, found), out
-    )
+    print_warnings(found["warnings"])
+    return deliver(args.json, done_object(scene=scene.name, **found), text(scene, args.scene, found), args.out)
 
 
 def examine(scene: Scene) -> dict[str, Any]:
     """Facts of a scene that need neither its equilibrium nor a compiled step."""
+    from dropper_jax.load.checks_system import body_warnings
     from dropper_jax.run.arrays import bare_model
     from dropper_jax.run.build import stepper_of
-    from dropper_jax.run.growth import line_weights, overgrown, wet_weights
+    from dropper_jax.run.growth import floating_warnings, line_weights, overgrown, wet_weights
     from dropper_jax.run.resolution import periods, suggest_step
     from dropper_jax.scene import whole_lines
 
@@ -94,25 +88,25 @@ def examine(scene: Scene) -> dict[str, Any]:
             "effects": list(scene.effects),
             "steps": scene.run.steps,
         },
+        "warnings": [*floating_warnings(scene), *body_warnings(scene)],
     }
 
 
 def text(scene: Scene, source: str, found: dict[str, Any]) -> str:
     """The facts as text; `source` is the scene as the user named it."""
-    rows = [("line", "links", "length [m]", "mass [kg]", "weight [N]" if scene.sea is None else "weight in water [N]")]
-    for row in found["lines"]:
-        values = (row["length_m"], row["mass_kg"], row["wet_weight_n"])
-        rows.append((row["line"], str(row["links"]), *(f"{value:.5g}" for value in values)))
+    keys = ("length_m", "mass_kg", "wet_weight_n")
+    rows = [
+        ("line", "links", "length [m]", "mass [kg]", "weight [N]" if scene.sea is None else "weight in water [N]"),
+        *((row["line"], str(row["links"]), *(f"{row[key]:.5g}" for key in keys)) for row in found["lines"]),
+    ]
     parts, step = found["compiled"], found["suggested_dt_s"]
     shape = f"{parts['links']} links, {parts['free_nodes']} free nodes, {parts['bodies']} rigid bodies"
-    own, points = found["points"], []
+    own, pairs = found["points"], []
     if own["mass_kg"] or own["lift_n"]:
         weighs = f"; lines weigh {sum(row['wet_weight_n'] for row in found['lines']):.4g} N in water"
-        points = [
-            ("floats, masses", f"{own['mass_kg']:.4g} kg; their net lift submerged is {own['lift_n']:.4g} N{weighs}")
-        ]
-    pairs = [
-        *points,
+        lift = f"their net lift submerged is {own['lift_n']:.4g} N"
+        pairs.append(("floats, masses", f"{own['mass_kg']:.4g} kg; {lift}{weighs}"))
+    pairs += [
         *((WORDS[name], f"{value:.3g} s") for name, value in found["periods_s"].items()),
         ("natural periods", f"dropper modes {source}"),
         (

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from dropper_jax.cli.options import add_examples, add_scene, done_object, read_scene, table
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 help = "operations, bytes and microseconds per step, with and without each effect"
 
@@ -23,7 +23,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    plot, out = plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
 
     from dropper_jax.study.cost import cost
@@ -32,11 +31,11 @@ def run(args: argparse.Namespace) -> int:
     proof = found["proof"]
     proved = proof["removed_is_never_had"] and proof["new_effect_changes_nothing"]
     failure = None if proved else ("not_converged", "absent effects change the program")
-    if plot:
+    if args.plot:
         from dropper_jax.study import pictures
 
-        pictures.costs(found, picture(plot, "cost"))
-    return deliver(args.json, done_object(**found), text(found), out, failure)
+        pictures.costs(found, picture(args.plot, "cost"))
+    return deliver(args.json, done_object(**found), text(found), args.out, failure)
 
 
 def text(found: dict[str, Any]) -> str:

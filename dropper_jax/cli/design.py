@@ -7,7 +7,7 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_scene, done_object, listing, number, read_scene
-from dropper_jax.cli.outputs import add_out, deliver, out_file
+from dropper_jax.cli.outputs import add_out, deliver
 
 help = "solve for values of the scene that give static tensions, angles, depths or periods their required values"
 
@@ -48,7 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     ranges = [_range(text) for text in args.vary]
-    out = out_file(args.out)
     scene = read_scene(args)
 
     from dropper_jax.study.offsets import solve_design
@@ -68,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         text.append(("forces on the line's end points", "{:.6g} N and {:.6g} N".format(*found.end_forces)))
         text.append(("angles of the line there, upwards", "{:.2f} and {:.2f} deg".format(*found.end_angles)))
     failure = None if found.status == "ok" else (found.status, f"{found.status}: {found.message}")
-    return deliver(args.json, done_object(scene=scene.name, **more), listing(text), out, failure)
+    return deliver(args.json, done_object(scene=scene.name, **more), listing(text), args.out, failure)
 
 
 def _range(text: str) -> tuple[str, float, float]:

@@ -24,7 +24,7 @@ from dropper_jax.cli.options import (
     read_scene,
     table,
 )
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    states, plot, out = _sea_states(args), plot_folder(args.plot), out_file(args.out)
+    states = _sea_states(args)
     if not 0.0 < args.duration < np.inf:
         raise SceneError(f"--duration: {args.duration:g} is out of range; allowed: above 0 s")
     if args.runs and states is None:
@@ -73,8 +73,8 @@ def run(args: argparse.Namespace) -> int:
     direction = None if args.direction is None else np.radians(args.direction)
     found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
     runs = _runs(scene, found, args.runs, direction, args.frequencies) if args.runs else []
-    if plot:
-        _draw(scene.name, found, picture(plot, "frequency"))
+    if args.plot:
+        _draw(scene.name, found, picture(args.plot, "frequency"))
     print_warnings(found.warnings)
     failures = {  # the worst first
         "not_converged": "the linearised drag still changes",
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
     head = done_object() if failed is None else failure_object(failed, message)
     plain = {**head, "scene": scene.name, "duration_s": found.duration, "basis_error": found.basis_error}
     plain |= {"warnings": found.warnings, "states": _rows(found)} | ({"runs": runs} if runs else {})
-    deliver(args.json, plain, _text(found) + (f"\n\n{_text_of_runs(runs)}" if runs else ""), out)
+    deliver(args.json, plain, _text(found) + (f"\n\n{_text_of_runs(runs)}" if runs else ""), args.out)
     if failed:
         print_line(f"error: {failed}: {message}")
     return FAILED if failed else OK
@@ -143,19 +143,27 @@ def _text_of_runs(runs: list[dict[str, Any]]) -> str:
 
 def _rows(found: FrequencyResponse) -> list[dict[str, Any]]:
     """A row per sea state; with spectra if there is one state."""
-    rows = []
-    for i, (hs, tp) in enumerate(found.sea_states):
-        numbers = zip(
-            found.ends,
-            found.static_tension,
-            *(x[i] for x in (found.mean_tension, found.tension_deviation, found.tension_period, found.maximum_tension)),
-            strict=True,
-        )
-        keys = ("static_tension_n", "mean_tension_n", "tension_deviation_n", "tension_period_s", "maximum_tension_n")
-        ends = [{"line": end[0], "point": end[1], **dict(zip(keys, own, strict=True))} for end, *own in numbers]
-        motion = dict(zip(found.points, 4.0 * found.motion_deviation[i], strict=True))
-        row = {"hs_m": hs, "tp_s": tp, "status": found.status[i], "ends": ends, "significant_motion_m": motion}
-        rows.append(row | {"slack_lines": [name for name, low in zip(found.lines, found.slack[i], strict=True) if low]})
+    columns = {
+        "mean_tension_n": found.mean_tension,
+        "tension_deviation_n": found.tension_deviation,
+        "tension_period_s": found.tension_period,
+        "maximum_tension_n": found.maximum_tension,
+    }
+    ends = [
+        {"line": line, "point": point, "static_tension_n": found.static_tension[j]}
+        for j, (line, point) in enumerate(found.ends)
+    ]
+    rows = [
+        {
+            "hs_m": hs,
+            "tp_s": tp,
+            "status": found.status[i],
+            "ends": [end | {key: column[i, j] for key, column in columns.items()} for j, end in enumerate(ends)],
+            "significant_motion_m": dict(zip(found.points, 4.0 * found.motion_deviation[i], strict=True)),
+            "slack_lines": [name for name, low in zip(found.lines, found.slack[i], strict=True) if low],
+        }
+        for i, (hs, tp) in enumerate(found.sea_states)
+    ]
     if len(rows) == 1:
         omega, tension, motion = found.spectra()
         rows[0] |= {"omega_rad_per_s": omega, "tension_spectrum": tension, "motion_spectrum": motion}
@@ -167,9 +175,9 @@ def _text(found: FrequencyResponse) -> str:
     one = len(found.status) == 1
     heads = ("hs [m]", "tp [s]", "line", "point", "static [N]", "mean [N]", "deviation [N]", "period [s]")
     lines = [(*heads, "most probable maximum [N]", "lines that go slack")]
+    numbers = (found.mean_tension, found.tension_deviation, found.tension_period, found.maximum_tension)
     for i, (hs, tp) in enumerate(found.sea_states):
         for j in range(len(found.ends)) if one else [int(np.argmax(found.maximum_tension[i]))]:
-            numbers = (found.mean_tension, found.tension_deviation, found.tension_period, found.maximum_tension)
             values = (found.static_tension[j], *(x[i, j] for x in numbers))
             slack = str(int(np.sum(found.slack[i])))
             lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *(f"{x:.5g}" for x in np.round(values, 4)), slack))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.cli.options import add_examples, add_scene, done_object, number, read_scene, table
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 help = "mussels of a scene by month and depth: mass, diameter, wet weight"
 
@@ -25,7 +25,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    plot, out = plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
 
     from dropper_jax.run.growth import season_table
@@ -44,8 +43,8 @@ def run(args: argparse.Namespace) -> int:
         ]
         for row in rows
     ]
-    if plot:
+    if args.plot:
         from dropper_jax.study.pictures import mussels
 
-        mussels(scene.name, rows, picture(plot, "growth"))
-    return deliver(args.json, done_object(scene=scene.name, growth=rows), table([head, *cells]), out)
+        mussels(scene.name, rows, picture(args.plot, "growth"))
+    return deliver(args.json, done_object(scene=scene.name, growth=rows), table([head, *cells]), args.out)

@@ -18,7 +18,7 @@ from dropper_jax.cli.options import (
     read_scene,
     table,
 )
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -46,7 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    plot, out = plot_folder(args.plot), out_file(args.out)
     if args.amplitude is not None and not 0.0 < args.amplitude < np.inf:
         raise SceneError(f"--amplitude: {args.amplitude:g} is out of range; allowed: above 0 m")
     scene = read_scene(args)
@@ -59,10 +58,10 @@ def run(args: argparse.Namespace) -> int:
     if pose.status != "ok":
         return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
     modes = natural_modes(model, pose.state, args.count)
-    if plot:
+    if args.plot:
         from dropper_jax.study.pictures import mode_shapes
 
-        mode_shapes(scene, model, pose, modes, picture(plot, "modes"))
+        mode_shapes(scene, model, pose, modes, picture(args.plot, "modes"))
     found = {"period_s": modes.period, "frequency_hz": 1.0 / modes.period, "shape": modes.shape}
     found |= {"damping_ratio": modes.damping_ratio, "critical_damping_kg_per_s": modes.critical_damping}
     if args.amplitude is not None:
@@ -70,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         found |= {"amplitude_m": args.amplitude, "damping_ratio_at_amplitude": ratio}
     if modes.bodies is not None:
         found["bodies"] = {body.name: modes.bodies[:, i] for i, body in enumerate(scene.bodies)}
-    return deliver(args.json, done_object(scene=scene.name, **found), _text(scene, modes, found), out)
+    return deliver(args.json, done_object(scene=scene.name, **found), _text(scene, modes, found), args.out)
 
 
 def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:
@@ -87,7 +86,10 @@ def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:
 
 def _bodies(scene: Scene, moved: np.ndarray) -> str:
     """Motion of the bodies in each mode: displacement of the reference point, rotation about the scene's axes."""
-    rows = [("mode", "body", "surge [m]", "sway [m]", "heave [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")]
-    for i, mode in enumerate(moved, 1):
-        rows += [(str(i), body.name, *(f"{x:.3f}" for x in own)) for body, own in zip(scene.bodies, mode, strict=True)]
-    return table(rows)
+    heads = ("mode", "body", "surge [m]", "sway [m]", "heave [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
+    rows = (
+        (str(i), body.name, *(f"{x:.3f}" for x in own))
+        for i, mode in enumerate(moved, 1)
+        for body, own in zip(scene.bodies, mode, strict=True)
+    )
+    return table([heads, *rows])

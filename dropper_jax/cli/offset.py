@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_quiet, add_scene, done_object, progress, read_scene, table
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 help = "restoring force and tension over the horizontal offset of fixed points, all else in equilibrium"
 
@@ -41,7 +41,6 @@ def run(args: argparse.Namespace) -> int:
     if distances[0] < 0.0:
         raise SceneError(f"--distance: {args.distance!r} is below 0; allowed: distances of at least 0 m")
     directions = np.unique(directions % 360.0)
-    plot, out = plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
 
     from dropper_jax.base.errors import silent
@@ -50,13 +49,13 @@ def run(args: argparse.Namespace) -> int:
     points = [name.strip() for name in args.points.split(",")]
     rows = offset_curves(scene, points, directions, distances, progress(args.quiet) or silent)
     failed = next((row for row in rows if row["status"] != "ok"), None)
-    if plot:
+    if args.plot:
         from dropper_jax.study import pictures
 
-        pictures.offsets(scene.name, rows, picture(plot, "offset"))
+        pictures.offsets(scene.name, rows, picture(args.plot, "offset"))
     where = "" if failed is None else "no equilibrium at {distance_m:g} m, {direction_deg:g} deg".format(**failed)
     failure = None if failed is None else (failed["status"], f"{failed['status']}: {where}")
-    return deliver(args.json, done_object(scene=scene.name, points=points, rows=rows), _text(rows), out, failure)
+    return deliver(args.json, done_object(scene=scene.name, points=points, rows=rows), _text(rows), args.out, failure)
 
 
 def _values(text: str, option: str) -> np.ndarray:

@@ -109,12 +109,12 @@ def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> di
 
 def read_run(file: str) -> Solution:
     """A saved run; JAX is imported after the file, or the rest of a killed run, was found."""
-    refuse_pipe(Path(file), "run")
-    left = leftovers(Path(file)) if not Path(file).exists() else []
+    path = Path(file)
+    refuse_pipe(path, "run")
+    left = leftovers(path) if not path.exists() else []
     try:
-        if not left and not (Path(file).suffix.lower() == ".zarr" and Path(file).is_dir()):
-            with open(file, "rb"):
-                pass
+        if not left and not (path.suffix.lower() == ".zarr" and path.is_dir()):
+            open(path, "rb").close()
     except OSError as error:
         raise SceneError(f"{file}: cannot be read: {error.strerror or error}") from None
 
@@ -123,11 +123,15 @@ def read_run(file: str) -> Solution:
 
     register_installed()
     if left:
-        from dropper_jax.run.recovery import recover
-
-        for line in recover(Path(file)):
-            print_line(f"warning: {line}")
+        recover_leftovers(path)
     return load_run(file)
+
+
+def recover_leftovers(file: Path) -> None:
+    """Recover and report the files of a killed run next to a file."""
+    from dropper_jax.run.recovery import recover
+
+    print_warnings(recover(file))
 
 
 def assignments(texts: list[str]) -> dict[str, Any]:
@@ -146,12 +150,10 @@ def _assignment(text: str) -> tuple[str, Any]:
         return path.strip(), value.strip()
 
 
-def output_file(text: str | None, option: str, suffixes: tuple[str, ...], folders: tuple[str, ...] = ()) -> Path | None:
-    """A file to write; a wrong suffix or folder is rejected before the work starts.
-
-    Args:
-        folders: suffixes of folders.
-    """
+def output_file(
+    text: str | Path | None, option: str, suffixes: tuple[str, ...], folders: tuple[str, ...] = ()
+) -> Path | None:
+    """A file to write; a wrong suffix or folder is rejected early. `folders` are suffixes of folders."""
     if text is None:
         return None
     path = Path(text)
@@ -164,7 +166,7 @@ def output_file(text: str | None, option: str, suffixes: tuple[str, ...], folder
     return path
 
 
-def output_folder(text: str | None, option: str) -> Path | None:
+def output_folder(text: str | Path | None, option: str) -> Path | None:
     """A folder to write to, which need not exist; a file is rejected before the work starts."""
     if text is None:
         return None
@@ -242,7 +244,6 @@ INVALID_INPUT = 2
 FAILED = 3
 INTERRUPTED = 130
 
-
 #: Status and message of what failed.
 Failure = tuple[str, str]
 
@@ -298,12 +299,9 @@ def done_object(**values: Any) -> dict[str, Any]:
 
 def table(rows: Sequence[Sequence[str]]) -> str:
     """Rows in columns, the first one flush left, the others flush right."""
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = []
-    for row in rows:
-        cells = [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
+    first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
+    cells = ([row[0].ljust(first), *map(str.rjust, row[1:], others)] for row in rows)
+    return "\n".join("  ".join(row).rstrip() for row in cells)
 
 
 def listing(pairs: Sequence[tuple[str, str]]) -> str:

@@ -43,16 +43,6 @@ WATER_PICTURES = {
 }
 
 
-def recover_leftovers(out: Path | None) -> None:
-    """Recover and report the files of a killed run next to `out`."""
-    if out is None:
-        return
-    from dropper_jax.run.recovery import recover
-
-    for line in recover(out):
-        print_line(f"warning: {line}")
-
-
 def save_or_report(solution: Solution, out: Path | None) -> str | None:
     """Save a run; if this fails, save it in the folder for temporary files, and return the error in one line."""
     if out is None:
@@ -73,17 +63,32 @@ def save_or_report(solution: Solution, out: Path | None) -> str | None:
     return f"{reason}; the run could not be saved"
 
 
+class Output(argparse.Action):
+    """A file or folder to write, checked while the options are read: `const` makes the path of text and option."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        setattr(namespace, self.dest, self.const(values, self.option_strings[0]))
+
+
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
     """--plot."""
-    parser.add_argument("--plot", metavar="DIR", help=f"write {what} to a folder (or FILE.png)")
+    about = f"write {what} to a folder (or FILE.png)"
+    parser.add_argument("--plot", action=Output, const=plot_folder, metavar="DIR", help=about)
 
 
 def add_out(parser: argparse.ArgumentParser) -> None:
     """--out."""
-    parser.add_argument("--out", metavar="FILE.json", help="write the result, what --json prints")
+    about = "write the result, what --json prints"
+    parser.add_argument("--out", action=Output, const=out_file, metavar="FILE.json", help=about)
 
 
-def plot_folder(text: str | None, option: str = "--plot") -> Path | None:
+def plot_folder(text: str | Path | None, option: str = "--plot") -> Path | None:
     """Output of the pictures: a folder, or one file FILE.png; checked before the work starts."""
     if text is None:
         return None
@@ -102,9 +107,9 @@ def picture(target: Path, name: str) -> Path:
     return target / f"{name}.png"
 
 
-def out_file(text: str | None) -> Path | None:
+def out_file(text: str | Path | None, option: str = "--out") -> Path | None:
     """The file of the result."""
-    return output_file(text, "--out", (".json",))
+    return output_file(text, option, (".json",))
 
 
 def deliver(as_json: bool, found: dict[str, Any], text: str, out: Path | None, failure: Failure | None = None) -> int:
@@ -122,22 +127,21 @@ def weights_table(scene: Scene) -> list[str]:
     return ["", table(weight_cells(rows))] if rows else []
 
 
-def plot_target(text: str | None) -> Path | None:
-    if text is None or Path(text).suffix.lower() == ".png":
-        return output_file(text, "--plot", (".png",))
+def plot_target(text: str, option: str) -> Path | None:
+    if Path(text).suffix.lower() == ".png":
+        return output_file(text, option, (".png",))
     if Path(text).is_file():
-        raise SceneError(f"--plot: {text!r} is neither a folder nor a PNG; allowed: a folder or a file FILE.png")
-    return output_folder(text, "--plot")
+        raise SceneError(f"{option}: {text!r} is neither a folder nor a PNG; allowed: a folder or a file FILE.png")
+    return output_folder(text, option)
 
 
 def write_run_report(solution: Solution, folder: Path) -> None:
     """The report of this run, as by `dropper report`."""
     from dropper_jax.report.build import report_runs
-    from dropper_jax.report.settings import Settings
     from dropper_jax.report.write import write_report
 
     runs = {"run": solution}
-    write_report(report_runs(runs, Settings()), runs, folder, Settings())
+    write_report(report_runs(runs), runs, folder)
 
 
 def write_channels(source: str, solution: Solution, path: Path) -> None:
@@ -157,17 +161,18 @@ def draw(solution: Solution, target: Path) -> list[Path]:
         plots.snapshot(solution, target)
         return [target]
     target.mkdir(parents=True, exist_ok=True)
-    files = []
-    pictures = dict(PICTURES if solution.scene.sea is None else {**PICTURES, **WATER_PICTURES})
-    if readable(solution).scene is not None:
-        pictures = {name: function for name, function in pictures.items() if name not in OF_ONE_LINE}
-    if solution.scene.bodies:
-        pictures["bodies"] = "body_motion"
-    if not anything_moves(readable(solution)):
-        still = [name for name in pictures if name in OF_MOTION]
-        pictures = {name: function for name, function in pictures.items() if name not in still}
+    scene, run = solution.scene, readable(solution)
+    pictures = {
+        **PICTURES,
+        **(WATER_PICTURES if scene.sea else {}),
+        **({"bodies": "body_motion"} if scene.bodies else {}),
+    }
+    left_out = OF_ONE_LINE if scene.branched else ()
+    if not anything_moves(run):
+        still = [name for name in pictures if name in OF_MOTION and name not in left_out]
+        left_out = (*left_out, *still)
         print_line(f"pictures: no motion; left out: {', '.join(still)}")
-    for name, function in pictures.items():
-        files.append(target / f"{name}.png")
-        getattr(plots, function)(solution, files[-1])
-    return files
+    files = {target / f"{name}.png": draw for name, draw in pictures.items() if name not in left_out}
+    for file, function in files.items():
+        getattr(plots, function)(solution, file)
+    return list(files)

@@ -23,15 +23,11 @@ def as_text(sections: Sequence[Section]) -> str:
     """Sections as text for a terminal."""
     parts = []
     for section in sections:
-        parts.append("\n".join(x for x in (section.head or "(top of the file)", _indent(section.about)) if x))
+        parts.append("\n  ".join(filter(None, (section.head or "(top of the file)", section.about))))
         parts += [_lines(key) for key in section.keys]
         if section.source:
             parts.append(f"  source: {section.source}")
     return "\n".join(parts)
-
-
-def _indent(text: str) -> str:
-    return f"  {text}" if text else ""
 
 
 def _lines(key: Key) -> str:

@@ -18,6 +18,7 @@ from dropper_jax.cli.options import (
     print_result,
     read_run,
 )
+from dropper_jax.cli.outputs import Output
 from dropper_jax.report.settings import Settings
 
 if TYPE_CHECKING:
@@ -33,9 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "report seed-1.npz seed-2.npz seed-3.npz --skip 60 --storm 10800",
     )
     parser.add_argument("runs", nargs="+", metavar="RUN", help="files written by `dropper run --out`, .npz or .nc")
-    parser.add_argument("--report", metavar="DIR", help="write report.md, report.json and pictures")
-    parser.add_argument("--out", metavar="DIR", help="the same as --report")
-    parser.add_argument("--vtk", metavar="DIR", help="write the first run as a series of .vtp files for ParaView")
+    folders = {
+        "--report": "write report.md, report.json and pictures",
+        "--out": "the same as --report",
+        "--vtk": "write the first run as a series of .vtp files for ParaView",
+    }
+    for option, about in folders.items():
+        parser.add_argument(option, action=Output, const=output_folder, metavar="DIR", help=about)
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every Nth saved time for --vtk (default: 1)")
     for field in dataclasses.fields(Settings):
         meaning, unit, option = (field.metadata[key] for key in ("meaning", "unit", "option"))
@@ -49,8 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     given = {f.name: getattr(args, f"setting_{f.name}") for f in dataclasses.fields(Settings)}
     settings = Settings(**{key: value for key, value in given.items() if value is not None})
-    out, report, vtk = (output_folder(getattr(args, key), f"--{key}") for key in ("out", "report", "vtk"))
-    out = out or report
+    out = args.out or args.report
     if args.every < 1:
         raise SceneError(f"--every: {args.every} is out of range; allowed: a whole number >= 1")
     solutions = _load(args.runs)
@@ -67,8 +71,8 @@ def run(args: argparse.Namespace) -> int:
     if out:
         written = write_report(found, solutions, out, settings)
         print_line(f"report: {written}")
-    if vtk:
-        print_line(f"ParaView: {write_vtk(next(iter(solutions.values())), vtk, args.every)}")
+    if args.vtk:
+        print_line(f"ParaView: {write_vtk(next(iter(solutions.values())), args.vtk, args.every)}")
     print_result(args.json, found, markdown(found, [{} for _ in solutions]))
     for failure in failures:
         print_line(f"error: {failure}")

@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import add_examples, add_quiet, add_scene, done_object, progress, read_scene, table
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 help = "mean, amplitude and phase of the first link's angle in regular waves of several periods"
 
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    periods, plot, out = _periods(args.periods), plot_folder(args.plot), out_file(args.out)
+    periods = _periods(args.periods)
     scene = read_scene(args)
 
     from dropper_jax.base.errors import silent
@@ -41,12 +41,12 @@ def run(args: argparse.Namespace) -> int:
 
     rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet) or silent)
     failed = next((row["status"] for row in rows if row["status"] != "ok"), None)
-    if plot and not failed:
+    if args.plot and not failed:
         from dropper_jax.study import pictures
 
-        pictures.responses(scene.name, rows, picture(plot, "response"))
+        pictures.responses(scene.name, rows, picture(args.plot, "response"))
     failure = (failed, f"{failed}: a run did not complete") if failed else None
-    return deliver(args.json, done_object(scene=scene.name, rows=rows), _text(rows), out, failure)
+    return deliver(args.json, done_object(scene=scene.name, rows=rows), _text(rows), args.out, failure)
 
 
 def _periods(text: str) -> np.ndarray:

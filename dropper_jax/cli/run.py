@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from contextlib import nullcontext
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.files import unfinished_folder
@@ -28,10 +28,19 @@ from dropper_jax.cli.options import (
     progress,
     read_run,
     read_scene,
+    recover_leftovers,
     table,
     with_step,
 )
-from dropper_jax.cli.outputs import draw, plot_target, weights_table, write_channels, write_run_report
+from dropper_jax.cli.outputs import (
+    Output,
+    draw,
+    plot_target,
+    save_or_report,
+    weights_table,
+    write_channels,
+    write_run_report,
+)
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -41,6 +50,8 @@ help = "simulate a scene"
 
 #: Suffixes of files that contain a complete run.
 RUN_SUFFIXES = (".npz", ".nc", ".zarr")
+#: Suffixes of animations.
+FILMS = (".gif", ".mp4")
 #: Options for a value of the scene.
 OVERRIDES = (
     "integrator",
@@ -72,19 +83,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="continue from the end of a saved run, for --duration more seconds (default: the remaining time of an "
         "interrupted run, else as long again); SCENE may be left out",
     )
-    parser.add_argument(
-        "--out",
-        metavar="FILE",
-        help="save the solution, as .npz, .nc (netCDF, extra io) or .zarr (extra sweep)",
+    save_as, film = (
+        partial(output_file, suffixes=RUN_SUFFIXES, folders=(".zarr",)),
+        partial(output_file, suffixes=FILMS),
     )
-    parser.add_argument(
-        "--tables",
-        metavar="DIR",
-        help="write angles.csv (what `dropper fit` reads) and tensions.csv, for systems of lines also moordyn.out",
-    )
-    parser.add_argument("--plot", metavar="DIR_OR_FILE", help="write all pictures to a folder, or a snapshot to a file")
-    parser.add_argument("--report", metavar="DIR", help="write report.md, report.json and their pictures")
-    parser.add_argument("--animate", metavar="FILE", help="write an animation, .gif or (with ffmpeg) .mp4")
+    outputs = {
+        "--out": (save_as, "FILE", "save the solution, as .npz, .nc (netCDF, extra io) or .zarr (extra sweep)"),
+        "--tables": (
+            output_folder,
+            "DIR",
+            "write angles.csv (what `dropper fit` reads) and tensions.csv, for systems of lines also moordyn.out",
+        ),
+        "--plot": (plot_target, "DIR_OR_FILE", "write all pictures to a folder, or a snapshot to a file"),
+        "--report": (output_folder, "DIR", "write report.md, report.json and their pictures"),
+        "--animate": (film, "FILE", "write an animation, .gif or (with ffmpeg) .mp4"),
+    }
+    for option, (check, what, about) in outputs.items():
+        parser.add_argument(option, action=Output, const=check, metavar=what, help=about)
     parser.add_argument(
         "--errors",
         action="store_true",
@@ -103,32 +118,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    out = output_file(args.out, "--out", RUN_SUFFIXES, folders=(".zarr",))
-    film = output_file(args.animate, "--animate", (".gif", ".mp4"))
-    plot = plot_target(args.plot)
-    tables, report_folder = output_folder(args.tables, "--tables"), output_folder(args.report, "--report")
     before = None if args.start is None else read_run(args.start)
     scene = read_scene(args, OVERRIDES) if before is None else _further(args, before)
 
-    from dropper_jax.cli.outputs import recover_leftovers, save_or_report
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.step_check import shorter_step
     from dropper_jax.run.storage import check_packages
 
-    if out:
-        check_packages(out)
-    if film:
+    if args.out:
+        check_packages(args.out)
+        recover_leftovers(args.out)
+    if args.animate:
         from dropper_jax.plots.animation import check_animation
 
-        check_animation(film)
-    if tables:
-        tables.mkdir(parents=True, exist_ok=True)
-    recover_leftovers(out)
+        check_animation(args.animate)
+    if args.tables:
+        args.tables.mkdir(parents=True, exist_ok=True)
     # the advised step aims at half the error that is warned of: a third run is only needed if the first step was too
     # long to show its error, and errors of chaotic runs never fall steadily
     runs_left = 3 if args.dt == AUTO else 1
     while True:
-        with unfinished_folder(out) if out else nullcontext() as scratch:
+        with unfinished_folder(args.out) if args.out else nullcontext() as scratch:
             solution = simulate(
                 scene,
                 progress=progress(args.quiet),
@@ -142,10 +152,10 @@ def run(args: argparse.Namespace) -> int:
             better = shorter_step(solution) if runs_left else None
             if better is None:
                 print_warnings(solution.warnings)
-                refused = save_or_report(solution, out)
+                refused = save_or_report(solution, args.out)
                 if refused is not None:
                     return _report_unsaved(args, solution, refused)
-                return _write_outputs(args, solution, plot, film, tables, report_folder)
+                return _write_outputs(args, solution)
         snaps = solution.settings["step_check"]["snaps_unresolved"]
         cheaper = "; --step-tolerance 0.1 resolves its snap loads in less time" if snaps else ""
         print_line(
@@ -161,33 +171,26 @@ def _report_unsaved(args: argparse.Namespace, solution: Solution, refused: str) 
     return FAILED
 
 
-def _write_outputs(
-    args: argparse.Namespace,
-    solution: Solution,
-    plot: Path | None,
-    film: Path | None,
-    tables: Path | None,
-    report_folder: Path | None,
-) -> int:
+def _write_outputs(args: argparse.Namespace, solution: Solution) -> int:
     """Tables and pictures of a run, and its report."""
     from dropper_jax.run.summary import write_angles, write_bodies, write_tensions
 
     scene = solution.scene
-    if tables:
-        write_angles(solution, tables / "angles.csv")
-        write_tensions(solution, tables / "tensions.csv")
+    if args.tables:
+        write_angles(solution, args.tables / "angles.csv")
+        write_tensions(solution, args.tables / "tensions.csv")
         if scene.bodies:
-            write_bodies(solution, tables / "bodies.csv")
+            write_bodies(solution, args.tables / "bodies.csv")
         if scene.branched:
-            write_channels(args.scene or "", solution, tables / "moordyn.out")
-    if plot:
-        draw(solution, plot)
-    if report_folder:
-        write_run_report(solution, report_folder)
-    if film:
+            write_channels(args.scene or "", solution, args.tables / "moordyn.out")
+    if args.plot:
+        draw(solution, args.plot)
+    if args.report:
+        write_run_report(solution, args.report)
+    if args.animate:
         from dropper_jax import plots
 
-        plots.animate(solution, film, progress=progress(args.quiet))
+        plots.animate(solution, args.animate, progress=progress(args.quiet))
     return report(solution, args.json)
 
 
@@ -263,11 +266,11 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
     if "step_check" in solution.settings:
         found.append(("time step", step_words(solution.settings["step_check"])))
     if facts["steps_per_axial_period"] is not None:
-        text = f"{facts['steps_per_axial_period']:.2g} steps per period of the stiffest link"
-        step = f"a step of {facts['axial_step_s']:.2g} s resolves it"
-        found.append(("axial motion", f"{text}, {facts['axial_period_s']:.2g} s; {step}"))
-    if facts["largest_turn_rad"] is not None and degrees(facts["largest_turn_rad"]) > 1.0:
-        found.append(("turns", f"links rotate by up to {degrees(facts['largest_turn_rad']):.2g} degrees in a step"))
+        text = "{steps_per_axial_period:.2g} steps per period of the stiffest link, {axial_period_s:.2g} s; a step of "
+        found.append(("axial motion", (text + "{axial_step_s:.2g} s resolves it").format(**facts)))
+    turn = degrees(facts["largest_turn_rad"] or 0.0)
+    if turn > 1.0:
+        found.append(("turns", f"links rotate by up to {turn:.2g} degrees in a step"))
     if facts["slack_to_taut_steps"]:
         found.append(("snaps", f"links change from slack to taut in {facts['slack_to_taut_steps']} steps"))
     return found
@@ -280,12 +283,17 @@ def _errors(solution: Solution) -> list[str]:
         return []
     kept = sorted(found["loads"], key=lambda row: -row["maximum"]["value"])[:MOST_LINES]
     names = {"mean": "mean", "deviation": "deviation", "window_maximum": "maxima in waves", "maximum": "maximum"}
-    rows = [("line, loads [N]", "at [m]", *names.values(), "snaps")]
-    for row in kept:
-        loads = [f"{row[name]['value']:.4g} +- {row[name]['error']:.2g}" for name in names]
-        snaps = f"{row['snaps']['value']:.0f} +- {row['snaps']['error']:.0f}"
-        rows.append((row["line"], f"{row['at_m']:.4g}", *loads, snaps))
-    return ["", table(rows), *_about_errors(found, kept)]
+    rows = [
+        (
+            row["line"],
+            f"{row['at_m']:.4g}",
+            *(f"{row[name]['value']:.4g} +- {row[name]['error']:.2g}" for name in names),
+            f"{row['snaps']['value']:.0f} +- {row['snaps']['error']:.0f}",
+        )
+        for row in kept
+    ]
+    heads = ("line, loads [N]", "at [m]", *names.values(), "snaps")
+    return ["", table([heads, *rows]), *_about_errors(found, kept)]
 
 
 def _about_errors(found: dict[str, Any], reported: list[dict[str, Any]]) -> list[str]:

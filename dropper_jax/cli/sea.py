@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +20,7 @@ from dropper_jax.cli.options import (
     read_scene,
     table,
 )
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
-
-if TYPE_CHECKING:
-    from dropper_jax.load.scene import Scene
+from dropper_jax.cli.outputs import Output, add_out, add_plot, deliver, picture
 
 help = "waves and current of a scene: theory, length, breaking, regime"
 
@@ -35,55 +34,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     add_plot(parser, "the map of wave theories and the map of the current behind lines")
     add_out(parser)
-    parser.add_argument("--flow", metavar="FILE.png", help="map of the current behind the lines, from above")
-    parser.add_argument(
-        "--regimes", metavar="FILE.png", help="map of wave theories by depth and height, with the wave of the scene"
-    )
+    map_file = partial(output_file, suffixes=(".png", ".pdf", ".svg"))
+    maps = {
+        "--flow": "map of the current behind the lines, from above",
+        "--regimes": "map of wave theories by depth and height, with the wave of the scene",
+    }
+    for option, about in maps.items():
+        parser.add_argument(option, action=Output, const=map_file, metavar="FILE.png", help=about)
 
 
 def run(args: argparse.Namespace) -> int:
-    regimes = output_file(args.regimes, "--regimes", (".png", ".pdf", ".svg"))
-    flow = output_file(args.flow, "--flow", (".png", ".pdf", ".svg"))
-    plot, out = plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
     if scene.sea is None:
         raise SceneError(f"sea: scene {scene.name!r} has no [sea]. Use a scene with water")
 
     from dropper_jax.load.checks_water import line_reach, sea_warnings
-    from dropper_jax.run.flow_coefficients import flow_table, follows
+    from dropper_jax.run.flow_coefficients import flow_table, follows, with_flow_coefficients
     from dropper_jax.run.growth import overgrown
-    from dropper_jax.run.wakes import has_wakes
+    from dropper_jax.run.wakes import has_wakes, scene_wakes, wake_facts
     from dropper_jax.sea.make import make_sea
     from dropper_jax.study.sea_facts import sea_facts
 
-    found = sea_facts(scene)
-    if plot and scene.sea.waves is not None:
-        regimes = regimes or picture(plot, "regimes")
-    if plot and has_wakes(scene) and plot.suffix == "":
-        flow = flow or picture(plot, "flow")
+    found, regimes, flow = sea_facts(scene), args.regimes, args.flow
+    if args.plot and scene.sea.waves is not None:
+        regimes = regimes or picture(args.plot, "regimes")
+    if args.plot and has_wakes(scene) and args.plot.suffix == "":
+        flow = flow or picture(args.plot, "flow")
     if follows(scene):
         found["coefficients"] = flow_table(overgrown(scene))
     if flow or has_wakes(scene):
-        found["wakes"] = _wakes(scene, flow)
+        solved = scene_wakes(with_flow_coefficients(overgrown(scene)))
+        found["wakes"] = wake_facts(solved)
+    if flow:
+        from dropper_jax.plots.water import flow_map
+
+        flow_map(scene.name, solved, flow)
     if regimes:
         _draw(scene.name, found, scene.sea.gravity, regimes)
     warnings = sea_warnings(scene, make_sea(scene.sea, line_reach(scene)))
     print_warnings(warnings)
-    return deliver(args.json, done_object(scene=scene.name, **found, warnings=warnings), _text(found), out)
-
-
-def _wakes(scene: Scene, picture: Any) -> dict[str, Any]:
-    """Effect of the lines on the current, and its map."""
-    from dropper_jax.run.flow_coefficients import with_flow_coefficients
-    from dropper_jax.run.growth import overgrown
-    from dropper_jax.run.wakes import scene_wakes, wake_facts
-
-    solved = scene_wakes(with_flow_coefficients(overgrown(scene)))
-    if picture:
-        from dropper_jax.plots.water import flow_map
-
-        flow_map(scene.name, solved, picture)
-    return wake_facts(solved)
+    return deliver(args.json, done_object(scene=scene.name, **found, warnings=warnings), _text(found), args.out)
 
 
 def _wake_lines(found: dict[str, Any]) -> list[str]:
@@ -91,15 +81,14 @@ def _wake_lines(found: dict[str, Any]) -> list[str]:
     if "wakes" not in found:
         return []
     rows = [("line", "share of the current")]
-    for row in found["wakes"]["lines"]:
-        rows.append((row["line"], f"{row['share']['min']:.3g} to {row['share']['max']:.3g}"))
+    rows += [(row["line"], "{min:.3g} to {max:.3g}".format(**row["share"])) for row in found["wakes"]["lines"]]
     balance = found["wakes"]["balance"]
     note = f"momentum deficit behind all lines over their drag: {balance:.3f}"
     more = "" if balance > 0.99 else "; the farm is too dense for wakes alone: water would flow around it"
     return ["", table(rows), note + more]
 
 
-def _draw(name: str, found: dict[str, Any], gravity: float, picture: Any) -> None:
+def _draw(name: str, found: dict[str, Any], gravity: float, picture: Path) -> None:
     from dropper_jax.plots.water import regimes
 
     waves = found["waves"]
@@ -151,8 +140,8 @@ def _text(found: dict[str, Any]) -> str:
     current = found["current"]
     if current is None:
         rows.append(("current", "none"))
-        return "\n".join([listing(rows), *_coefficients(found), *_wake_lines(found)])
-    for z, speed, course in zip(*(current[k] for k in ("heights_m", "speed_m_per_s", "direction_rad")), strict=True):
+    keys = ("heights_m", "speed_m_per_s", "direction_rad")
+    for z, speed, course in zip(*(current[key] if current else () for key in keys), strict=True):
         rows.append((f"current at z = {z:g} m", f"{speed:.4g} m/s towards {np.degrees(course):.4g} degrees from x"))
     return "\n".join([listing(rows), *_coefficients(found), *_wake_lines(found)])
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest, silent
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, done_object, progress, table
-from dropper_jax.cli.outputs import add_out, deliver, out_file
+from dropper_jax.cli.outputs import add_out, deliver
 
 help = "run a catalogue of hard cases, each against its limit, with the thesis' schemes and MoorDyn for comparison"
 
@@ -27,52 +26,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    out = out_file(args.out)
 
     from dropper_jax.study.stability import all_cases, evaluate
 
-    cases = all_cases()
-    known = [case.name for case in cases]
+    known = {case.name: case for case in all_cases()}
     for wanted in args.cases or ():
         if wanted not in known:
             raise SceneError(f"--cases: {wanted!r} is unknown; {nearest(wanted, known)}")
-    cases = [case for case in cases if not args.cases or case.name in args.cases]
+    cases = [case for name, case in known.items() if not args.cases or name in args.cases]
     say = progress(args.quiet) or silent
     rows = []
     for i, case in enumerate(cases):
         say(i / len(cases), case.name)
         rows.append(evaluate(case, args.short, not args.short))
     say(1.0, "done")
-    return report(rows, args.json, out)
-
-
-def report(rows: list[dict[str, Any]], as_json: bool, out: Path | None = None) -> int:
-    """Print the rows; returns the exit code."""
     missed = [row["name"] for row in rows if not row["ok"]]
     failure = ("not_converged", f"limits exceeded: {', '.join(missed)}") if missed else None
-    return deliver(as_json, done_object(cases=rows), text(rows), out, failure)
+    return deliver(args.json, done_object(cases=rows), text(rows), args.out, failure)
 
 
 def text(rows: list[dict[str, Any]]) -> str:
     """The result as a table."""
     beside = PEERS if any("peers" in row for row in rows) else ()
-    cells = [("case", "measured", "limit", "unit", "holds", "status", *BASELINES, *beside)]
-    for row in rows:
-        compared = row["baseline_thesis"] or {}
-        others = row.get("peers") or {}
-        cells.append(
-            (
-                row["name"],
-                f"{row['measured']:.1e}",
-                f"{row['limit']:.0e}",
-                row["unit"],
-                "yes" if row["ok"] else "NO",
-                row["status"],
-                *(_short(compared.get(label)) for label in BASELINES),
-                *(_peer(others.get(label)) for label in beside),
-            )
+    cells = [
+        (
+            row["name"],
+            f"{row['measured']:.1e}",
+            f"{row['limit']:.0e}",
+            row["unit"],
+            "yes" if row["ok"] else "NO",
+            row["status"],
+            *(_short((row["baseline_thesis"] or {}).get(label)) for label in BASELINES),
+            *(_peer((row.get("peers") or {}).get(label)) for label in beside),
         )
-    return "\n".join([table(cells), "", *(f"{row['name']}: {row['claim']}" for row in rows)])
+        for row in rows
+    ]
+    heads = ("case", "measured", "limit", "unit", "holds", "status", *BASELINES, *beside)
+    return "\n".join([table([heads, *cells]), "", *(f"{row['name']}: {row['claim']}" for row in rows)])
 
 
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ from dropper_jax.cli.options import (
     read_scene,
     table,
 )
-from dropper_jax.cli.outputs import deliver
+from dropper_jax.cli.outputs import Output, deliver
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -37,12 +38,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_scene(parser)
     parser.add_argument("--points", metavar="A,B", help="points and bodies (default: all bodies, else all free points)")
-    parser.add_argument("--out", metavar="FILE", help="write the matrix (.csv) or the output of --json (.json)")
+    parser.add_argument(
+        "--out",
+        action=Output,
+        const=partial(output_file, suffixes=(".csv", ".json")),
+        metavar="FILE",
+        help="write the matrix (.csv) or the output of --json (.json)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
-    out = output_file(args.out, "--out", (".csv", ".json"))
     names = _names(scene, args.points)
 
     from dropper_jax.run.build import build_model, equilibrium
@@ -55,12 +61,14 @@ def run(args: argparse.Namespace) -> int:
     model = build_model(scene)
     loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
     found = mooring_stiffness(model, pose.state, names, loads)
-    if out is not None and out.suffix == ".csv":
+    out = args.out
+    if out is not None and out.suffix.lower() == ".csv":
         _write(out, found)
+        out = None
     print_warnings(found.warnings)
     values = {"points": found.names, "freedoms": found.freedoms, "stiffness": found.matrix}
     plain = done_object(scene=scene.name, **values, warnings=found.warnings)
-    return deliver(args.json, plain, _text(found), out if out is not None and out.suffix == ".json" else None)
+    return deliver(args.json, plain, _text(found), out)
 
 
 def _names(scene: Scene, given: str | None) -> list[str]:
@@ -82,11 +90,11 @@ def _text(found: Stiffness) -> str:
         rows += [(name, *(f"{x:.5g}" for x in line)) for name, line in zip(found.freedoms, found.matrix, strict=True)]
         return f"{table(rows)}\nN/m; N, N m/rad for rotations: minus the force on a row per displacement of a column"
     first = {freedom.rsplit(".", 1)[0]: i for i, freedom in reversed(list(enumerate(found.freedoms)))}
-    rows = [("point", "xx [N/m]", "yy [N/m]", "zz [N/m]", "xy [N/m]", "xz [N/m]", "yz [N/m]")]
+    pairs = ("xx", "yy", "zz", "xy", "xz", "yz")
+    rows = [("point", *(f"{pair} [N/m]" for pair in pairs))]
     for name in found.names:
-        own = found.matrix[first[name] : first[name] + 3, first[name] : first[name] + 3]
-        cells = (own[0, 0], own[1, 1], own[2, 2], own[0, 1], own[0, 2], own[1, 2])
-        rows.append((name, *(f"{x:.5g}" for x in cells)))
+        freedoms = [[first[name] + "xyz".index(letter) for letter in pair] for pair in pairs]
+        rows.append((name, *(f"{found.matrix[i, j]:.5g}" for i, j in freedoms)))
     return f"{table(rows)}\nof each point, the other {len(found.names) - 1} fixed; the full matrix: --json or --out"
 
 

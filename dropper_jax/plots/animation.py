@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -115,12 +116,9 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
 
 def _feed(process: subprocess.Popen, first: np.ndarray, images: Iterator[np.ndarray]) -> None:
     """Write all frames to the encoder; an encoder that ended early reports its own error."""
-    try:
-        process.stdin.write(first.tobytes())
-        for image in images:
+    with suppress(BrokenPipeError):
+        for image in itertools.chain([first], images):
             process.stdin.write(image.tobytes())
-    except BrokenPipeError:
-        pass
     with suppress(BrokenPipeError):
         process.stdin.close()
 
@@ -147,9 +145,8 @@ class _Stage:
         self.tension = run.tension[_nearest(run.t_tension, self.t[: frames[-1] + 1])]
         self.step = int(np.ceil(np.diff(frames).max(initial=1)))
         flat = view.planar(positions)
-        self.water, self.eta = _water(run, positions, frames)
-        whole = run.scene is not None
-        limits = system.limits(run, positions) if whole else view.box(_with_water(positions, self.eta))
+        water = _surface_cuts(run, positions, frames)
+        limits = view.box(_with_water(positions, water)) if run.scene is None else system.limits(run, positions)
         self.figure = style.new_figure(*view.figure_size(limits, LONGEST), layout=None)
         self.axes = _axes(self.figure, limits, flat)
         self._movers(run, flat, "real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
@@ -157,9 +154,11 @@ class _Stage:
         self.canvas = self.figure.canvas
         self.canvas.draw()
         self.screen = self._project(positions, flat)
-        self.flat = flat
         self.held.set_data(*self._project(system.held_positions(run, positions, positions[0]), flat).T)
-        self._surroundings(positions, limits, frames, flat)
+        surface = (
+            system.surface_lines(run, limits, flat, self.t[frames]) if water is None else water[:, : 1 if flat else 2]
+        )
+        self._surroundings(positions, surface, frames, flat)
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
         self.palette = _palette(run)
 
@@ -181,7 +180,7 @@ class _Stage:
         style.tension_bar(self.figure, self.links, run.tension, cax=view.bar_axes(self.figure))
         for artist in (self.links, self.trace, self.nodes, self.held, self.surface, self.buoys):
             artist.set(**options)
-        self.figure.text(0.02, 0.955, style.heading(run, speed), fontsize=10, fontweight="bold")
+        self.figure.text(0.02, 0.955, f"{run.name}: {speed}", fontsize=10, fontweight="bold")
         self.figure.text(0.98, 0.012, text, color=colour, fontsize=7, ha="right")
         # the first buoy of a system is more informative than the middle of its list of nodes
         self.traced = run.buoys[0].node if run.buoys else run.positions.shape[1] // 2
@@ -190,10 +189,9 @@ class _Stage:
         note = f"thin line: path of {what}, last {self.trail} frames"
         self.figure.text(0.02, 0.012, note, color=style.FAINT, fontsize=7)
 
-    def _surroundings(self, positions: np.ndarray, limits: np.ndarray, frames: np.ndarray, flat: bool) -> None:
-        """Surface and buoys of a system at the frames, in screen coordinates; empty for a single line."""
+    def _surroundings(self, positions: np.ndarray, surface: np.ndarray | None, frames: np.ndarray, flat: bool) -> None:
+        """Lines of the surface, and buoys and bodies of a system, at the frames, in screen coordinates."""
         run, right = self.run, system.right_of(self.axes, flat)
-        surface = system.surface_lines(run, limits, flat, self.t[frames])
         self.surfaces = {} if surface is None else dict(zip(frames, self._project(surface, flat), strict=True))
         self.floats = {}
         if run.buoys:
@@ -224,42 +222,35 @@ class _Stage:
         self.surface.set_segments(self.surfaces.get(frame, []))
         self.buoys.set_verts(self.floats.get(frame, []))
         self.clock.set_text(f"t = {self.t[frame]:.2f} s")
-        if self.water is not None:
-            self.surface.set_segments(list(self._project(self._at_surface(frame), self.flat)))
         renderer = self.canvas.get_renderer()
         for artist in (self.surface, self.trace, self.links, self.buoys, self.nodes, self.held, self.clock):
             artist.draw(renderer)
         return np.asarray(self.canvas.buffer_rgba())[..., :3].copy()
 
-    def _at_surface(self, frame: int) -> np.ndarray:
-        """Points on the surface (cuts, points, 3) [m]; along x only if the motion is seen from the side."""
-        points = self.water.copy()
-        points[..., 2] = self.eta[frame].reshape(points.shape[:2])
-        return points[:1] if self.flat else points
 
-
-def _water(run: Run, positions: np.ndarray, frames: np.ndarray) -> tuple[Any, dict[int, np.ndarray]]:
-    """Points of the drawn surface, (2, points, 3) along x and along y through the middle of the line, and its
-    heights."""
+def _surface_cuts(run: Run, positions: np.ndarray, frames: np.ndarray) -> np.ndarray | None:
+    """The surface over a single line (frames, 2, points, 3) [m], along x and along y through its middle; None without
+    water."""
     # number of points on a cut through the surface
     surface_points = 80
-    if run.surface is None:
-        return None, {}
+    if run.surface is None or run.scene is not None:
+        return None
     limits = view.box(positions)
     cuts = np.tile(positions.reshape(-1, 3).mean(axis=0), (2, surface_points, 1))
     for axis in (0, 1):
         cuts[axis, :, axis] = np.linspace(*limits[axis], surface_points)
-    return cuts, dict(zip(frames.tolist(), run.surface(cuts.reshape(-1, 3), run.t[frames]), strict=True))
+    found = np.tile(cuts, (len(frames), 1, 1, 1))
+    found[..., 2] = run.surface(cuts.reshape(-1, 3), run.t[frames]).reshape(found.shape[:-1])
+    return found
 
 
-def _with_water(positions: np.ndarray, eta: dict[int, np.ndarray]) -> np.ndarray:
+def _with_water(positions: np.ndarray, water: np.ndarray | None) -> np.ndarray:
     """Points (k, 3) that the picture must contain: the nodes, and the lowest and highest surface above them."""
     nodes = positions.reshape(-1, 3)
-    if not eta:
+    if water is None:
         return nodes
-    heights = np.concatenate(list(eta.values()))
     extremes = np.tile(nodes.mean(axis=0), (2, 1))
-    extremes[:, 2] = heights.min(), heights.max()
+    extremes[:, 2] = water[..., 2].min(), water[..., 2].max()
     return np.concatenate([nodes, extremes])
 
 

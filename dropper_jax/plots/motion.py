@@ -9,9 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
-from dropper_jax.load.checks_water import surface_over
 from dropper_jax.plots import panels, style, system, view
-from dropper_jax.plots.run import ANGLE, TRAVEL, Run, chosen_links, travel
+from dropper_jax.plots.run import ANGLE, TRAVEL, Run, chosen_links, directions, travel
 from dropper_jax.plots.series import Curve, Panel, draw_panel, history, legend
 from dropper_jax.plots.tension import ends_panel
 
@@ -42,8 +41,7 @@ def motion_panels(run: Run) -> list[Panel]:
             panels.append(Panel(f"{letter} [m]" if alone else f"{letter} from its start [m]", curves))
     if not panels:  # without motion the picture shows the position
         panels = [Panel("z [m]", [Curve(name, run.t, path[:, 2]) for name, path in paths.items()], "nothing moves")]
-    surface = _surface(run, next(iter(paths.values())), next(iter(paths)))
-    return [*panels, *([surface] if surface else [])]
+    return [*panels, *_surface(run, next(iter(paths.values())), next(iter(paths)))]
 
 
 def tracked_nodes(run: Run) -> dict[str, int]:
@@ -67,21 +65,13 @@ def tracked_nodes(run: Run) -> dict[str, int]:
     return {name: wanted[name] for name in names}
 
 
-def _surface(run: Run, path: np.ndarray, name: str) -> Panel | None:
-    """Elevation [m] over the mean position of a path (k, 3); None without waves."""
+def _surface(run: Run, path: np.ndarray, name: str) -> list[Panel]:
+    """Elevation [m] over the mean position of a path (k, 3); empty without waves."""
     position = path.mean(axis=0)
     title = f"surface elevation above the mean position of {name}"
-    if run.scene is None:
-        if run.surface is None:
-            return None
-        eta = run.surface(position[None], run.t)[:, 0]
-    elif run.scene.sea is None or run.scene.sea.waves is None:
-        return None
-    else:
-        eta = surface_over(run.scene, np.broadcast_to(position, (len(run.t), 1, 3)), run.t)[:, 0]
-    if np.ptp(eta) == 0:
-        return None
-    return Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True)
+    eta = np.zeros(1) if run.surface is None else run.surface(position[None], run.t)[:, 0]
+    panel = Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True)
+    return [panel] if np.ptp(eta) > 0 else []
 
 
 @style.with_style
@@ -133,7 +123,8 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     t, positions = run.t, run.positions
     flat = view.planar(positions)
     uniform = _uniform(t)
-    series = {"polar angle": run.angles()[0]} if flat else _directions(run)
+    unit = directions(run)
+    series = {"polar angle": run.angles()[0]} if flat else {f"{x} component": unit[..., i] for i, x in enumerate("xy")}
     if uniform < 2:
         spectra = {name: (np.zeros(1), np.zeros((1, run.tension.shape[1]))) for name in series}
     else:
@@ -176,8 +167,7 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
     last = np.median([_last_frequency(curve.t, curve.values[None, :, None]) for curve in firsts])
     all_axes[-1].set(xlabel="frequency [Hz]", xlim=(0.0, last))
     figure.align_ylabels()
-    style.title(figure, run, "amplitude spectra")
-    return style.save(figure, path)
+    return style.finish(figure, run, "amplitude spectra", path)
 
 
 def _spectra(panel: Panel) -> Panel:
@@ -208,14 +198,6 @@ def _heave_ratio(spectra: list[Panel]) -> list[Panel]:
         for curve, own in zip(by_label["z [m]"], power[1:], strict=True)
     ]
     return [Panel("ratio [m/m]", curves, "vertical motion over surface elevation, at the frequencies of the waves")]
-
-
-def _directions(run: Run) -> dict[str, np.ndarray]:
-    """x and y components of the unit link vectors, each (k, n)."""
-    links = run.positions[:, run.first + 1] - run.positions[:, run.first]
-    length = np.linalg.norm(links, axis=-1, keepdims=True)
-    unit = links / np.where(length > 0, length, 1.0)
-    return {"x component": unit[..., 0], "y component": unit[..., 1]}
 
 
 def _uniform(t: np.ndarray) -> int:

@@ -47,8 +47,7 @@ def traces(
         figure = _stack(t, columns, run, kept)
         if len(kept) < links:
             what = f"{what} ({', '.join(run.labels[j] for j in range(links) if j not in kept)}: at rest)"
-    style.title(figure, run, what)
-    return style.save(figure, path)
+    return style.finish(figure, run, what, path)
 
 
 def _along(columns: Columns, run: Run) -> Figure:
@@ -154,13 +153,11 @@ def grid(
     handles, names = panels[0].get_legend_handles_labels()
     if len(handles) > 1:
         figure.legend(handles, names, loc="outside lower left", ncols=len(names))
-    style.title(figure, run, what)
-    return style.save(figure, path)
+    return style.finish(figure, run, what, path)
 
 
 def _nothing(run: Run, path: str | Path, what: str) -> Path:
     """A picture with a note that there is no motion to show."""
     figure = style.new_figure(6.0, 2.0)
     figure.text(0.5, 0.45, f"no link turns by more than {ANGLE:g} rad", ha="center", color=style.FAINT)
-    style.title(figure, run, what)
-    return style.save(figure, path)
+    return style.finish(figure, run, what, path)

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from dropper_jax.analysis.angles import angle_rates, link_angles
+from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import view
-from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 from dropper_jax.scene.body import BodySpec, rotation
 from dropper_jax.scene.data import point_nodes
-from dropper_jax.sea import Sea
 
 #: Number of corners of a circle.
 SIDES = 28
@@ -61,22 +59,12 @@ class Bodies(NamedTuple):
 
     def rings(self, index: int) -> list[np.ndarray]:
         """Rings of each shape in the scene [m] at a sample."""
-        found = []
-        for shape in self.shapes:
-            axes = rotation(self.attitude[index, shape.body])
-            found.append(self.position[index, shape.body] + shape.rings() @ axes.T)
-        return found
+        axes = [rotation(attitude) for attitude in self.attitude[index]]
+        return [self.position[index, shape.body] + shape.rings() @ axes[shape.body].T for shape in self.shapes]
 
     def outlines(self, index: int, project: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
         """Outline (corners, 2) of each shape in a projection of positions (n, 3) to (n, 2)."""
-        found = []
-        for rings in self.rings(index):
-            points = project(rings.reshape(-1, 3))
-            try:
-                found.append(points[ConvexHull(points).vertices])
-            except QhullError:  # edge on
-                found.append(points)
-        return found
+        return [_outline(project(rings.reshape(-1, 3))) for rings in self.rings(index)]
 
     def extent_points(self) -> np.ndarray:
         """Ends and widths of all shapes over the run (n, 3) [m], for limits of pictures."""
@@ -84,21 +72,22 @@ class Bodies(NamedTuple):
         return np.concatenate([ring.reshape(-1, 3)[::7] for i in some for ring in self.rings(i)])
 
 
+def _outline(points: np.ndarray) -> np.ndarray:
+    """Corners of the convex hull of points (n, 2)."""
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:  # edge on
+        return points
+
+
 def bodies_of(solution: Solution, last: int) -> Bodies | None:
     """The rigid bodies of a run up to a sample; None without any."""
     specs: tuple[BodySpec, ...] = solution.scene.bodies
     if not specs or solution.body_position is None:
         return None
-    shapes = [
-        Shape(i, tuple(c.start), tuple(c.end), float(c.diameter))
-        for i, body in enumerate(specs)
-        for c in body.cylinders
-    ]
-    shapes += [
-        Shape(i, tuple(s.centre), tuple(s.centre), float(s.diameter))
-        for i, body in enumerate(specs)
-        for s in body.spheres
-    ]
+    cylinders = [(i, c.start, c.end, c.diameter) for i, body in enumerate(specs) for c in body.cylinders]
+    spheres = [(i, s.centre, s.centre, s.diameter) for i, body in enumerate(specs) for s in body.spheres]
+    shapes = [Shape(i, tuple(start), tuple(end), float(wide)) for i, start, end, wide in (*cylinders, *spheres)]
     position, attitude = (np.asarray(a, float)[:last] for a in (solution.body_position, solution.body_attitude))
     return Bodies(tuple(body.name for body in specs), tuple(shapes), position, attitude)
 
@@ -110,9 +99,14 @@ ANGLE, TENSION, TRAVEL = 1e-7, 1e-6, 1e-7
 def swing(run: Run) -> np.ndarray:
     """Rotation of each link (n,) [rad]: the range of the components of its direction, which does not depend on its
     angles."""
+    return np.ptp(directions(run), axis=0).max(axis=-1)
+
+
+def directions(run: Run) -> np.ndarray:
+    """Unit vector (k, n, 3) of each link."""
     links = run.positions[:, run.first + 1] - run.positions[:, run.first]
     length = np.linalg.norm(links, axis=-1, keepdims=True)
-    return np.ptp(links / np.where(length > 0, length, 1.0), axis=0).max(axis=-1)
+    return links / np.where(length > 0, length, 1.0)
 
 
 def travel(run: Run) -> np.ndarray:
@@ -163,8 +157,9 @@ class Run:
         buoys: its buoys.
         bodies: its rigid bodies; None without.
         point_names: nodes of a system's points by name.
-        extremes: minimum and maximum tension (k, n) [N] since the previous sample, if steps adapt to snap loads.
-        surface: of a single line in water, the elevation (q, n) [m] at positions (n, 3) and times (q,); else None.
+        min_tension, max_tension: (k, n) [N] of each sample: since the previous one if steps adapt to snap loads, else
+            the tension itself.
+        surface: the elevation (q, n) [m] over positions (n, 3) at times (q,); None without water.
     """
 
     name: str
@@ -175,6 +170,8 @@ class Run:
     positions: np.ndarray
     velocities: np.ndarray
     tension: np.ndarray
+    min_tension: np.ndarray
+    max_tension: np.ndarray
     t_tension: np.ndarray
     kinetic: np.ndarray
     potential: np.ndarray
@@ -187,18 +184,7 @@ class Run:
     buoys: tuple[Float, ...] = ()
     bodies: Bodies | None = None
     point_names: dict[str, int] = dataclasses.field(default_factory=dict)
-    extremes: tuple[np.ndarray, np.ndarray] | None = None
     surface: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
-
-    @property
-    def max_tension(self) -> np.ndarray:
-        """Maximum tension (k, n) [N] of each sample."""
-        return self.tension if self.extremes is None else self.extremes[1]
-
-    @property
-    def min_tension(self) -> np.ndarray:
-        """Minimum tension (k, n) [N] of each sample."""
-        return self.tension if self.extremes is None else self.extremes[0]
 
     @property
     def first(self) -> np.ndarray:
@@ -245,6 +231,8 @@ def readable(solution: Solution) -> Run:
     good = np.append(finite & near, False)
     last = max(1, int(np.argmin(good)))
     positions, velocities, kinetic, potential = (a[:last] for a in moved)
+    tension = np.asarray(solution.tension, float)[:last]
+    least, largest = (tension if a is None else a[:last] for a in (solution.tension_min, solution.tension_max))
     return Run(
         name=solution.scene.name,
         integrator=str(solution.settings["integrator"]),
@@ -253,38 +241,34 @@ def readable(solution: Solution) -> Run:
         t=np.asarray(solution.t, float)[:last],
         positions=positions,
         velocities=velocities,
-        tension=np.asarray(solution.tension, float)[:last],
+        tension=tension,
+        min_tension=least,
+        max_tension=largest,
         t_tension=np.asarray(solution.t_tension, float)[:last],
         kinetic=kinetic,
         potential=potential,
         work=work[:last],
         work_names=tuple(solution.work_names),
-        extremes=_extremes(solution, last),
         bodies=bodies_of(solution, last),
         **_lines(solution),
     )
 
 
-def _extremes(solution: Solution, last: int) -> tuple[np.ndarray, np.ndarray] | None:
-    least, largest = solution.tension_min, solution.tension_max
-    return None if least is None or largest is None else (least[:last], largest[:last])
-
-
-def elevations(sea: Sea, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Elevation (q, n) [m] at positions (n, 3) and times (q,)."""
-    return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(positions), jnp.asarray(times)))
+def elevations(scene: Scene, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Elevation (q, n) [m] over positions (n, 3) [m] at times (q,) [s]."""
+    return surface_over(scene, np.broadcast_to(positions, (len(times), *positions.shape)), times)
 
 
 def _lines(solution: Solution) -> dict[str, Any]:
-    """The lines and, for a system, their points."""
-    if not solution.scene.branched:
+    """The lines, the surface and, for a system, its points."""
+    scene = solution.scene
+    surface = None if scene.sea is None else partial(elevations, scene)
+    if not scene.branched:
         links = solution.tension.shape[1]
-        single = {"lines": (LineSlice("line", slice(0, links + 1), slice(0, links)),)}
-        if solution.scene.sea is None:
-            return single
-        return {**single, "surface": lambda x, t: elevations(build_model(solution.scene, "float64").sea, x, t)}
-    scene, node = solution.scene, point_nodes(solution.scene)
+        return {"surface": surface, "lines": (LineSlice("line", slice(0, links + 1), slice(0, links)),)}
+    node = point_nodes(scene)
     return {
+        "surface": surface,
         "lines": solution.lines,
         "scene": scene,
         "point_names": node,

@@ -62,11 +62,11 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
         style.time_axis(axes, run.t)
     if zoom is not None:
         grid[-1, 1].set_xlim(*zoom)
-        grid[0, 0].set_title(_join_notes(panels[0].title, "mean, minimum and maximum"), loc="left", fontsize=9)
+        notes = filter(None, (panels[0].title, "mean, minimum and maximum"))
+        grid[0, 0].set_title("; ".join(notes), loc="left", fontsize=9)
         grid[0, 1].set_title(f"zoom on the maximum, {zoom[0]:.4g} to {zoom[1]:.4g} s", loc="left", fontsize=9)
     figure.align_ylabels()
-    style.title(figure, run, what)
-    return style.save(figure, path)
+    return style.finish(figure, run, what, path)
 
 
 def _shortest(panel: Panel, panels: list[Panel]) -> float:
@@ -74,10 +74,6 @@ def _shortest(panel: Panel, panels: list[Panel]) -> float:
     alike = [other for other in panels if other.label.rpartition(" ")[2] == panel.label.rpartition(" ")[2]]
     cycles = [cycle(curve.t, curve.values) for other in alike for curve in other.curves]
     return min((length for length in cycles if length > 0.0), default=0.0)
-
-
-def _join_notes(*parts: str) -> str:
-    return "; ".join(part for part in parts if part)
 
 
 def legend(axes: Axes) -> None:

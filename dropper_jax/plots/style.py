@@ -24,14 +24,9 @@ from dropper_jax.run.simulate import Solution
 
 def force_unit(*values: np.ndarray | float | Iterable[float]) -> tuple[str, float]:
     """Unit and its size [N] for all forces [N] of a figure."""
-    largest = max((float(np.abs(known).max()) for v in values if (known := _finite(v)).size), default=0.0)
+    known = np.concatenate([np.ravel(np.asarray(v, float)) for v in values])
     # maximum tension [N] above which a figure is in kN
-    return ("kN", 1e3) if largest >= 5e3 else ("N", 1.0)
-
-
-def _finite(values: np.ndarray | float | Iterable[float]) -> np.ndarray:
-    found = np.asarray(values, float)
-    return found[np.isfinite(found)]
+    return ("kN", 1e3) if np.abs(known[np.isfinite(known)]).max(initial=0.0) >= 5e3 else ("N", 1.0)
 
 
 #: Palette of Okabe and Ito, which colour-blind readers can distinguish.
@@ -108,27 +103,23 @@ def save(figure: Figure, path: str | Path) -> Path:
     return path
 
 
-def heading(run: Run, what: str) -> str:
-    """Scene and subject, one line."""
-    return f"{run.name}: {what}"
-
-
 def how(run: Run) -> tuple[str, str]:
     """Integrator, step and, if the run failed, its status, and the colour of this text."""
     text = f"{run.integrator}, dt = {run.dt:g} s" if run.dt else run.integrator  # an equilibrium has no step
     return (text, FAINT) if run.status == "ok" else (f"{text}, ended with {run.status}", ALERT)
 
 
-def title(figure: Figure, run: Run, what: str) -> None:
-    """Title of the figure, with integrator and step below it."""
+def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
+    """Write the figure with its title, and integrator and step at the bottom."""
     text, colour = how(run)
-    figure.suptitle(heading(run, what), fontsize=12, fontweight="bold", x=0.01, ha="left")
+    figure.suptitle(f"{run.name}: {what}", fontsize=12, fontweight="bold", x=0.01, ha="left")
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
     # one line of text at the bottom and one at the top, for any height of the figure
     foot, head = (inch / figure.get_figheight() for inch in (0.17, 0.03))
     layout = figure.get_layout_engine()
     if layout is not None:
         layout.set(rect=(0.0, foot, 1.0, 1.0 - foot - head))
+    return save(figure, path)
 
 
 def time_axis(axes: Axes, t: np.ndarray) -> None:

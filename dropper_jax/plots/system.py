@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from dropper_jax.base.constants import DEGREE
-from dropper_jax.load.checks_water import bed_height, surface_over
+from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import SIDES, Bodies, Run
 
@@ -62,14 +62,12 @@ def body_motion(run: Run, path: str | Path) -> Path:
             turn = DEGREE * bodies.attitude[:, i, j]
             if j == 1 or np.ptp(turn) > 0.1:
                 panels[2].plot(run.t, turn, color=colour, lw=1.0, ls=dash)
-    panels[0].set_ylabel("displacement [m]")
-    panels[1].set_ylabel("heave [m]")
-    panels[2].set_ylabel("pitch, roll dashed [deg]")
+    for axes, label in zip(panels, ("displacement [m]", "heave [m]", "pitch, roll dashed [deg]"), strict=True):
+        axes.set_ylabel(label)
     if len(bodies.names) > 1:
         panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
     style.time_axis(panels[2], run.t)
-    style.title(figure, run, "motion of the bodies")
-    return style.save(figure, path)
+    return style.finish(figure, run, "motion of the bodies", path)
 
 
 BUOY, WATER, SURFACE, BED = style.CYCLE[4], "#DCEBF5", style.CYCLE[5], "#D8CBB4"
@@ -128,7 +126,7 @@ def right_of(axes: Axes, flat: bool) -> np.ndarray:
 
 def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> np.ndarray | None:
     """The surface (k, lines, points, 3) [m] at times (k,): a line in a plane, a net in space; None without water."""
-    if run.scene is None or run.scene.sea is None:
+    if run.scene is None or run.surface is None:
         return None
     x, y = (np.linspace(*box[axis], 161) for axis in (0, 1))
     if flat:
@@ -137,11 +135,9 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
         rows, columns = (np.linspace(*box[axis], 13) for axis in (0, 1))
         along = [np.stack([np.full_like(y, one), y, np.zeros_like(y)], axis=-1) for one in rows]
         lines = np.stack(along + [np.stack([x, np.full_like(x, one), np.zeros_like(x)], axis=-1) for one in columns])
-    positions = np.broadcast_to(lines.reshape(1, -1, 3), (len(times), lines.shape[0] * lines.shape[1], 3))
-    eta = surface_over(run.scene, positions, times)
-    found = np.array(positions)
-    found[..., 2] = eta
-    return found.reshape(len(times), *lines.shape)
+    found = np.tile(lines, (len(times), 1, 1, 1))
+    found[..., 2] = run.surface(lines.reshape(-1, 3), times).reshape(found.shape[:-1])
+    return found
 
 
 def draw_bed(axes: Axes, run: Run, box: np.ndarray, flat: bool) -> None:
@@ -210,20 +206,11 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label=what)
     joints = bare_joints(run, positions[now])
     if len(joints) and not crowded:
-        draw(
-            joints,
-            ls="",
-            marker="D",
-            ms=5,
-            mfc=style.CYCLE[4],
-            mec=style.DARK,
-            label="free point",
-        )
+        draw(joints, ls="", marker="D", ms=5, mfc=style.CYCLE[4], mec=style.DARK, label="free point")
     where = {"ax": axes, "shrink": 0.75, "pad": 0.03} if flat else {"cax": view.bar_axes(figure)}
     style.tension_bar(figure, links, links.get_array(), **where)
     figure.legend(loc="outside lower left" if flat else "lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
-    style.title(figure, run, "position and tension" + (f" at t = {t[now]:.4g} s" if len(t) > 1 else ""))
-    return style.save(figure, path)
+    return style.finish(figure, run, "position and tension" + (f" at t = {t[now]:.4g} s" if len(t) > 1 else ""), path)
 
 
 def _surroundings(axes: Axes, run: Run, drawn: np.ndarray, time: float, flat: bool) -> None:

@@ -45,8 +45,7 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     lower.set_ylim(0.5 * drift[1:].min(initial=drift.max()), 3 * drift.max())
     lower.set_ylabel("|drift| [J]")
     style.time_axis(lower, t)
-    style.title(figure, run, "energy balance")
-    return style.save(figure, path)
+    return style.finish(figure, run, "energy balance", path)
 
 
 @style.with_style
@@ -148,10 +147,10 @@ def ends_panel(run: Run) -> Panel:
             ends = tuple((f"at {stop}", link) for stop, (_, link) in zip(stops, ends, strict=True))
         for name, link in ends:
             values, low, high = (a[kept, link] / size for a in (run.tension, run.min_tension, run.max_tension))
-            range_ = (None, None) if run.extremes is None else (low, high)
+            range_ = () if run.max_tension is run.tension else (low, high)
             curves.append(Curve(name if both else line.name, t, values, *range_))
-    title = (
-        "ends of the line" if both else _count_title("more loaded end of each line", len(lines), len(run.written_lines))
+    title = _count_title(
+        "ends of the line" if both else "more loaded end of each line", len(lines), len(run.written_lines)
     )
     return Panel(f"tension [{unit}]", curves, title, zero=True)
 

@@ -49,18 +49,16 @@ def fixed_ends(positions: np.ndarray) -> np.ndarray:
 def flat_axes(figure: Figure, subplot: SubplotSpec, limits: np.ndarray) -> Axes:
     """Axes for the x-z plane, equal scales."""
     axes = figure.add_subplot(subplot)
-    axes.set(xlim=limits[0], ylim=limits[2], xlabel="x [m]", ylabel="z [m]")
-    axes.set_aspect("equal")
+    axes.set(xlim=limits[0], ylim=limits[2], xlabel="x [m]", ylabel="z [m]", aspect="equal")
     return axes
 
 
 def space_axes(figure: Figure, limits: np.ndarray, longest: float = LONGEST) -> Axes:
     """Axes in space, equal scales, in a figure that fits them: the drawn box is at most `longest` [inch] wide."""
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", elev=18, azim=-58)
-    axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2], xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
-    axes.set_box_aspect(limits[:, 1] - limits[:, 0])
-    _fit(figure, axes, limits, longest)
     side = limits[:, 1] - limits[:, 0]
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", elev=18, azim=-58, box_aspect=side)
+    axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2], xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+    _fit(figure, axes, limits, longest)
     for axis, part in zip((axes.xaxis, axes.yaxis, axes.zaxis), side / side.max(), strict=True):
         axis.set_major_locator(MaxNLocator(2 if part < 0.6 else 5))
         axis.set_pane_color((0.97, 0.97, 0.98, 1.0))
@@ -96,6 +94,5 @@ def bar_axes(figure: Figure) -> Axes:
 
 def figure_size(limits: np.ndarray, longest: float = LONGEST) -> tuple[float, float]:
     """Width and height [inch] of a view in a plane, with space for labels and the colour bar."""
-    width, height = limits[0, 1] - limits[0, 0], limits[2, 1] - limits[2, 0]
-    scale = longest / max(width, height)
-    return max(width * scale + 1.6, 4.6), max(height * scale + 1.2, 3.2)
+    side = np.ptp(limits, axis=1)[[0, 2]]
+    return tuple(np.maximum(side * (longest / side.max()) + [1.6, 1.2], [4.6, 3.2]))

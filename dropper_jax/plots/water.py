@@ -17,14 +17,13 @@ from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.checks_water import bed_height
+from dropper_jax.load.scene import Scene
 from dropper_jax.plots import panels, style, system, view
 from dropper_jax.plots.run import ANGLE, Run, elevations, readable, swing
 from dropper_jax.plots.style import force_unit
 from dropper_jax.plots.system import draw_bodies
-from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution
 from dropper_jax.run.wakes import SceneWakes
-from dropper_jax.sea import Sea
 from dropper_jax.sea.spectrum import wave_number
 from dropper_jax.sea.steady import LINEAR, STOKES_HEIGHT, STOKES_LENGTH, highest, second_harmonic
 
@@ -40,7 +39,8 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     """
     # drawn range of d/(g T^2)
     depths = np.geomspace(4e-4, 0.3, 300)
-    length = _length(depths)
+    # of linear waves over g T^2
+    length = 2.0 * np.pi / np.asarray(wave_number(jnp.full(depths.shape, 2.0 * np.pi), jnp.asarray(depths), 1.0))
     limit = np.array([highest(x, d) for x, d in zip(length, depths, strict=True)])
     linear = np.array([LINEAR / second_harmonic(1.0, x, d) for x, d in zip(length, depths, strict=True)])
     stokes = np.where(length < STOKES_LENGTH * depths, STOKES_HEIGHT * limit, linear)
@@ -68,11 +68,6 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     figure.legend(loc="outside lower center", ncols=3)
     figure.suptitle("theories of regular waves", fontsize=12, fontweight="bold", x=0.01, ha="left")
     return style.save(figure, path)
-
-
-def _length(depth: np.ndarray) -> np.ndarray:
-    """Length of linear waves over g T^2."""
-    return 2.0 * np.pi / np.asarray(wave_number(jnp.full(depth.shape, 2.0 * np.pi), jnp.asarray(depth), 1.0))
 
 
 def _line(axes: Axes, at: float, text: str) -> None:
@@ -108,35 +103,33 @@ POINTS = 240
 
 
 def _with_sea(draw: Callable[..., Path]) -> Callable[..., Path]:
-    """Give `draw` the readable run and its sea, in the common style."""
+    """Give `draw` the readable run and its scene in water, in the common style."""
 
     @wraps(draw)
     @style.plot_style()
     def wrapper(solution: Solution, path: str | Path, **kwargs: Any) -> Path:
-        sea = build_model(solution.scene, "float64").sea
-        if sea is None:
+        if solution.scene.sea is None:
             raise ValueError(f"solution: scene {solution.scene.name!r} has no [sea]. Use a scene with water")
-        return draw(readable(solution), sea, path, **kwargs)
+        return draw(readable(solution), solution.scene, path, **kwargs)
 
     return wrapper
 
 
 @_with_sea
-def elevation(run: Run, sea: Sea, path: str | Path, place: tuple[float, float] = (0.0, 0.0)) -> Path:
+def elevation(run: Run, scene: Scene, path: str | Path, place: tuple[float, float] = (0.0, 0.0)) -> Path:
     """Elevation [m] of the surface at a position (x, y) [m] against time."""
-    eta = elevations(sea, np.array([[*place, 0.0]]), run.t)[:, 0]
+    eta = elevations(scene, np.array([[*place, 0.0]]), run.t)[:, 0]
     figure = style.new_figure(8.5, 3.2)
     axes = figure.subplots()
     axes.axhline(0.0, color=style.FAINT, lw=0.7)
     axes.plot(run.t, eta, color=style.FIRST)
     axes.set_ylabel("elevation [m]")
     style.time_axis(axes, run.t)
-    style.title(figure, run, f"surface at x = {place[0]:g} m, y = {place[1]:g} m")
-    return style.save(figure, path)
+    return style.finish(figure, run, f"surface at x = {place[0]:g} m, y = {place[1]:g} m", path)
 
 
 @_with_sea
-def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = None) -> Path:
+def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None = None) -> Path:
     """The line [m] and the surface above it at a time [s] (default: that of the maximum tension), seen from two sides.
 
     A system that stays in the plane of x and z is seen from one side only.
@@ -154,10 +147,10 @@ def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = Non
         along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
         positions = np.tile(middle, (POINTS, 1))
         positions[:, axis] = along
-        eta = elevations(sea, positions, run.t[index : index + 1])[0]
+        eta = elevations(scene, positions, run.t[index : index + 1])[0]
         bed = None if run.scene is None else bed_height(run.scene, positions)
         low = nodes[:, 2].min() - 0.1 * (half if bed is None else np.ptp(nodes[:, 2]))
-        low = max(low, -float(sea.depth)) if bed is None else low
+        low = max(low, -float(scene.sea.depth)) if bed is None else low
         axes.fill_between(along, eta, low, color=WATER)
         if bed is not None and bed.max() > low:
             axes.fill_between(along, np.maximum(bed, low), low, color=system.BED, label="seabed")
@@ -173,16 +166,14 @@ def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = Non
         axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label=what)
         _buoys(axes, run, nodes, axis)
         draw_bodies(axes, run.bodies, index, flat=True, axis=axis, grow=True)
-        axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(low, None))
-        axes.set_aspect("equal", adjustable="box")
+        axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(low, None), aspect="equal")
     figure.axes[0].set_ylabel("z [m]")
     if low_and_long:
         figure.axes[-1].set_ylabel("z [m]")
         figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
     else:
         figure.axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=4)
-    style.title(figure, run, f"under the surface at t = {run.t[index]:.2f} s")
-    return style.save(figure, path)
+    return style.finish(figure, run, f"under the surface at t = {run.t[index]:.2f} s", path)
 
 
 def _buoys(axes: Axes, run: Run, nodes: np.ndarray, axis: int) -> None:
@@ -193,14 +184,14 @@ def _buoys(axes: Axes, run: Run, nodes: np.ndarray, axis: int) -> None:
 
 
 @_with_sea
-def response(run: Run, sea: Sea, path: str | Path, link: int | None = None) -> Path:
+def response(run: Run, scene: Scene, path: str | Path, link: int | None = None) -> Path:
     """Elevation; angles of a link (counted from 1): spectra and phase space, as thesis figures 8.32 to 8.34.
 
     Default: the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
     """
     angles = run.angles()
     index = _lively(run) if link is None else min(link, run.tension.shape[1]) - 1
-    eta = elevations(sea, np.zeros((1, 3)), run.t)[:, 0]
+    eta = elevations(scene, np.zeros((1, 3)), run.t)[:, 0]
     turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > ANGLE] or [0]
     figure = style.new_figure(9.5, 7.6)
     grid = figure.add_gridspec(3, len(turning), height_ratios=(1.0, 1.3, 1.6))
@@ -218,8 +209,7 @@ def response(run: Run, sea: Sea, path: str | Path, link: int | None = None) -> P
         space.set(xlabel=f"{name} angle [rad]", ylabel="rate [rad/s]")
     spectra.set(xlabel="frequency [Hz]", ylabel="amplitude [rad]")
     spectra.legend()
-    style.title(figure, run, f"response of {run.labels[index]}")
-    return style.save(figure, path)
+    return style.finish(figure, run, f"response of {run.labels[index]}", path)
 
 
 def _lively(run: Run) -> int:
@@ -229,9 +219,9 @@ def _lively(run: Run) -> int:
 
 
 @_with_sea
-def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
+def tension_envelope(run: Run, scene: Scene, path: str | Path) -> Path:
     """Minimum, mean and maximum tension along the line; of several lines a panel for each of the 12 most loaded."""
-    del sea
+    del scene
     sizes = [np.max(run.max_tension[:, line.links]) for line in run.written_lines]
     shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
     columns = 1 if len(shown) == 1 else 2
@@ -259,8 +249,7 @@ def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
         figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
     total = len(run.written_lines)
     few = "" if len(shown) == total else f" of the {len(shown)} most loaded lines of {total}"
-    style.title(figure, run, f"tension envelope{few}")
-    return style.save(figure, path)
+    return style.finish(figure, run, f"tension envelope{few}", path)
 
 
 def _envelope(axes: Axes, s: np.ndarray, tension: np.ndarray, least: np.ndarray, largest: np.ndarray) -> None:

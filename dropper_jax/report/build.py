@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from dropper_jax.load.checks_water import bed_height, surface_over
 from dropper_jax.report.extremes import line_snaps, storm_extreme
 from dropper_jax.report.motion import accelerations, line_distances, node_arc, watch_circles
 from dropper_jax.report.parts import body_motions, crops, parts
-from dropper_jax.report.record import Record, record
+from dropper_jax.report.record import Record, record, spread
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.tension import anchors, line_fatigue, line_tensions
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
@@ -24,8 +23,7 @@ from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import BuoySpec, whole_lines
 from dropper_jax.scene.data import point_nodes
 
-#: Values of a section.
-Found = TypeVar("Found")
+NO_COEFFICIENTS = {"skipped": "the scene has no flow-dependent coefficients"}
 
 
 def report_run(solution: Solution, settings: Settings | None = None) -> dict[str, Any]:
@@ -38,7 +36,10 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
     part = record(solution, settings.skip)
     used = solution.settings
     tension, snap = line_tensions(part, settings), line_snaps(part, settings)
-    fatigue = _optional(line_fatigue, part, settings)
+    try:
+        fatigue = line_fatigue(part, settings)
+    except SceneError as error:  # the package of an extra is missing: the rest of the report is valid
+        fatigue = {"skipped": str(error)}
     return {
         "scene": solution.scene.name,
         "status": solution.status,
@@ -62,10 +63,10 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "fatigue": fatigue,
         "watch_circle": watch_circles(part),
         "acceleration": accelerations(part),
-        "submergence": _submergence(part),
+        "submergence": submergence(part),
         "distance": line_distances(part) if len(part.written_lines) > 1 else {"skipped": "one line"},
-        "seabed": _seabed_part(part, settings),
-        "coefficients": _coefficients(part),
+        "seabed": bed_contact(part, settings),
+        "coefficients": flow_table(overgrown(part.scene)) if follows(part.scene) else NO_COEFFICIENTS,
         "bodies": body_motions(part),
         "crop": crops(part),
     }
@@ -75,32 +76,6 @@ def _largest_damping(solution: Solution) -> float:
     """Maximum internal damping BA of a link [N s], 0 without any."""
     given = [line.axial_damping for line in solution.scene.lines if line.axial_damping is not None]
     return float(max((np.max(damping) for damping in given), default=0.0))
-
-
-def _optional(section: Callable[[Record, Settings], Found], part: Record, settings: Settings) -> Found | dict[str, str]:
-    try:
-        return section(part, settings)
-    except SceneError as error:  # the package of an extra is missing: the rest of the report is valid
-        return {"skipped": str(error)}
-
-
-def _submergence(part: Record) -> dict[str, Any]:
-    if part.scene.sea is None:
-        return {"skipped": "the scene has no water"}
-    return submergence(part, surface_over(part.scene, part.positions, part.t))
-
-
-def _coefficients(part: Record) -> Plain:
-    if not follows(part.scene):
-        return {"skipped": "the scene has no flow-dependent coefficients"}
-    return flow_table(overgrown(part.scene))
-
-
-def _seabed_part(part: Record, settings: Settings) -> Plain:
-    bed = bed_height(part.scene, part.positions)
-    if bed is None:
-        return {"skipped": "the scene has no [effects.seabed]"}
-    return bed_contact(part, bed, settings)
 
 
 def report_runs(solutions: dict[str, Solution], settings: Settings | None = None) -> dict[str, Any]:
@@ -196,27 +171,26 @@ def _extremes(runs: list[dict[str, Any]], differ: list[str], settings: Settings)
     return {"skipped": why.pop()} if len(why) == 1 and None not in why else found
 
 
-def bed_contact(record: Record, bed: np.ndarray, settings: Settings) -> list[dict[str, Any]]:
+def bed_contact(record: Record, settings: Settings) -> list[dict[str, Any]] | dict[str, str]:
     """Per line: length on the seabed [m] over time, and fraction of time of each node.
 
     A node is on the seabed if it is at most `contact` above it, a link if both its ends are. The length is a number of
     complete links, so it is zero for a line that rises from an anchor on the seabed.
-
-    Args:
-        bed: height (k, nodes) [m] of the seabed under every node.
     """
+    bed = bed_height(record.scene, record.positions)
+    if bed is None:
+        return {"skipped": "the scene has no [effects.seabed]"}
     on = record.positions[..., 2] - bed <= settings.contact
     found = []
     for where in record.written_lines:
-        spec = where.spec
         own = on[:, where.nodes]
-        length = (own[:, :-1] & own[:, 1:]) @ np.asarray(spec.length, float)
+        length = (own[:, :-1] & own[:, 1:]) @ np.asarray(where.spec.length, float)
         found.append(
             {
                 "line": where.name,
-                "arc_length_m": node_arc(spec.length),
-                "length_m": {"min": float(length.min()), "mean": float(length.mean()), "max": float(length.max())},
-                "share_of_line": float(length.mean() / spec.total),
+                "arc_length_m": node_arc(where.spec.length),
+                "length_m": spread(length, ("min", "mean", "max")),
+                "share_of_line": float(length.mean() / where.spec.total),
                 "share_of_time": own.mean(axis=0),
                 "share_with_contact": float(np.mean(length > 0)),
             }
@@ -239,21 +213,18 @@ def line_bending(record: Record) -> list[dict[str, Any]]:
     return found
 
 
-def submergence(record: Record, eta: np.ndarray) -> dict[str, Any]:
-    """Per line the fraction of time under the actual surface and the depth [m] of its nodes; per buoy the draught.
-
-    Args:
-        eta: elevation (k, nodes) [m] over every node.
-    """
-    depth = eta - record.positions[..., 2]
+def submergence(record: Record) -> dict[str, Any]:
+    """Per line the fraction of time under the actual surface and the depth [m] of its nodes; per buoy the draught."""
+    if record.scene.sea is None:
+        return {"skipped": "the scene has no water"}
+    depth = surface_over(record.scene, record.positions, record.t) - record.positions[..., 2]
     lines = []
     for where in record.written_lines:
-        spec = where.spec
         own = depth[:, where.nodes]
         lines.append(
             {
                 "line": where.name,
-                "arc_length_m": node_arc(spec.length),
+                "arc_length_m": node_arc(where.spec.length),
                 "share_under_water": (own > 0).mean(axis=0),
                 "mean_depth_m": own.mean(axis=0),
                 "least_depth_m": own.min(axis=0),
@@ -267,7 +238,7 @@ def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> dict[str, Any]:
     base = depth[:, point_nodes(record.scene)[buoy.point]] + buoy.attachment
     return {
         "buoy": buoy.name,
-        "draught_m": {"min": float(base.min()), "mean": float(base.mean()), "max": float(base.max())},
+        "draught_m": spread(base, ("min", "mean", "max")),
         "height_m": buoy.height,
         "share_under_water": float(np.mean(base >= buoy.height)),
         "share_out_of_water": float(np.mean(base <= 0)),

@@ -154,9 +154,8 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
     listed = 10  # events listed per line, the largest first
     found = []
     for where in record.written_lines:
-        spec = where.spec
-        s, counts, share, events = arc(spec.length), [], [], []
-        for j in range(spec.links):
+        s, counts, share, events = arc(where.spec.length), [], [], []
+        for j in range(where.spec.links):
             tension = record.tension[:, where.links.start + j]
             mean = max(float(tension.mean()), 0.0)
             # slack below this part of the link's mean tension, a snap above this multiple of it
@@ -165,7 +164,19 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
             own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap)
             counts.append(len(own))
             share.append(float(np.mean(tension < slack)))
-            events += [_row(event, float(s[j]), slack, snap) for event in own]
+            events += [
+                {
+                    "at_m": float(s[j]),
+                    "slack_from_s": event.slack_from,
+                    "slack_to_s": event.slack_to,
+                    "threshold_passed_s": event.passed,
+                    "peak_n": event.peak,
+                    "peak_s": event.peak_at,
+                    "slack_n": slack,
+                    "snap_n": snap,
+                }
+                for event in own
+            ]
         events.sort(key=lambda event: -event["peak_n"])
         found.append(
             {
@@ -180,16 +191,3 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
             }
         )
     return found
-
-
-def _row(event: Snap, at: float, slack: float, snap: float) -> dict[str, float]:
-    return {
-        "at_m": at,
-        "slack_from_s": event.slack_from,
-        "slack_to_s": event.slack_to,
-        "threshold_passed_s": event.passed,
-        "peak_n": event.peak,
-        "peak_s": event.peak_at,
-        "slack_n": slack,
-        "snap_n": snap,
-    }

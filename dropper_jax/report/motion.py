@@ -49,18 +49,17 @@ def accelerations(record: Record) -> list[dict[str, Any]]:
     size = np.linalg.norm(np.gradient(record.velocities, record.t, axis=0), axis=-1)
     found = []
     for where in record.written_lines:
-        spec = where.spec
         own = size[:, where.nodes]
         high = np.unravel_index(np.argmax(own), own.shape)
         found.append(
             {
                 "line": where.name,
-                "arc_length_m": node_arc(spec.length),
+                "arc_length_m": node_arc(where.spec.length),
                 "rms_m_per_s2": np.sqrt(np.mean(own**2, axis=0)),
                 "p99_m_per_s2": np.percentile(own, 99, axis=0),
                 "max_m_per_s2": own.max(axis=0),
                 "largest_m_per_s2": float(own[high]),
-                "at_m": float(node_arc(spec.length)[high[1]]),
+                "at_m": float(node_arc(where.spec.length)[high[1]]),
                 "t_s": float(record.t[high[0]]),
             }
         )
@@ -79,8 +78,10 @@ def line_distances(record: Record) -> list[dict[str, Any]]:
     that end in a common point of both lines are left out.
     """
     lines = range(len(record.written_lines))
-    boxes = [_swept(record, i) for i in lines]
-    pairs = sorted((_gap(boxes[a], boxes[b]), a, b) for a in lines for b in lines if a < b)
+    nodes = [record.positions[:, line.nodes] for line in record.written_lines]
+    low, high = (np.stack([limit(own, axis=(0, 1)) for own in nodes]) for limit in (np.min, np.max))
+    gap = np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=-1)
+    pairs = sorted((float(gap[a, b]), a, b) for a in lines for b in lines if a < b)
     best: list[tuple[float, Any]] = [(np.inf, None) for _ in lines]
     for bound, a, b in pairs:
         # boxes at this distance cannot contain a closer pair than the present one
@@ -125,15 +126,6 @@ def _touching(record: Record, a: int, b: int) -> float | None:
     """Half the sum of the maximum diameters [m], the distance of axes in contact; None if a line has no diameter."""
     both = [record.written_lines[i].spec.diameter for i in (a, b)]
     return None if any(d is None for d in both) else float(0.5 * sum(np.max(d) for d in both))
-
-
-def _swept(record: Record, index: int) -> np.ndarray:
-    nodes = record.positions[:, record.written_lines[index].nodes].reshape(-1, 3)
-    return np.stack([nodes.min(axis=0), nodes.max(axis=0)])
-
-
-def _gap(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.linalg.norm(np.maximum(np.maximum(a[0] - b[1], b[0] - a[1]), 0.0)))
 
 
 def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:

@@ -8,8 +8,16 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.constants import DEGREE
-from dropper_jax.report.record import Record
-from dropper_jax.report.sections import empty_unless_rows, largest, newton, table, with_rest
+from dropper_jax.report.record import Record, spread
+from dropper_jax.report.sections import (
+    Cells,
+    empty_unless_rows,
+    largest_table,
+    newton,
+    table,
+    table_of,
+    with_position,
+)
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import line_slices
 
@@ -84,22 +92,20 @@ def _worst(lines: list[dict[str, Any]], key: str) -> dict[str, Any] | None:
 @empty_unless_rows
 def parts_text(found: list[dict[str, Any]]) -> list[str]:
     """The section as text; empty without parts."""
-    rows, shown = [], largest(found, lambda part: part["largest"]["n"])
-    for part in shown:
-        top, used, snap, tired = (part[key] for key in ("largest", "utilisation", "snap", "fatigue"))
-        rows.append(
-            [
-                part["part"],
-                str(part["lines"]),
-                newton(part["mean_n"]),
-                _with_line_name(part, top, f"{newton(top['n'])} at {top['at_m']:.1f} m, {top['t_s']:.2f} s"),
-                "-" if used is None else _with_line_name(part, used, f"{100 * used['largest']:.1f} %"),
-                _with_line_name(part, snap, str(snap["most_events"])) if snap["most_events"] else "none",
-                "-" if tired is None else _with_line_name(part, tired, f"{tired['damage_per_year']:.3g}"),
-            ]
-        )
-    head = ["part", "lines", "mean [N]", "largest [N]", "utilisation", "snaps, worst link", "damage per year"]
-    return ["## Parts", with_rest(table(head, rows), len(shown), len(found), what="parts")]
+    return ["## Parts", largest_table(found, lambda part: part["largest"]["n"], _part_row, what="parts")]
+
+
+def _part_row(part: dict[str, Any]) -> Cells:
+    top, used, snap, tired = (part[key] for key in ("largest", "utilisation", "snap", "fatigue"))
+    return {
+        "part": part["part"],
+        "lines": str(part["lines"]),
+        "mean [N]": newton(part["mean_n"]),
+        "largest [N]": _with_line_name(part, top, with_position(top, newton(top["n"]))),
+        "utilisation": "-" if used is None else _with_line_name(part, used, f"{100 * used['largest']:.1f} %"),
+        "snaps, worst link": _with_line_name(part, snap, str(snap["most_events"])) if snap["most_events"] else "none",
+        "damage per year": "-" if tired is None else _with_line_name(part, tired, f"{tired['damage_per_year']:.3g}"),
+    }
 
 
 def _with_line_name(part: dict[str, Any], worst: dict[str, Any], text: str) -> str:
@@ -148,26 +154,25 @@ def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
 @empty_unless_rows
 def crop_text(found: list[dict[str, Any]]) -> list[str]:
     """The section as text; empty without mussels."""
-    rows = []
-    for row in found:
-        off = row["drop_off"]
-        shares = (
-            ["-", "-", "-"]
-            if off is None
-            else [
-                f"{off['largest_m_per_s2']:.3g} / {off['limit_m_per_s2']:.3g}",
-                f"{100 * off['share_beyond']:.3g}",
-                f"{off['mass_at_risk_kg']:.4g}",
-            ]
-        )
-        kept = (f"{row['mass_kg']:.4g}", f"{row['wet_weight_n']:.4g}", f"{row['largest_diameter_m']:.3g}")
-        rows.append([row["line"], *kept, *shares])
-    head = ["line", "mussels [kg]", "weight in water [N]", "largest diameter [m]"]
-    head += ["acceleration, maximum / drop-off [m/s^2]", "exceeded [% of nodes and time]", "at risk [kg]"]
-    said = []
+    text = table_of([_crop_row(row) for row in found])
     if all(row["drop_off"] is None for row in found):
-        said = ["Drop-off is not computed: give `growth.attachment` and `growth.mussel_mass`."]
-    return ["## Mussels", table(head, rows), *said]
+        return ["## Mussels", text, "Drop-off is not computed: give `growth.attachment` and `growth.mussel_mass`."]
+    return ["## Mussels", text]
+
+
+def _crop_row(row: dict[str, Any]) -> Cells:
+    off, shares = row["drop_off"], ("-", "-", "-")
+    if off is not None:
+        reached = f"{off['largest_m_per_s2']:.3g} / {off['limit_m_per_s2']:.3g}"
+        shares = (reached, f"{100 * off['share_beyond']:.3g}", f"{off['mass_at_risk_kg']:.4g}")
+    columns = ("acceleration, maximum / drop-off [m/s^2]", "exceeded [% of nodes and time]", "at risk [kg]")
+    return {
+        "line": row["line"],
+        "mussels [kg]": f"{row['mass_kg']:.4g}",
+        "weight in water [N]": f"{row['wet_weight_n']:.4g}",
+        "largest diameter [m]": f"{row['largest_diameter_m']:.3g}",
+        **dict(zip(columns, shares, strict=True)),
+    }
 
 
 #: Motions in the order of `body_position` and `body_attitude`.
@@ -187,10 +192,9 @@ def body_motions(record: Record) -> list[dict[str, Any]] | dict[str, str]:
     for i, body in enumerate(record.scene.bodies):
         position, turn = run.body_position[kept, i], run.body_attitude[kept, i]
         tilt = np.arccos(np.clip(np.cos(turn[:, 0]) * np.cos(turn[:, 1]), -1.0, 1.0))
-        row: dict[str, Any] = {"body": body.name}
-        row |= {f"{name}_m": _spread(position[:, j]) for j, name in enumerate(MOVES)}
-        row |= {f"{name}_deg": _spread(DEGREE * turn[:, j]) for j, name in enumerate(TURNS)}
-        found.append({**row, "tilt_deg": _spread(DEGREE * tilt)})
+        moves = {f"{name}_m": spread(position[:, j]) for j, name in enumerate(MOVES)}
+        turns = {f"{name}_deg": spread(DEGREE * turn[:, j]) for j, name in enumerate(TURNS)}
+        found.append({"body": body.name, **moves, **turns, "tilt_deg": spread(DEGREE * tilt)})
     return found
 
 
@@ -204,12 +208,3 @@ def bodies_text(found: list[dict[str, Any]]) -> list[str]:
             cells = (f"{0.0 if abs(body[key][k]) < 5e-4 else body[key][k]:.3f}" for k in ("mean", "std", "min", "max"))
             rows.append([body["body"], f"{name} [{unit}]", *cells])
     return ["## Bodies", table(["body", "motion", "mean", "deviation", "least", "largest"], rows)]
-
-
-def _spread(values: np.ndarray) -> dict[str, float]:
-    return {
-        "mean": float(values.mean()),
-        "std": float(values.std()),
-        "min": float(values.min()),
-        "max": float(values.max()),
-    }

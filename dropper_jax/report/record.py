@@ -126,6 +126,11 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
     )
 
 
+def spread(values: np.ndarray, names: tuple[str, ...] = ("min", "mean", "std", "max")) -> dict[str, float]:
+    """Minimum, mean, standard deviation and maximum, or some of them."""
+    return {name: float(getattr(np, name)(values)) for name in names}
+
+
 def arc(lengths: np.ndarray) -> np.ndarray:
     """Unstretched arc length (n,) [m] of the middles of links from the line's first end."""
     return np.cumsum(lengths) - 0.5 * np.asarray(lengths, float)

@@ -16,6 +16,8 @@ from dropper_jax.base.toml_text import literal
 Cells = dict[str, str]
 #: Maximum number of lines in one table, those with the largest values; report.json has all.
 SECTION_ROWS = 30
+#: What to do about a line without a breaking load.
+GIVE_LOAD = "give `breaking_load` in the scene, or --breaking-load"
 #: Limit of rounding.
 SHOWN_ROUNDING = 1e-6
 
@@ -56,15 +58,15 @@ def largest_table(
     return f"{text}\n\nThe {which} {len(shown)} of {len(lines)} {what}; report.json has all."
 
 
-def _names(lines: list[dict[str, Any]]) -> str:
-    names = [line["line"] for line in lines]
-    return ", ".join(names[:SECTION_ROWS]) + (
-        f" and {len(names) - SECTION_ROWS} more" if len(names) > SECTION_ROWS else ""
-    )
+def _names(names: list[str]) -> str:
+    more = f" and {len(names) - SECTION_ROWS} more" if len(names) > SECTION_ROWS else ""
+    return ", ".join(names[:SECTION_ROWS]) + more
 
 
 def tension(lines: list[dict[str, Any]]) -> str:
-    return largest_table(lines, lambda line: line["largest"]["n"], _tension_row) + _without_load(lines, "utilisation")
+    why = {line["line"]: GIVE_LOAD for line in lines if line["utilisation"] is None}
+    text = largest_table(lines, lambda line: line["largest"]["n"], _tension_row)
+    return text + _missing("breaking load", lines, why)
 
 
 def _tension_row(line: dict[str, Any]) -> Cells:
@@ -87,34 +89,24 @@ def _tension_row(line: dict[str, Any]) -> Cells:
             for end in ("first", "last")
         },
         "99 % [N]": newton(max(line["percentiles_n"]["99"])),
-        "largest [N]": _at(line["largest"], newton(line["largest"]["n"])),
+        "largest [N]": with_position(line["largest"], newton(line["largest"]["n"])),
         "utilisation": "-" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
         "with the safety factor": "-" if used is None else f"{100 * used['with_factor']:.1f} %",
     }
 
 
-def _at(found: dict[str, Any], value: str, when: str = "t_s") -> str:
+def with_position(found: dict[str, Any], value: str, when: str = "t_s") -> str:
     """A value with its arc length and time."""
     return f"{value} at {found['at_m']:.1f} m, {found[when]:.2f} s"
 
 
-def _without_load(lines: list[dict[str, Any]], key: str) -> str:
-    """A note on lines without a breaking load."""
-    without = [line for line in lines if line[key] is None]
-    if not without:
-        return ""
-    which = "any line" if len(without) == len(lines) else _names(without)
-    return f"\n\nNo breaking load of {which}: give `breaking_load` in the scene, or --breaking-load."
-
-
-def _without_damage(lines: list[dict[str, Any]]) -> str:
-    """A note on lines without a damage, by the missing value."""
-    why = dict.fromkeys(line["why_no_damage"] for line in lines if line["damage"] is None)
+def _missing(what: str, lines: list[dict[str, Any]], why: dict[str, str]) -> str:
+    """A note on lines without a value, by the reason for each."""
     found = ""
-    for reason in why:
-        own = [line for line in lines if line["damage"] is None and line["why_no_damage"] == reason]
-        which = "any line" if len(own) == len(lines) else _names(own)
-        found += f"\n\nNo damage of {which}: {reason}."
+    for reason in dict.fromkeys(why.values()):
+        names = [name for name, own in why.items() if own == reason]
+        which = "any line" if len(names) == len(lines) else _names(names)
+        found += f"\n\nNo {what} of {which}: {reason}."
     return found
 
 
@@ -178,7 +170,9 @@ def _snap_row(line: dict[str, Any]) -> Cells:
         "line": line["line"],
         "events in the worst link": str(line["most_events"]),
         "slack, worst link [% of time]": _percent(line["largest_share_slack"]),
-        "largest peak [N]": _at(line["shown"][0], newton(_largest_snap(line)), "peak_s") if line["shown"] else "none",
+        "largest peak [N]": with_position(line["shown"][0], newton(_largest_snap(line)), "peak_s")
+        if line["shown"]
+        else "none",
     }
 
 
@@ -186,20 +180,22 @@ def _table_and_others(
     word: str,
     lines: list[dict[str, Any]],
     key: str,
-    least: float,
+    limit: float,
     size: Callable[[dict[str, Any]], float],
     row: Callable[[dict[str, Any]], Cells],
 ) -> str:
-    """The table of the lines with a value above the least, and the names of the others after a heading."""
-    some = [line for line in lines if line[key] > least]
-    others = [line for line in lines if line not in some]
+    """The table of the lines with a value above the limit, and the names of the others after a heading."""
+    some = [line for line in lines if line[key] > limit]
+    others = [line["line"] for line in lines if line not in some]
     text = largest_table(some, size, row) if some else ""
     which = _names(others) if some else "all lines"
     return "\n\n".join(part for part in (text, f"{word}: {which}." if others else "") if part)
 
 
 def fatigue(lines: list[dict[str, Any]]) -> str:
-    return largest_table(lines, lambda line: max(line["equivalent_range_n"]), _fatigue_row) + _without_damage(lines)
+    why = {line["line"]: line["why_no_damage"] for line in lines if line["damage"] is None}
+    text = largest_table(lines, lambda line: max(line["equivalent_range_n"]), _fatigue_row)
+    return text + _missing("damage", lines, why)
 
 
 def _fatigue_row(line: dict[str, Any]) -> Cells:
@@ -271,7 +267,7 @@ def _acceleration_row(line: dict[str, Any]) -> Cells:
         "line": line["line"],
         "rms, worst node [m/s^2]": f"{max(line['rms_m_per_s2']):.3g}",
         "99 %, worst node [m/s^2]": f"{max(line['p99_m_per_s2']):.3g}",
-        "largest [m/s^2]": _at(line, f"{line['largest_m_per_s2']:.3g}"),
+        "largest [m/s^2]": with_position(line, f"{line['largest_m_per_s2']:.3g}"),
     }
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.report.record import Record, arc
+from dropper_jax.report.record import Record, arc, spread
 from dropper_jax.report.settings import Settings
 from dropper_jax.run.bends import point_load as line_load
 from dropper_jax.run.bends import positions_at
@@ -95,16 +95,16 @@ def anchors(record: Record) -> list[dict[str, Any]]:
     held = {anchor.point: anchor for anchor in record.scene.anchors}
     pulls = {point.name: point_load(record, point.name) for point in record.scene.points if not point.is_free}
     across_up = {name: np.stack([np.hypot(load[:, 0], load[:, 1]), load[:, 2]]) for name, load in pulls.items()}
-    for name, load in pulls.items():
-        (across, up), size = across_up[name], np.linalg.norm(load, axis=1)
+    for name, (across, up) in across_up.items():
+        size = np.linalg.norm(pulls[name], axis=1)
         loaded = size >= max(0.01 * size.mean(), 1e-12)
         found.append(
             {
                 "point": name,
-                "horizontal_n": _spread(across),
-                "vertical_n": _spread(up),
-                "total_n": _spread(size),
-                "uplift_rad": _spread(np.arctan2(up[loaded], across[loaded])) if loaded.any() else None,
+                "horizontal_n": spread(across),
+                "vertical_n": spread(up),
+                "total_n": spread(size),
+                "uplift_rad": spread(np.arctan2(up[loaded], across[loaded])) if loaded.any() else None,
                 "share_without_angle": float(1.0 - loaded.mean()),
                 "uplift_at_largest_load_rad": float(np.arctan2(up, across)[np.argmax(size)]) if loaded.any() else None,
                 "holding": None if name not in held else _holding(held[name], record.scene.anchors, across_up),
@@ -124,7 +124,7 @@ def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], loads: dict[st
     return {
         "kind": anchor.kind,
         "behind": anchor.behind,
-        "utilisation": _spread(used[anchor.point]),
+        "utilisation": spread(used[anchor.point]),
         "factor": 1.0 / largest if largest > 0.0 else None,
         "required_factor": anchor.safety_factor,
         "holds": bool(factored[anchor.behind or anchor.point].max() <= 1.0),
@@ -135,15 +135,6 @@ def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], loads: dict[st
 def point_load(record: Record, name: str) -> np.ndarray:
     """Force (q, 3) [N] of all lines on a point."""
     return line_load(record.scene, name, record.t, record.positions, record.t_tension, record.tension)
-
-
-def _spread(values: np.ndarray) -> dict[str, float]:
-    return {
-        "min": float(values.min()),
-        "mean": float(values.mean()),
-        "std": float(values.std()),
-        "max": float(values.max()),
-    }
 
 
 #: A year of 365.25 days [s].

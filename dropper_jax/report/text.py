@@ -7,7 +7,7 @@ from typing import Any
 from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
 from dropper_jax.report.parts import bodies_text, crop_text, parts_text
-from dropper_jax.report.sections import empty_unless_rows, markdown_table, newton, table
+from dropper_jax.report.sections import empty_unless_rows, markdown_table, newton, table, table_of, with_position
 from dropper_jax.run.flow_coefficients import flow_cells
 from dropper_jax.run.growth import weight_cells
 from dropper_jax.scene import link_mass_words
@@ -38,17 +38,18 @@ def markdown(found: dict[str, Any], pictures: list[dict[str, str]]) -> str:
 
 
 def _overview(runs: list[dict[str, Any]]) -> str:
-    rows = [
+    return table_of(
         [
-            run["file"],
-            run["status"],
-            f"{run['from_s']:g} to {run['to_s']:g}",
-            f"{run['saved_every_s']:g}",
-            f"{run['dt_s']:g}",
+            {
+                "run": run["file"],
+                "status": run["status"],
+                "time [s]": f"{run['from_s']:g} to {run['to_s']:g}",
+                "samples every [s]": f"{run['saved_every_s']:g}",
+                "step [s]": f"{run['dt_s']:g}",
+            }
+            for run in runs
         ]
-        for run in runs
-    ]
-    return table(["run", "status", "time [s]", "samples every [s]", "step [s]"], rows)
+    )
 
 
 def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
@@ -101,14 +102,14 @@ def _weights(rows: list[dict[str, Any]]) -> list[str]:
 def _bending(found: list[dict[str, Any]]) -> list[str]:
     """Moments and radii; empty if lines have no bending stiffness."""
     rows = [
-        [
-            line["line"],
-            f"{line['largest_moment_n_m']:.4g} at {line['at_m']:.1f} m, {line['t_s']:.2f} s",
-            "straight" if line["least_radius_m"] is None else f"{line['least_radius_m']:.3g}",
-        ]
+        {
+            "line": line["line"],
+            "largest moment [N m]": with_position(line, f"{line['largest_moment_n_m']:.4g}"),
+            "smallest radius [m]": "straight" if line["least_radius_m"] is None else f"{line['least_radius_m']:.3g}",
+        }
         for line in found
     ]
-    return ["## Bending", table(["line", "largest moment [N m]", "smallest radius [m]"], rows)]
+    return ["## Bending", table_of(rows)]
 
 
 @empty_unless_rows
@@ -123,16 +124,14 @@ def _spread(section: dict[str, Any]) -> str:
     # maximum number of runs with values side by side
     few = len(section["dt_s"]) <= 6
     own = [f"run {i + 1}" for i in range(len(section["dt_s"]))] if few else []
-    rows = [["step [s]", "", "", "", *(f"{dt:g}" for dt in section["dt_s"][: len(own)])]]
-    rows.append(
+    rows = [
+        ["step [s]", "", "", "", *(f"{dt:g}" for dt in section["dt_s"][: len(own)])],
         [
             "internal damping, maximum [N s]",
-            "",
-            "",
-            "",
+            *("", "", ""),
             *(newton(x) for x in section["internal_damping_n_s"][: len(own)]),
-        ]
-    )
+        ],
+    ]
     for name, v in section["values"].items():
         cells = [v["min"], v["mean"], v["max"], *v["by_run"][: len(own)]]
         label = f"largest {name}" if name.startswith(("tension of", "load of")) else name
@@ -145,11 +144,8 @@ def _extremes(section: dict[str, Any]) -> str:
         return f"Left out: {section['skipped']}."
     rows = []
     for name, one in section.items():
-        if "skipped" in one:
-            rows.append([name, one["skipped"], "-", "-"])
-            continue
-        cells = [_with_interval(one, key) for key in ("most_probable", "mean", "percentile_90")]
-        rows.append([name, *cells])
+        keys = () if "skipped" in one else ("most_probable", "mean", "percentile_90")
+        rows.append([name, *([_with_interval(one, key) for key in keys] or (one["skipped"], "-", "-"))])
     level = next((one["confidence"] for one in section.values() if "confidence" in one), None)
     what = "" if level is None else f" [N], {100 * level:g} % interval"
     return table(["maximum in the storm", f"most probable{what}", f"mean{what}", f"90th percentile{what}"], rows)
@@ -161,8 +157,13 @@ def _with_interval(one: dict[str, Any], key: str) -> str:
 
 
 def _settings(settings: dict[str, Any]) -> str:
-    rows = [
-        [key, s["meaning"], "none" if s["value"] is None else f"{s['value']:g} {s['unit']}".replace(" -", "")]
-        for key, s in settings.items()
-    ]
-    return table(["setting", "meaning", "value"], rows)
+    return table_of(
+        [
+            {
+                "setting": key,
+                "meaning": s["meaning"],
+                "value": "none" if s["value"] is None else f"{s['value']:g} {s['unit']}".replace(" -", ""),
+            }
+            for key, s in settings.items()
+        ]
+    )

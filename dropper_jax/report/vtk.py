@@ -63,14 +63,10 @@ def write_vtk(solution: Solution, folder: str | Path, every: int = 1) -> Path:
 
 
 def _lines(solution: Solution, k: int) -> str:
-    starts, line, link = [], [], []
-    for number, where in enumerate(solution.lines, start=1):
-        count = where.links.stop - where.links.start
-        starts.append(where.nodes.start + np.arange(count))
-        line.append(np.full(count, number))
-        link.append(1 + np.arange(count))
-    first = np.concatenate(starts)
-    cells = {"tension": solution.tension[k], "line": np.concatenate(line), "link": np.concatenate(link)}
+    first = np.concatenate([np.arange(where.nodes.start, where.nodes.stop - 1) for where in solution.lines])
+    counts = [where.links.stop - where.links.start for where in solution.lines]
+    link = np.concatenate([1 + np.arange(count) for count in counts])
+    cells = {"tension": solution.tension[k], "line": np.repeat(1 + np.arange(len(counts)), counts), "link": link}
     diameter = [spec.diameter for spec in solution.scene.lines]
     if all(d is not None for d in diameter):
         cells["diameter"] = np.concatenate(diameter)

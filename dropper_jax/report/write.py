@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,20 +62,18 @@ BAND, INNER = "#DCEBF5", "#56B4E9"
 @style.plot_style()
 def draw_run(part: Record, found: dict[str, Any], folder: Path) -> dict[str, Path]:
     """All pictures for the sections of a run, by name."""
-    files = {"tension_range": _tension_range(part, found, folder)}
-    if isinstance(found["anchors"], list):
-        files["anchors"] = _anchors(part, found, folder)
-    if isinstance(found["fatigue"], list):
-        files["fatigue"] = _fatigue(part, found, folder)
-    if found["watch_circle"]:
-        files["watch_circle"] = _watch(part, found, folder)
-    files["along"] = _along(part, found, folder)
-    return files
-
-
-def _finish(figure: Figure, part: Record, what: str, path: Path) -> Path:
-    style.title(figure, readable(part.solution), what)
-    return style.save(figure, path)
+    sections = {
+        "tension_range": (_tension_range, found["tension"]),
+        "anchors": (_anchors, found["anchors"]),
+        "fatigue": (_fatigue, found["fatigue"]),
+        "watch_circle": (_watch, found["watch_circle"]),
+        "along": (_along, found["acceleration"]),
+    }
+    return {
+        name: draw(part, found, folder)
+        for name, (draw, values) in sections.items()
+        if isinstance(values, list) and values
+    }
 
 
 def _chosen(sizes: list[float]) -> list[int]:
@@ -82,8 +81,12 @@ def _chosen(sizes: list[float]) -> list[int]:
     return sorted(int(i) for i in np.argsort(sizes)[::-1][:MOST])
 
 
-def _of(what: str, shown: int, total: int) -> str:
-    return what if shown == total else f"{what}, {shown} of {total} (the largest)"
+def _finish(
+    figure: Figure, part: Record, what: str, shown: Sequence[object], every: Sequence[object], path: Path
+) -> Path:
+    """Write the picture; its title has the numbers of items if some are not shown."""
+    more = "" if len(shown) == len(every) else f", {len(shown)} of {len(every)} (the largest)"
+    return style.finish(figure, readable(part.solution), what + more, path)
 
 
 def _panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
@@ -121,7 +124,7 @@ def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
         axes.set_title(line["line"], loc="left")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower left", ncols=5, columnspacing=1.0)
-    return _finish(figure, part, _of("tension range", len(lines), len(found["tension"])), folder / "tension_range.png")
+    return _finish(figure, part, "tension range", lines, found["tension"], folder / "tension_range.png")
 
 
 def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
@@ -142,9 +145,7 @@ def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
         axes.set_title(anchor["point"] + used, loc="left")
         style.time_axis(axes, part.t)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
-    return _finish(
-        figure, part, _of("loads of the fixed points", len(anchors), len(found["anchors"])), folder / "anchors.png"
-    )
+    return _finish(figure, part, "loads of the fixed points", anchors, found["anchors"], folder / "anchors.png")
 
 
 def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
@@ -163,15 +164,12 @@ def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
         panels[0].plot(s, np.asarray(line["equivalent_range_n"]) / scale, "o-", ms=3, color=colour, label=line["line"])
         if damaged:
             panels[1].plot(s, np.array(line["damage"]) * per_year.get(line["line"], 0.0), "o-", ms=3, color=colour)
-    panels[0].set_ylabel(f"equivalent range [{unit}]")
-    panels[0].set_ylim(0, None)
-    if damaged:
-        panels[1].set_ylabel("damage per year [-]")
-        panels[1].set_ylim(0, None)
+    for axes, label in zip(panels, (f"equivalent range [{unit}]", "damage per year [-]"), strict=False):
+        axes.set(ylabel=label, ylim=(0, None))
     panels[-1].set_xlabel("unstretched arc length [m]")
     if len(lines) > 1:
         figure.legend(loc="outside lower left", ncols=4)
-    return _finish(figure, part, _of("fatigue along the lines", len(lines), len(whole)), folder / "fatigue.png")
+    return _finish(figure, part, "fatigue along the lines", lines, whole, folder / "fatigue.png")
 
 
 def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
@@ -196,17 +194,14 @@ def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
         height.plot(part.t, path[:, 2], color=colour, lw=0.9, label=point["point"])
     for plan, point in zip(plans, points, strict=False):
         plan.plot(0, 0, "+", color=style.DARK, ms=9)
-        plan.set(xlim=(-1.1 * widest, 1.1 * widest), ylim=(-1.1 * widest, 1.1 * widest))
-        plan.set_aspect("equal")
+        plan.set(xlim=(-1.1 * widest, 1.1 * widest), ylim=(-1.1 * widest, 1.1 * widest), aspect="equal")
         plan.set_title(point["point"], loc="left", fontsize=9)
     left.supxlabel("x from the mean [m]; + mean, x static, dashed: maximum radius", fontsize=9)
     left.supylabel("y from the mean [m]", fontsize=9)
     height.set_ylabel("z [m]")
     style.time_axis(height, part.t)
     height.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
-    return _finish(
-        figure, part, _of("watch circles", len(points), len(found["watch_circle"])), folder / "watch_circle.png"
-    )
+    return _finish(figure, part, "watch circles", points, found["watch_circle"], folder / "watch_circle.png")
 
 
 def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
@@ -239,17 +234,13 @@ def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
         for index, (colour, curve) in enumerate(zip(style.CYCLE, curves, strict=False)):
             dashes = DASHES if hides(curves, index) else "-"
             axes.plot(curve.t, curve.values, marker="o", ls=dashes, ms=3, color=colour, label=curve.name)
-        axes.set_ylabel(label)
-        if scale == 100.0:
-            axes.set_ylim(-4, 104)
-        else:
-            axes.set_ylim(0, None)
+        axes.set(ylabel=label, ylim=(-4, 104) if scale == 100.0 else (0, None))
     figure.axes[-1].set_xlabel("unstretched arc length [m]")
     if len(kept) > 1:
         figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
     if same:  # a constant fraction is given as text instead of a panel
         figure.axes[0].set_title("everywhere: " + ", ".join(same), loc="left", fontsize=9)
-    return _finish(figure, part, _of("along the lines", len(kept), len(found["acceleration"])), folder / "along.png")
+    return _finish(figure, part, "along the lines", kept, found["acceleration"], folder / "along.png")
 
 
 def _constant(section: tuple[Any, str, float], columns: list[int]) -> float | None:

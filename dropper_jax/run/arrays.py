@@ -326,15 +326,13 @@ def breaks(scene: SceneData, parted: Parted | None) -> tuple[dict[str, Any], ...
     if parted is None:
         return ()
     starts = np.cumsum([0, *(line.links for line in scene.lines)])
-    found = []
-    for link, t, tension in zip(
-        *(np.asarray(x).tolist() for x in (parted.link, parted.t, parted.tension)), strict=True
-    ):
-        if link < 0:
-            continue
-        i = int(np.searchsorted(starts, link, side="right")) - 1
-        row = {"line": scene.lines[i].name, "link": link - int(starts[i]) + 1, "time_s": t, "tension_n": tension}
-        found.append(row)
+    broken = np.flatnonzero(np.asarray(parted.link) >= 0)
+    columns = (np.asarray(x)[broken].tolist() for x in (parted.link, parted.t, parted.tension))
+    found = [
+        {"line": scene.lines[i].name, "link": link - int(starts[i]) + 1, "time_s": t, "tension_n": tension}
+        for link, t, tension in zip(*columns, strict=True)
+        for i in [int(np.searchsorted(starts, link, side="right")) - 1]
+    ]
     return tuple(sorted(found, key=lambda row: row["time_s"]))
 
 

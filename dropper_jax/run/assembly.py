@@ -72,8 +72,8 @@ def build_solution(
     if solution.first_bad is None:
         solution = replace(solution, last=name_leaves(Last(last_row(run), carry)))
     if outcome.interrupted:
-        notes = (outcome.refused,) if outcome.refused else ()
-        solution = replace(solution, status="interrupted", warnings=(*solution.warnings, *notes))
+        notes = [note for note in (*solution.warnings, outcome.refused) if note]
+        solution = replace(solution, status="interrupted", warnings=tuple(notes))
     return with_quality_checks(solution)
 
 
@@ -154,7 +154,11 @@ def _observe_run(
             *motion_warnings(scene),
             *body_warnings(scene),
             *floating_warnings(scene),
-            *(() if t[0] else _at_rest(scene, seen.each.positions[0], np.asarray(start.tension))),
+            *(
+                pose_remarks(scene, seen.each.positions[0], np.asarray(start.tension))
+                if scene.start.is_static and not t[0]
+                else ()
+            ),
             *(words(row) for row in broken),
         ),
     )
@@ -197,16 +201,13 @@ def _with_adaptive_steps(solution: Kind, within: Within, refused: int) -> Kind:
     """The solution of a run with snap-adaptive steps: statistics between saved times, accepted and rejected steps."""
     good = len(solution.t) - 1
     first = solution.tension[:1]
-    kept = {name: np.concatenate([first, getattr(within, name)[:good]]) for name in ("least", "largest")}
-    square = np.concatenate([first**2, within.square[:good]])
-    middle = np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * solution.settings["dt"]])
     taken = {"steps": int(np.sum(within.steps[:good])), "refused_steps": refused}
     return replace(
         solution,
-        t_tension=middle,
-        tension_min=kept["least"],
-        tension_max=kept["largest"],
-        tension_square=square,
+        t_tension=np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * solution.settings["dt"]]),
+        tension_min=np.concatenate([first, within.least[:good]]),
+        tension_max=np.concatenate([first, within.largest[:good]]),
+        tension_square=np.concatenate([first**2, within.square[:good]]),
         settings={**solution.settings, **taken, "step_tolerance": solution.scene.run.step_tolerance},
     )
 
@@ -225,18 +226,14 @@ def _with_controlled_steps(
     taken = {"steps": int(carry.taken - first.taken), "refused_steps": int(carry.refused - first.refused)}
     taken["error_tolerance"] = allowed_error(stepper, model, solution.scene.run)
     notes = stiffness_remarks(stepper.integrator, model, run.r[:good], run.v[:good], solution.t[1:], h[:good])
-    bad = solution.first_bad
-    if bad is not None:
-        why = "non-finite positions or velocities" if int(carry.bad) == 2 else "error above the tolerance"
-        reason = f"{why} at the shortest step"
-        bad = {"step": int(carry.taken) + 1, "time_s": float(carry.now.t), "residual": math.nan, "reason": reason}
-        solution = replace(solution, status="non_finite" if int(carry.bad) == 2 else "not_converged")
+    if solution.first_bad is not None:
+        status, why = "not_converged", "error above the tolerance"
+        if int(carry.bad) == 2:
+            status, why = "non_finite", "non-finite positions or velocities"
+        bad = {"step": int(carry.taken) + 1, "time_s": float(carry.now.t), "residual": math.nan}
+        solution = replace(solution, status=status, first_bad={**bad, "reason": f"{why} at the shortest step"})
     settings, warnings = {**solution.settings, **taken}, (*solution.warnings, *notes)
-    return replace(solution, settings=settings, warnings=warnings, first_bad=bad, max_residual=0.0)
-
-
-def _at_rest(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
-    return pose_remarks(scene, positions, tension) if scene.start.is_static else ()
+    return replace(solution, settings=settings, warnings=warnings, max_residual=0.0)
 
 
 def _precision(scene: Scene, model: Model) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.analysis.angles import writhe
 from dropper_jax.load.scene import Scene
-from dropper_jax.scene import SceneData, line_slices, whole_lines
+from dropper_jax.scene import LineSlice, LineSpec, SceneData, line_slices, whole_lines
 
 
 def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndarray) -> np.ndarray:
@@ -22,9 +22,7 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
     stiffness, damping = (np.broadcast_to(given[key], links) for key in ("GJ", "damping"))
     coupling = None if given["coupling"] is None else np.broadcast_to(given["coupling"], links)
     found = np.zeros((len(positions), links))
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
-        if given["lines"] and line.name not in given["lines"]:
-            continue
+    for line, where in _twisting_lines(scene):
         at = where.links
         tau, turning = (np.diff(a[:, where.nodes], axis=1) / line.length for a in (twist, rate))
         found[:, at] = stiffness[at] * tau + damping[at] * turning
@@ -32,6 +30,12 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
             length = np.linalg.norm(np.diff(positions[:, where.nodes], axis=1), axis=-1)
             found[:, at] += coupling[at] * (length / line.length - 1.0)
     return found
+
+
+def _twisting_lines(scene: Scene) -> list[tuple[LineSpec, LineSlice]]:
+    """The lines with torsion, and their nodes and links."""
+    names, pairs = scene.effects["torsion"]["lines"], zip(scene.lines, line_slices(scene), strict=True)
+    return [(line, where) for line, where in pairs if not names or line.name in names]
 
 
 def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torque: np.ndarray) -> Iterator[str]:
@@ -44,14 +48,9 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
         positions: all nodes (k, nodes, 3) [m]; tension, torque: (k, n) [N], [N m].
     """
     given = scene.effects["torsion"]
-    links = sum(line.links for line in scene.lines)
-    stiffness = None
-    if "bending" in scene.effects:
-        stiffness = np.broadcast_to(np.asarray(scene.effects["bending"]["EI"], float), links)
-    twisting = np.broadcast_to(given["GJ"], links)
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
-        if given["lines"] and line.name not in given["lines"]:
-            continue
+    twisting = np.broadcast_to(given["GJ"], sum(line.links for line in scene.lines))
+    stiffness = bending_stiffness(scene) if bends(scene) else None
+    for line, where in _twisting_lines(scene):
         turning, pulled = np.abs(torque[:, where.links]), np.maximum(tension[:, where.links], 0.0)
         if stiffness is not None:
             most = 2.0 * np.sqrt(stiffness[where.links] * pulled)
@@ -76,6 +75,11 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
 def bends(scene: Scene) -> bool:
     """Whether lines of the scene have bending stiffness."""
     return "bending" in scene.effects
+
+
+def bending_stiffness(scene: Scene) -> np.ndarray:
+    """EI (n,) [N m^2] of each link."""
+    return np.broadcast_to(np.asarray(scene.effects["bending"]["EI"], float), sum(line.links for line in scene.lines))
 
 
 def curvature(scene: Scene, positions: np.ndarray) -> np.ndarray:
@@ -104,9 +108,7 @@ def bending_moment(
     scene: Scene, positions: np.ndarray, t: np.ndarray, broken: tuple[dict[str, Any], ...]
 ) -> np.ndarray:
     """`M = EI kappa` (k, nodes) [N m]; zero next to a broken link."""
-    kappa = curvature(scene, positions)
-    given = np.asarray(scene.effects["bending"]["EI"], float)
-    stiffness = np.broadcast_to(given, sum(line.links for line in scene.lines))
+    kappa, stiffness = curvature(scene, positions), bending_stiffness(scene)
     for where in line_slices(scene):
         each = stiffness[where.links]
         kappa[:, where.nodes] *= np.concatenate([each[:1], 0.5 * (each[1:] + each[:-1]), each[-1:]])

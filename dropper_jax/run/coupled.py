@@ -95,14 +95,11 @@ class Coupled:
         Raises:
             SceneError: no equilibrium found, values that are not finite or not of this shape.
         """
-        home = np.array([self.scene.point(name).position for name in self.points])
-        all_positions = home if positions is None else self._read("positions", positions)
+        all_positions = self._home if positions is None else self._read("positions", positions)
         rates = np.zeros_like(all_positions) if velocities is None else self._read("velocities", velocities)
         self._lines = coupled_lines(self._moved_to(all_positions), self.points, rates, self.accelerations)
         self._plain = self._lines.stepper.until_converged or not self._lines.model.laws
-        self._saved = self._lines.init()
-        self.status, self.failure = "ok", ""
-        return self.forces
+        return self._accept(self._lines.init())
 
     def step(
         self, positions: Vectors, velocities: Vectors, dt: float, accelerations: Vectors | None = None
@@ -132,9 +129,7 @@ class Coupled:
         self.residual, self.retried = float(outputs.residual), int(outputs.retried)
         if outputs.failed or not np.all(np.isfinite(outputs.forces)):
             self._fail(dt, count)
-        self.status, self.failure = "ok", ""
-        self._saved = state
-        return self.forces
+        return self._accept(state)
 
     def save(self, path: str | Path | None = None) -> dict[str, np.ndarray]:
         """The whole state as arrays; also written to an `.npz` file if a path is given."""
@@ -154,9 +149,8 @@ class Coupled:
         """
         if self._saved is None:
             self.init()
-        self._saved = restore_carry(self._state(), saved if isinstance(saved, dict) else self._read_file(Path(saved)))
-        self.status, self.failure = "ok", ""
-        return self.forces
+        arrays = saved if isinstance(saved, dict) else self._read_file(Path(saved))
+        return self._accept(restore_carry(self._state(), arrays))
 
     @property
     def time(self) -> float:
@@ -183,6 +177,11 @@ class Coupled:
         """Tensions of all links (n,) [N] in the last step."""
         return np.asarray(self._state().progress.state.tension)
 
+    def _accept(self, state: CoupledState) -> np.ndarray:
+        """Make this the present state, and return its forces on the points (c, 3) [N]."""
+        self._saved, self.status, self.failure = state, "ok", ""
+        return self.forces
+
     def _state(self) -> CoupledState:
         if self._saved is None:
             raise SceneError("Coupled: not initialised. Call `init` first")
@@ -201,12 +200,16 @@ class Coupled:
         return result
 
     def _moved_to(self, positions: np.ndarray) -> Scene:
-        names = [p.name for p in self.scene.points]
-        home = [self.scene.point(name).position for name in self.points]
-        if all(np.array_equal(a, b) for a, b in zip(positions, home, strict=True)):
+        if np.array_equal(positions, self._home):
             return self.scene
+        names = [p.name for p in self.scene.points]
         where = zip(self.points, positions, strict=True)
         return self.scene.with_values({f"point.{names.index(name)}.position": p.tolist() for name, p in where})
+
+    @property
+    def _home(self) -> np.ndarray:
+        """Positions (c, 3) [m] of the points in the scene."""
+        return np.array([self.scene.point(name).position for name in self.points])
 
     def _fail(self, dt: float, count: int) -> None:
         end = self.time + dt

@@ -50,11 +50,11 @@ def with_flow_coefficients(scene: Scene) -> Scene:
     """The scene with flow-dependent coefficients replaced by numbers; other scenes are unchanged."""
     if not follows(scene):
         return scene
-    found = link_flow(scene).coefficients
-    effects = dict(scene.effects)
-    for name, values in found.items():
-        effects[name] = {**effects[name], FOLLOWING[name]: values, "coefficients": "given"}
-    return dataclasses.replace(scene, effects=effects)
+    found = {
+        name: {**scene.effects[name], FOLLOWING[name]: values, "coefficients": "given"}
+        for name, values in link_flow(scene).coefficients.items()
+    }
+    return dataclasses.replace(scene, effects={**scene.effects, **found})
 
 
 def link_flow(scene: Scene) -> Flow:
@@ -118,17 +118,19 @@ def flow_table(scene: Scene) -> list[dict[str, Any]]:
     """Per line of a scene: minimum and maximum of KC, Re and the coefficients, the fraction of the current, and
     violated assumptions."""
     flow = link_flow(scene)
-    rows = []
-    for line in line_slices(scene):
-        at = line.links
-        row: dict[str, Any] = {"line": line.name}
-        each = {"keulegan_carpenter": flow.kc, "reynolds": flow.re, "current_share": flow.current}
-        each |= {FOLLOWING[name]: values for name, values in flow.coefficients.items()}
-        for key, values in each.items():
-            row[key] = {"min": float(np.min(values[at])), "max": float(np.max(values[at]))}
-        row["post_critical"] = bool(np.all(flow.re[at] >= POST_CRITICAL))
-        rows.append(row)
-    return rows
+    each = {"keulegan_carpenter": flow.kc, "reynolds": flow.re, "current_share": flow.current}
+    each |= {FOLLOWING[name]: values for name, values in flow.coefficients.items()}
+    return [
+        {
+            "line": line.name,
+            **{
+                key: {"min": float(np.min(values[line.links])), "max": float(np.max(values[line.links]))}
+                for key, values in each.items()
+            },
+            "post_critical": bool(np.all(flow.re[line.links] >= POST_CRITICAL)),
+        }
+        for line in line_slices(scene)
+    ]
 
 
 def flow_cells(rows: list[dict[str, Any]]) -> list[tuple[str, ...]]:

@@ -113,9 +113,14 @@ class Unit:
                     )
                     self.register_variable(variable)
             for axis, word in enumerate(AXES):
-                getter = lambda i=i, axis=axis: float(self.forces[i, axis])  # noqa: E731
-                about = {"description": "[N]", "causality": causality.output, "getter": getter}
-                self.register_variable(kinds.Float64(f"{name}_f{word}", **about, **varies))
+                variable = kinds.Float64(
+                    f"{name}_f{word}",
+                    description="[N]",
+                    causality=causality.output,
+                    getter=lambda i=i, axis=axis: float(self.forces[i, axis]),
+                    **varies,
+                )
+                self.register_variable(variable)
 
     def exit_initialization_mode(self) -> None:
         """Initialise at rest with the points at the given positions."""

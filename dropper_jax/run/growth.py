@@ -21,9 +21,8 @@ def overgrown(scene: Scene) -> Scene:
     unchanged."""
     if scene.season is None and all(line.growth is None for line in scene.lines):
         return scene
-    known = scene.__dict__.get("_overgrown")  # an equilibrium: solved once for each scene
-    if known is not None:
-        return known
+    if "_overgrown" in scene.__dict__:  # an equilibrium: solved once for each scene
+        return scene.__dict__["_overgrown"]
     bare = _bare(scene)
     z = static_pose(bare, bare_model(bare)).positions[:, 2]
     changes = {}
@@ -73,7 +72,7 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[di
             "growth: missing; needed: [growth] with `lines`, `month`, `months`, `depth`, `thickness` and `density`, "
             "as `dropper new mussels` writes"
         )
-    asked = list(season.months) if months is None else list(months)
+    asked = season.months if months is None else months
     for month in asked:
         if not season.months[0] <= month <= season.months[-1]:
             raise SceneError(
@@ -148,16 +147,16 @@ def end_force_vectors(
     scene: Scene, positions: np.ndarray, tension: np.ndarray, lines: Sequence[WholeLine | LineSlice]
 ) -> dict[str, np.ndarray]:
     """The same as vectors (k, 2, 3) [N]."""
-    weights = wet_weights(scene)
-    first, last = (share * weights for share in _end_shares(scene))
+    first, weights = _first_shares(scene), wet_weights(scene)
+
+    def force(node: int, inner: int, link: int, share: float) -> np.ndarray:
+        return _force(scene, positions[:, [node, inner]], tension[:, link], share * weights[link])
+
     found = {}
     for name, start, stop, links in _ends(lines):
-        rows = ((start, start + 1, links.start, first), (stop, stop - 1, links.stop - 1, last))
-        forces = [
-            _force(scene, positions[:, [end, inner]], tension[:, link], weight[link])
-            for end, inner, link, weight in rows
-        ]
-        found[name] = np.stack(forces, axis=1)
+        at, end = links.start, links.stop - 1
+        both = force(start, start + 1, at, first[at]), force(stop, stop - 1, end, 1.0 - first[end])
+        found[name] = np.stack(both, axis=1)
     return found
 
 
@@ -185,15 +184,17 @@ def _ends(lines: Sequence[WholeLine | LineSlice]) -> Iterator[tuple[str, int, in
         yield line.name, first, last, line.links
 
 
-def _end_shares(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Fractions of each link's weight (n,) at its first and its last node."""
-    nodes, near = scene.link_mass_nodes, []
-    for line in scene.lines:
-        kind = nodes[line.name]
-        even = np.full(line.links, 0.5 if kind == "shared" else 0.0)
-        near.append(1.0 - line.centre_of_mass / line.length if kind == "centre_of_mass" else even)
-    first = np.concatenate(near)
-    return first, 1.0 - first
+def _first_shares(scene: Scene) -> np.ndarray:
+    """Fraction of each link's weight (n,) at its first node; the rest is at its last."""
+    kinds = scene.link_mass_nodes
+    return np.concatenate(
+        [
+            1.0 - line.centre_of_mass / line.length
+            if kinds[line.name] == "centre_of_mass"
+            else np.full(line.links, 0.5 if kinds[line.name] == "shared" else 0.0)
+            for line in scene.lines
+        ]
+    )
 
 
 def _force(scene: Scene, nodes: np.ndarray, tension: np.ndarray, weight: float) -> np.ndarray:

@@ -34,13 +34,11 @@ Variables = dict[str, tuple[Any, ...]]
 
 def derive_variables(solution: Samples) -> Variables:
     """Variables computed from a run: surface at the origin, forces on fixed points, tension at the ends of lines."""
-    names, loads = held_points(solution.scene), []
-    for name in names:
-        arrays = (solution.t, solution.positions, solution.t_tension, solution.tension)
-        loads.append(point_load(solution.scene, name, *arrays))
-    meaning = "sum of the tension forces of the lines that end at a fixed point; at tension_time"
+    arrays = (solution.t, solution.positions, solution.t_tension, solution.tension)
+    loads = [point_load(solution.scene, name, *arrays) for name in held_points(solution.scene)]
     found: Variables = {}
-    if names:
+    if loads:
+        meaning = "sum of the tension forces of the lines that end at a fixed point; at tension_time"
         found["point_load"] = (("time", "held_point", "axis"), np.stack(loads, axis=1), _attributes("N", meaning))
     ends = np.stack(list(end_tensions(solution.scene, solution.tension).values()), axis=1)
     meaning = "tension of the first and the last link of each line; at tension_time"
@@ -53,29 +51,27 @@ def derive_variables(solution: Samples) -> Variables:
 
 def coordinates(solution: Samples) -> Variables:
     """Coordinates: arc length of nodes and links, names of fixed points, lines and ends."""
-    scene, nodes, links = solution.scene, [], []
-    written_node: list[str] = []
-    written_link: list[str] = []
-    for line in whole_lines(scene):
+    nodes, links = [], []
+    node_names: list[str] = []
+    link_names: list[str] = []
+    for line in whole_lines(solution.scene):
         stops = np.concatenate([[0.0], np.cumsum(line.spec.length)])
-        # a node that joins two pieces belongs to both
-        pieces = [w for w in solution.lines if line.links.start <= w.links.start < line.links.stop]
-        for piece in pieces:
-            first, count = piece.links.start - line.links.start, piece.links.stop - piece.links.start
-            nodes.append(stops[first : first + count + 1])
-            written_node += [line.name] * (count + 1)
         links.append(0.5 * (stops[1:] + stops[:-1]))
-        written_link += [line.name] * len(links[-1])
+        link_names += [line.name] * len(links[-1])
+        # a node that joins two pieces belongs to both
+        for piece in (w.links for w in solution.lines if line.links.start <= w.links.start < line.links.stop):
+            nodes.append(stops[piece.start - line.links.start : piece.stop - line.links.start + 1])
+            node_names += [line.name] * len(nodes[-1])
     along = "unstretched arc length from the start of the line"
     found: Variables = {
         "arc_length_of_node": ("node", np.concatenate(nodes), _attributes("m", along)),
         "arc_length_of_link": ("link", np.concatenate(links), _attributes("m", f"{along} to the middle of the link")),
-        "line": ("line", np.array(list(dict.fromkeys(written_link)), dtype=str), {"long_name": "line as written"}),
+        "line": ("line", np.array(list(dict.fromkeys(link_names)), dtype=str), {"long_name": "line as written"}),
         "end": ("end", ["first", "last"], {"long_name": "end of a line"}),
-        "written_line_of_node": ("node", np.array(written_node, dtype=str), {"long_name": "line, pieces together"}),
-        "written_line_of_link": ("link", np.array(written_link, dtype=str), {"long_name": "line, pieces together"}),
+        "written_line_of_node": ("node", np.array(node_names, dtype=str), {"long_name": "line, pieces together"}),
+        "written_line_of_link": ("link", np.array(link_names, dtype=str), {"long_name": "line, pieces together"}),
     }
-    if names := held_points(scene):
+    if names := held_points(solution.scene):
         found["held_point"] = ("held_point", np.array(names, dtype=str), {"long_name": "fixed point"})
     return found
 
@@ -181,8 +177,7 @@ def reopen_run(path: str | Path, meta: Plain, arrays: dict[str, Any], kind: type
     """
     if not isinstance(meta, dict) or meta.get("format") != RUN_FORMAT:
         raise SceneError(f"{path}: a saved run of another format; allowed: format {RUN_FORMAT}")
-    wrong = next(_wrong_about(meta), None)
-    if wrong:
+    if wrong := next(_wrong_about(meta), None):
         raise SceneError(f"{path}: not a saved run: {wrong}")
     try:
         solution = kind.restore(meta, arrays)
@@ -190,8 +185,7 @@ def reopen_run(path: str | Path, meta: Plain, arrays: dict[str, Any], kind: type
         raise SceneError(f"{path}: not a saved run: its scene: {error}") from None
     except (TypeError, ValueError, KeyError, AttributeError, IndexError, RecursionError) as error:
         raise SceneError(f"{path}: not a saved run: {' '.join(str(error).split())}") from None
-    wrong = next(_wrong_arrays(solution), None)
-    if wrong:
+    if wrong := next(_wrong_arrays(solution), None):
         raise SceneError(f"{path}: not a saved run: {wrong}")
     return solution
 

@@ -25,8 +25,12 @@ def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tu
     Args:
         positions: all nodes (n + 1, 3) [m]; tension: (n,) [N].
     """
-    loads, bends = _check_loads(scene, tension), _check_bends(scene, positions, tension)
-    return (*loads, *_check_stretch(scene, positions), *bends, *_check_buoys(scene, positions))
+    return (
+        *_check_loads(scene, tension),
+        *_check_stretch(scene, positions),
+        *_check_bends(scene, positions, tension),
+        *_check_buoys(scene, positions),
+    )
 
 
 def check_stretch(scene: Scene, positions: np.ndarray) -> None:
@@ -100,11 +104,11 @@ def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
 
 
 def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
+    if scene.sea is None:
+        return
     nodes = point_nodes(scene)
     for buoy in scene.buoys:
         base = float(positions[nodes[buoy.point], 2]) - buoy.attachment
-        if scene.sea is None:
-            continue
         if base + buoy.height < 0.0:
             yield f"{buoy.name}: at rest its top is {-base - buoy.height:.3g} m under water"
         # a buoy whose base is within this distance [m] of the seabed is on it
@@ -145,8 +149,8 @@ def periods(scene: Scene) -> dict[str, float]:
         axial: of the stiffest link, `2 pi/omega`, `omega^2 = 4 EA/(L m)`; absent if no link stretches.
         waves: the period of waves, or of the highest component; absent without waves.
     """
-    line, found = scene.line, {}
-    found["swing"] = float(2.0 * np.pi * np.sqrt(np.min(line.length) / GRAVITY))
+    line = scene.line
+    found = {"swing": float(2.0 * np.pi * np.sqrt(np.min(line.length) / GRAVITY))}
     if line.EA is not None:
         found["axial"] = float(np.pi * np.sqrt(np.min(line.length * line.mass / line.EA)))
     waves = None if scene.sea is None else scene.sea.waves
@@ -165,12 +169,10 @@ def suggest_step(scene: Scene) -> float:
     """
     # steps per period of the shortest link's swing and of the waves in a suggested step: the midpoint rule then has the
     # period to 0.03 %. The packaged scenes take 45 to 200. The check of a run asks whipping droppers for 600 to 1400
-    suggested = 100
-    found, axial = periods(scene), []
-    if "axial" in found and not issubclass(INTEGRATORS[scene.run.integrator], Implicit):
-        # explicit schemes are unstable below pi steps per axial period of the stiffest link
-        axial = [found["axial"] / 6]
-    step = min(found["swing"] / suggested, found.get("waves", np.inf) / suggested, *axial, scene.run.duration)
+    found = periods(scene)
+    # explicit schemes are unstable below pi steps per axial period of the stiffest link
+    steps = {"swing": 100, "waves": 100, "axial": 0 if issubclass(INTEGRATORS[scene.run.integrator], Implicit) else 6}
+    step = min(scene.run.duration, *(found[name] / steps[name] for name in found if steps[name]))
     unit = 10.0 ** (np.floor(np.log10(step)) - 1.0)
     return float(f"{np.floor(step / unit * (1.0 + 1e-9)) * unit:.2g}")
 
@@ -239,21 +241,13 @@ def limit_warnings(found: Iterator[tuple[str, float, str]]) -> list[str]:
     """The warnings of (fault, its size, text), in order: all of a few lines, else the `MOST_WARNINGS` largest of each
     fault and the number of the others."""
     rows = list(found)
-    least: dict[str, float] = {}
+    kept, more = [], []
     for fault in dict.fromkeys(row[0] for row in rows):
-        sizes = sorted((row[1] for row in rows if row[0] == fault), reverse=True)
-        least[fault] = sizes[min(MOST_WARNINGS, len(sizes)) - 1]
-    notes: list[str] = []
-    count = dict.fromkeys(least, 0)
-    for fault, size, text in rows:
-        if size >= least[fault] and count[fault] < MOST_WARNINGS:
-            count[fault] += 1
-            notes.append(text)
-    for fault, shown in count.items():
-        more = sum(row[0] == fault for row in rows) - shown
-        if more:
-            notes.append(f"{more} more lines: {fault}")
-    return notes
+        own = sorted((i for i, row in enumerate(rows) if row[0] == fault), key=lambda i: -rows[i][1])
+        kept += own[:MOST_WARNINGS]
+        if len(own) > MOST_WARNINGS:
+            more.append(f"{len(own) - MOST_WARNINGS} more lines: {fault}")
+    return [*(rows[i][2] for i in sorted(kept)), *more]
 
 
 def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
@@ -281,8 +275,7 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
     text."""
     if not solution.scene.start.is_static or solution.continues or "load_errors" in solution.settings:
         return
-    least = solution.tension if solution.tension_min is None else solution.tension_min
-    largest = solution.tension if solution.tension_max is None else solution.tension_max
+    least, largest = solution.tension_range
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):
         rest = float(np.max(solution.tension[0, where.links]))
         # ratio to the static tension below which a link is slack

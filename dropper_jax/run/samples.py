@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 from functools import cached_property
+from operator import methodcaller
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from dropper_jax.run.bends import bending_moment, bends, curvature, torque
 from dropper_jax.run.growth import end_angles, end_forces
 from dropper_jax.run.row_store import BLOCK_STATES, release_pages
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
+from dropper_jax.scene.data import point_nodes
 
 #: Version of the saved file; files of other versions are rejected.
 RUN_FORMAT = 1
@@ -93,11 +95,10 @@ class Samples:
         Raises:
             SceneError: unknown point.
         """
-        for line, where in zip(self.scene.lines, self.lines, strict=True):
-            for point, node in ((line.start, where.nodes.start), (line.end, where.nodes.stop - 1)):
-                if point == name:
-                    return self.positions[:, node]
-        raise SceneError(f"point: {name!r} is not a point; {nearest(name, [p.name for p in self.scene.points])}")
+        nodes = point_nodes(self.scene)
+        if name not in nodes:
+            raise SceneError(f"point: {name!r} is not a point; {nearest(name, [p.name for p in self.scene.points])}")
+        return self.positions[:, nodes[name]]
 
     def body(self, name: str) -> dict[str, np.ndarray]:
         """Motion of a rigid body by the names of `BODIES`, each (k, 3).
@@ -233,19 +234,23 @@ class Samples:
         """The same of the angles [deg] of the end links above the horizontal: the uplift at an anchor."""
         return _by_end(end_angles(self.positions, whole_lines(self.scene)))
 
-    def _extent(self, links: slice | np.ndarray) -> dict[str, float]:
-        found = extent(self.tension[:, links])
+    @property
+    def tension_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Minimum and maximum tension (k, n) [N] of each sample; the tension itself without snap-adaptive steps."""
         if self.tension_min is None or self.tension_max is None:
-            return found
-        extremes = np.min(self.tension_min[:, links]), np.max(self.tension_max[:, links])
-        return {**found, "min": float(extremes[0]), "max": float(extremes[1])}
+            return self.tension, self.tension
+        return self.tension_min, self.tension_max
+
+    def _extent(self, links: slice | np.ndarray) -> dict[str, float]:
+        least, largest = (a[:, links] for a in self.tension_range)
+        return {**extent(self.tension[:, links]), "min": float(np.min(least)), "max": float(np.max(largest))}
 
     def provenance(self) -> dict[str, Any]:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
         arrays = (*ARRAYS, *WITHIN, *BODIES, "own", "last")
         names = [f.name for f in dataclasses.fields(self) if f.name not in (*arrays, "scene")]
         meta = {"format": RUN_FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
-        return json.loads(json.dumps(meta, default=_plain))
+        return json.loads(json.dumps(meta, default=methodcaller("tolist")))
 
     @classmethod
     def restore(cls, meta: Plain, arrays: dict[str, np.ndarray | dict[str, np.ndarray]]) -> Self:
@@ -264,13 +269,6 @@ class Samples:
 
 #: The requested class.
 Kind = TypeVar("Kind", bound=Samples)
-
-
-def _plain(value: np.ndarray) -> Plain:
-    try:
-        return value.tolist()
-    except AttributeError:
-        raise TypeError(f"{type(value).__name__} cannot be saved") from None
 
 
 def is_finished(run: Samples) -> bool:

@@ -58,6 +58,15 @@ BODY_VARIABLES = {
     "body_rates": ("body_angular_velocity", BODY_AXES, "rad s-1", "angular velocity of the bodies"),
 }
 VARIABLES |= BODY_VARIABLES
+#: Quantities derived from the arrays, for convenience; None of a run that has none.
+DERIVED = {
+    "polar": ("polar_angle", ("time", "link"), "rad", "angle of the links from the horizontal, positive downwards"),
+    "azimuth": ("azimuth", ("time", "link"), "rad", "azimuth of the links"),
+    "curvature": ("curvature", ("time", "node"), "m-1", "curvature of the lines"),
+    "bending_moment": ("bending_moment", ("time", "node"), "N m", "bending moment of the lines"),
+    "twist": ("twist", ("time", "node"), "rad", "twist of the lines"),
+    "torque": ("torque", ("time", "link"), "N m", "torque of the links"),
+}
 #: Optional arrays.
 SOME = (*WITHIN, *BODIES)
 #: Prefix of the names of internal states of effects.
@@ -106,7 +115,7 @@ def read_run(path: str | Path, kind: type[Kind]) -> Kind:
         SceneError: one line, if packages or the file are missing, or it is not a saved run.
     """
     path = Path(path)
-    suffix, found = path.suffix.lower(), None
+    suffix = path.suffix.lower()
     check_packages(path)
     refuse_pipe(path, "run")
     with _without_complaints():
@@ -122,9 +131,7 @@ def read_run(path: str | Path, kind: type[Kind]) -> Kind:
         except SceneError:
             raise
         except Exception:  # any error of the libraries about damaged bytes; own checks are SceneErrors
-            pass
-    if found is None:
-        raise SceneError(f"{path}: {NOT_A_RUN}")
+            raise SceneError(f"{path}: {NOT_A_RUN}") from None
     return reopen_run(path, *found, kind)
 
 
@@ -167,22 +174,10 @@ def to_xarray(solution: Samples) -> xarray.Dataset:
     """The run as a dataset: time, node, link and axis are coordinates; angles [rad] are added for convenience."""
     xr = extra("xarray", "io")
     found = {
-        name: (dimensions, getattr(solution, key), {"units": units, "long_name": meaning})
-        for key, (name, dimensions, units, meaning) in VARIABLES.items()
-        if key not in SOME or key in _present_fields(solution)
+        name: (dimensions, values, {"units": units, "long_name": meaning})
+        for key, (name, dimensions, units, meaning) in {**VARIABLES, **DERIVED}.items()
+        if (values := getattr(solution, key)) is not None
     }
-    meaning = "angle of the links from the horizontal, positive downwards"
-    found["polar_angle"] = (("time", "link"), solution.polar, {"units": "rad", "long_name": meaning})
-    found["azimuth"] = (("time", "link"), solution.azimuth, {"units": "rad", "long_name": "azimuth of the links"})
-    if solution.curvature is not None:
-        along = ("time", "node")
-        found["curvature"] = (along, solution.curvature, {"units": "m-1", "long_name": "curvature of the lines"})
-        bent = solution.bending_moment
-        found["bending_moment"] = (along, bent, {"units": "N m", "long_name": "bending moment of the lines"})
-    if solution.twist is not None:
-        turned, carried = solution.twist, solution.torque
-        found["twist"] = (("time", "node"), turned, {"units": "rad", "long_name": "twist of the lines"})
-        found["torque"] = (("time", "link"), carried, {"units": "N m", "long_name": "torque of the links"})
     for name, values in solution.own.items():
         inner = [f"{TAG}{name}.axis{i}" for i in range(1, values.ndim)]
         found[TAG + name] = (("time", *inner), values, {"long_name": f"internal state of effect {name}"})
@@ -192,7 +187,7 @@ def to_xarray(solution: Samples) -> xarray.Dataset:
         found[name] = (inner, values, {"units": units(name), "long_name": "part of the final state"})
     coordinates = {
         "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
-        **_node_coordinates(solution, solution.tension.shape[1]),
+        **_node_coordinates(solution),
         **labelled.coordinates(solution),
         "axis": ("axis", ["x", "y", "z"], {"long_name": "z is positive upwards"}),
         **_bodies(solution),
@@ -201,25 +196,29 @@ def to_xarray(solution: Samples) -> xarray.Dataset:
     return labelled.add_attributes(xr.Dataset(found, coordinates, _attributes(solution)))
 
 
-def _node_coordinates(solution: Samples, links: int) -> dict[str, Any]:
+def _node_coordinates(solution: Samples) -> dict[str, Any]:
     """Nodes and links by number; for several lines with the name of the line and the number in the line."""
     nodes = np.arange(solution.positions.shape[1])
     if len(solution.lines) == 1:
         return {
             "node": ("node", nodes, {"long_name": "node, both ends included"}),
-            "link": ("link", np.arange(1, links + 1), {"long_name": "link j joins nodes j - 1 and j"}),
+            "link": ("link", nodes[1:], {"long_name": "link j joins nodes j - 1 and j"}),
         }
     counts = [line.links.stop - line.links.start for line in solution.lines]
-    names = [line.name for line in solution.lines]
+    names = np.repeat([line.name for line in solution.lines], counts)
     inside = np.concatenate([np.arange(n + 1) for n in counts])
-    of_line = np.concatenate([np.arange(1, n + 1) for n in counts])
-    whole = np.array([f"{name}/{j}" for name, n in zip(names, counts, strict=True) for j in range(1, n + 1)])
+    of_line = inside[inside > 0]
+    whole = np.array([f"{name}/{j}" for name, j in zip(names, of_line, strict=True)])
     return {
         "node": ("node", nodes, {"long_name": "node, line after line, both ends of each included"}),
         "link": ("link", whole, {"long_name": "line/link: link j of a line joins its nodes j - 1 and j"}),
-        "line_of_node": ("node", np.repeat(names, np.array(counts) + 1), {"long_name": "line to which a node belongs"}),
+        "line_of_node": (
+            "node",
+            np.repeat([line.name for line in solution.lines], np.array(counts) + 1),
+            {"long_name": "line to which a node belongs"},
+        ),
         "node_of_line": ("node", inside, {"long_name": "number of a node in its line"}),
-        "line_of_link": ("link", np.repeat(names, counts), {"long_name": "line to which a link belongs"}),
+        "line_of_link": ("link", names, {"long_name": "line to which a link belongs"}),
         "link_of_line": ("link", of_line, {"long_name": "number of a link in its line"}),
     }
 

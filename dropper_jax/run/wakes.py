@@ -85,9 +85,35 @@ class Wakes:
         return self.plane(end).momentum / total if total > 0.0 else 1.0
 
     def plane(self, x: float) -> Plane:
-        """The wakes of all elements upstream of x [m]."""
-        first = self.elements.x < x - BEHIND * self.elements.diameter
-        return _plane(self.elements, first, self.met, self.drag, x, self.speed, self.depth, self.turbulence)
+        """The wakes at x [m] of all elements upstream of it."""
+        e = self.elements
+        first = e.x < x - BEHIND * e.diameter
+        away = x - e.x[first]
+        size = (e.drag * e.diameter)[first]
+        grown = (START * size) ** 2 + WAKE_GROWTH * size * away + (self.turbulence * away) ** 2
+        wide = np.sqrt(grown + e.wide[first] ** 2 / (2 * np.pi))
+        high = np.sqrt(grown + e.high[first] ** 2 / (2 * np.pi))
+        y, z, u, thrust = e.y[first], e.z[first], self.met[first], self.drag[first]
+        # number of heights over the depth for the integration of wakes
+        nodes, weight = np.polynomial.legendre.leggauss(48)
+        upright = _upright(0.5 * self.depth * (nodes - 1.0), z, high, self.depth)
+        weight = 0.5 * self.depth * weight
+        one = np.sqrt(2 * np.pi) * wide * (upright @ weight)
+        spread = wide[:, None] ** 2 + wide**2
+        across = np.sqrt(2 * np.pi) * wide[:, None] * wide / np.sqrt(spread)
+        both = across * np.exp(-0.5 * (y[:, None] - y) ** 2 / spread) * ((upright * weight) @ upright.T)
+        two = np.diag(both)
+        # a wake cannot take more than a quarter of int(g h)^2/int((g h)^2) u^2
+        root = np.sqrt(np.clip((u * one) ** 2 - 4.0 * two * thrust, 0.0, None))
+        amplitude = (u * one - root) / (2.0 * two)
+        carried = u - amplitude * two / one
+        # with U_s = b sum_i c_i a_i g_i h_i, b = 1/U_c, momentum is a quadratic equation of b
+        share = amplitude * carried
+        wanted, square = float(share @ one), float(share @ both @ share)
+        left = (self.speed * wanted) ** 2 - 4.0 * square * wanted
+        share = share * (self.speed * wanted - np.sqrt(max(left, 0.0))) / (2.0 * square) if square > 0.0 else share
+        momentum = self.speed * float(share @ one) - float(share @ both @ share)
+        return Plane(y, z, wide, high, share, self.depth, momentum)
 
     def velocity(self, x: np.ndarray, y: np.ndarray, z: float) -> np.ndarray:
         """Velocity (nx, ny) [m/s] over a grid at a height [m]."""
@@ -118,19 +144,18 @@ def solve_wakes(elements: Elements, speed: float, depth: float, turbulence: floa
     Args:
         turbulence: of the water without the farm, rms over mean.
     """
-    met, drag = np.full(len(elements.x), float(speed)), np.zeros(len(elements.x))
-    at, plane, first = -np.inf, None, np.zeros(len(met), bool)
+    count = len(elements.x)
+    wakes = Wakes(elements, float(speed), float(depth), turbulence, np.full(count, float(speed)), np.zeros(count))
+    at, plane = -np.inf, wakes.plane(-np.inf)
     for i in np.argsort(elements.x, kind="stable"):
         if elements.x[i] > at + 0.5 * BEHIND * elements.diameter[i]:  # elements next to each other share a plane
             at = elements.x[i]
-            first = elements.x < at - BEHIND * elements.diameter
-            plane = _plane(elements, first, met, drag, at, speed, depth, turbulence) if np.any(first) else None
-        if plane is not None:
-            # at its centre, where Gaussians of this width equal a box of this extent
-            lost = plane.deficit(elements.y[i : i + 1], elements.z[i : i + 1])
-            met[i] = max(speed - float(lost[0, 0]), 0.0)
-        drag[i] = 0.5 * elements.drag[i] * elements.area[i] * met[i] ** 2
-    return Wakes(elements, float(speed), float(depth), turbulence, met, drag)
+            plane = wakes.plane(at)
+        # at its centre, where Gaussians of this width equal a box of this extent
+        lost = plane.deficit(elements.y[i : i + 1], elements.z[i : i + 1])
+        wakes.met[i] = max(wakes.speed - float(lost[0, 0]), 0.0)
+        wakes.drag[i] = 0.5 * elements.drag[i] * elements.area[i] * wakes.met[i] ** 2
+    return wakes
 
 
 def _upright(z: np.ndarray, centre: np.ndarray, high: np.ndarray, depth: float) -> np.ndarray:
@@ -139,45 +164,6 @@ def _upright(z: np.ndarray, centre: np.ndarray, high: np.ndarray, depth: float) 
     for mirror in (centre, -centre, -2.0 * depth - centre):
         found += np.exp(-0.5 * ((z - mirror[:, None]) / high[:, None]) ** 2)
     return found
-
-
-def _plane(
-    elements: Elements,
-    first: np.ndarray,
-    met: np.ndarray,
-    drag: np.ndarray,
-    x: float,
-    speed: float,
-    depth: float,
-    turbulence: float,
-) -> Plane:
-    """Amplitudes at x of the wakes of the elements `first`."""
-    e, away = elements, x - elements.x[first]
-    size = (e.drag * e.diameter)[first]
-    grown = (START * size) ** 2 + WAKE_GROWTH * size * away + (turbulence * away) ** 2
-    wide = np.sqrt(grown + e.wide[first] ** 2 / (2 * np.pi))
-    high = np.sqrt(grown + e.high[first] ** 2 / (2 * np.pi))
-    y, z, u, thrust = e.y[first], e.z[first], met[first], drag[first]
-    # number of heights over the depth for the integration of wakes
-    nodes, weight = np.polynomial.legendre.leggauss(48)
-    upright = _upright(0.5 * depth * (nodes - 1.0), z, high, depth)
-    weight = 0.5 * depth * weight
-    one = np.sqrt(2 * np.pi) * wide * (upright @ weight)
-    spread = wide[:, None] ** 2 + wide**2
-    across = np.sqrt(2 * np.pi) * wide[:, None] * wide / np.sqrt(spread)
-    both = across * np.exp(-0.5 * (y[:, None] - y) ** 2 / spread) * ((upright * weight) @ upright.T)
-    two = np.diag(both)
-    # a wake cannot take more than a quarter of int(g h)^2/int((g h)^2) u^2
-    root = np.sqrt(np.clip((u * one) ** 2 - 4.0 * two * thrust, 0.0, None))
-    amplitude = (u * one - root) / (2.0 * two)
-    carried = u - amplitude * two / one
-    # with U_s = b sum_i c_i a_i g_i h_i, b = 1/U_c, momentum is a quadratic equation of b
-    share = amplitude * carried
-    wanted, square = float(share @ one), float(share @ both @ share)
-    left = (speed * wanted) ** 2 - 4.0 * square * wanted
-    share = share * (speed * wanted - np.sqrt(max(left, 0.0))) / (2.0 * square) if square > 0.0 else share
-    momentum = speed * float(share @ one) - float(share @ both @ share)
-    return Plane(y, z, wide, high, share, depth, momentum)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -133,8 +133,7 @@ def test_a_record_of_at_most_200_waves_is_drawn_wave_by_wave(waves, columns, tmp
     t = np.linspace(0.0, 60.0, 6001)
     panel = series.Panel("tension [N]", [series.Curve("", t, np.sin(2 * np.pi * waves * t / 60.0))])
     figures = []
-    monkeypatch.setattr(style, "save", lambda figure, path: figures.append(figure) or path)
+    monkeypatch.setattr(style, "finish", lambda figure, run, what, path: figures.append(figure) or path)
     run = SimpleNamespace(t=t, name="sine", status="ok", settings={"integrator": "energy_momentum", "dt": 0.01})
-    monkeypatch.setattr(style, "title", lambda figure, run, what: None)
     series.history(run, tmp_path / "tension.png", "tension", [panel])
     assert len(figures[0].axes) == columns

@@ -13,8 +13,7 @@ import pytest
 
 from dropper_jax.plots.run import readable
 from dropper_jax.run.build import build_model
-from dropper_jax.view import pair_page, view_page
-from dropper_jax.view.make import IN_A_WAVE, choose_samples, wave_period
+from dropper_jax.view import IN_A_WAVE, choose_samples, pair_page, view_page, wave_period
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium here")

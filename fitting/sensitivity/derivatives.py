@@ -174,9 +174,9 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
 @cached_jit(static=("plan", "saves", "count"), brief=True)
 def _window_slopes(plan: Plan, model: Model, near: State, values: jax.Array, saves: int, count: int) -> jax.Array:
     """Derivatives (count, p) of the quantity over each of `count` windows of `saves` saved times."""
-    begun = apply(model, plan.parameters, values)
-    s = plan.initial_state(begun, near)
-    run = jax.lax.stop_gradient(plan.march(begun, s, plan.run.saves))
+    changed = apply(model, plan.parameters, values)
+    s = plan.initial_state(changed, near)
+    run = jax.lax.stop_gradient(plan.march(changed, s, plan.run.saves))
     pick = jnp.arange(count - 1) * saves + saves - 1
     first = jax.tree.map(
         lambda a, b: jnp.concatenate([a[None], b[pick]]),
@@ -187,9 +187,9 @@ def _window_slopes(plan: Plan, model: Model, near: State, values: jax.Array, sav
 
     def one(r: jax.Array, v: jax.Array, tension: jax.Array, parted: Parted, t: jax.Array) -> jax.Array:
         def value(p: jax.Array) -> jax.Array:
-            changed = apply(model, plan.parameters, p)
-            now = dataclasses.replace(state(changed, r, v, tension), t=t, parted=parted)
-            return plan.measure(changed, now, plan.march(changed, now, saves))
+            model_p = apply(model, plan.parameters, p)
+            now = dataclasses.replace(state(model_p, r, v, tension), t=t, parted=parted)
+            return plan.measure(model_p, now, plan.march(model_p, now, saves))
 
         return jax.jacfwd(value)(values)
 

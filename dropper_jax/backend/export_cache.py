@@ -14,10 +14,11 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Lock
 from typing import NamedTuple
 
 import jax
@@ -38,6 +39,8 @@ ON = "on"
 PREFIX, FORMAT = "trace-", 1
 #: JAX settings that no program depends on and that differ between users.
 ASIDE = ("jax_compilation_cache_dir",)
+#: Held while a thread lowers a stored program.
+LOWERING = Lock()
 #: Raised if a value has no plain form, or if this JAX cannot export a program; the program is then traced as usual.
 UNKEPT = (NotImplementedError, ValueError, TypeError, AttributeError, OSError)
 #: Raised if a file is not a valid module.
@@ -241,10 +244,26 @@ def _lower_program(name: str, trace: Trace, values: Sequence[object]) -> jax.sta
         return jax.tree.unflatten(trace.tree, made.call(*jax.tree.leaves(values)))
 
     again.__name__ = fun_name
-    if jax.__version_info__ < (0, 10) and b"lapack" in trace.module:
-        # These versions load LAPACK where it is traced, not where a stored program calls it, which ends the process.
+    with LOWERING, _lapack_if_called(trace.module):
+        return jax.jit(again).lower(*values)
+
+
+@contextmanager
+def _lapack_if_called(module: bytes) -> Iterator[None]:
+    """Load LAPACK for stored programs that call it.
+
+    JAX loads it, with SciPy, for all of them, which takes 0.2 s, and before 0.10 for none, which ends the process.
+    """
+    jax_linalg = vars(jax._src.lax.linalg)
+    load = jax_linalg.get("initialize_lapack")
+    if b"lapack" in module:
         jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), float))
-    return jax.jit(again).lower(*values)
+    else:
+        jax_linalg["initialize_lapack"] = lambda: None
+    try:
+        yield
+    finally:
+        jax_linalg["initialize_lapack"] = load
 
 
 def _like(leaf: object) -> jax.ShapeDtypeStruct:

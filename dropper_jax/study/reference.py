@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.dtypes import float0
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators.consistent import instant
 from dropper_jax.model import Model, State
@@ -73,11 +74,10 @@ def trusted_span(
     nearby = 1e-8
     stepper, every = stepper or make_stepper(model), max(1, round(grid / dt))
     saves = max(2, int(duration / grid))
-    dv = first_perturbation(model, s, seed=0)
-    dv = nearby * dv / perturbation_size(model, jnp.zeros_like(dv), dv)
+    dv = nearby * unit_perturbation(model, s, seed=0)
     here = grid_run(stepper, model, s, grid, every, saves)
     there = grid_run(stepper, model, replace(s, v=s.v + dv), grid, every, saves)
-    size = np.asarray(jax.vmap(partial(perturbation_size, model))(there.r - here.r, there.v - here.v))
+    size = np.asarray(_sizes(model, there.r - here.r, there.v - here.v))
     growth = np.log(size / nearby)
     # growth of a perturbation up to which errors characterise the scheme: rounding (1e-16 per step) then stays below
     # 1e-12 rad, and an error of 0.01 rad is still far from saturation
@@ -161,14 +161,18 @@ def instant_tension(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -
     """
     if model.laws:
         return np.full((len(t), model.line.links), np.nan)
-    return np.asarray(jax.jit(jax.vmap(_tension, in_axes=(None, 0, 0, 0)))(model, r, v, jnp.asarray(t, model.dtype)))
+    return np.asarray(_tensions(model, r, v, jnp.asarray(t, model.dtype)))
 
 
-def _tension(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
-    k = model.instant(r, v, t)
-    if model.line.axial.elastic:  # accelerations are not needed
-        return model.line.axial.tension(k.links, k.link_velocities, model.line.length)
-    return instant(k, model.end_acceleration(t) if model.moving else None)[1]
+@cached_jit(brief=True)
+def _tensions(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+    def one(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+        k = model.instant(r, v, t)
+        if model.line.axial.elastic:  # accelerations are not needed
+            return model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+        return instant(k, model.end_acceleration(t) if model.moving else None)[1]
+
+    return jax.vmap(one)(r, v, t)
 
 
 class Lyapunov(NamedTuple):
@@ -212,13 +216,12 @@ def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, st
     return found
 
 
-@partial(jax.jit, static_argnums=(2, 4))
+@cached_jit(static=("stepper", "steps"), brief=True)
 def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, steps: int, seed: int) -> Lyapunov:
     dt = jnp.asarray(dt, model.dtype)
     carry = begin(stepper, model, s).state
-    dv = first_perturbation(model, s, seed)
-    w = perturbation_size(model, jnp.zeros_like(dv), dv)
-    tangent = jax.jvp(lambda v: begin(stepper, model, replace(s, v=v)).state, (s.v,), (dv / w,))[1]
+    dv = unit_perturbation(model, s, seed)
+    tangent = jax.jvp(lambda v: begin(stepper, model, replace(s, v=v)).state, (s.v,), (dv,))[1]
 
     def one(carry: tuple[State, Any], _: None) -> tuple[tuple[State, Any], tuple[jax.Array, jax.Array]]:
         s, ds = carry
@@ -232,13 +235,19 @@ def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | jax.Ar
     return Lyapunov((growth[-1] - growth[half - 1]) / ((steps - half) * dt), growth, ~jnp.any(bad))
 
 
-@jax.jit
-def first_perturbation(model: Model, s: State, seed: int) -> jax.Array:
-    """A velocity (nodes, 3) [m/s], drawn from `seed`, that does not stretch rigid links."""
+@cached_jit(brief=True)
+def unit_perturbation(model: Model, s: State, seed: int) -> jax.Array:
+    """A velocity (nodes, 3) [m/s] of size 1, drawn from `seed`, that does not stretch rigid links."""
     v = jax.random.normal(jax.random.key(seed), s.v.shape, model.dtype)
     still = jax.tree.map(jnp.zeros_like, s.v)
     change = partial(consistent_velocity, model)
-    return jax.jvp(lambda x: change(replace(s, v=x)), (still,), (v,))[1]
+    dv = jax.jvp(lambda x: change(replace(s, v=x)), (still,), (v,))[1]
+    return dv / perturbation_size(model, jnp.zeros_like(dv), dv)
+
+
+@cached_jit(brief=True)
+def _sizes(model: Model, dr: jax.Array, dv: jax.Array) -> jax.Array:
+    return jax.vmap(partial(perturbation_size, model))(dr, dv)
 
 
 def perturbation_size(model: Model, dr: jax.Array, dv: jax.Array) -> jax.Array:

@@ -171,6 +171,31 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     return dataclasses.replace(found, window=length, window_mean=mean, window_error=error)
 
 
+@cached_jit(static=("plan", "saves", "count"), brief=True)
+def _window_slopes(plan: Plan, model: Model, near: State, values: jax.Array, saves: int, count: int) -> jax.Array:
+    """Derivatives (count, p) of the quantity over each of `count` windows of `saves` saved times."""
+    changed = apply(model, plan.parameters, values)
+    s = plan.initial_state(changed, near)
+    run = jax.lax.stop_gradient(plan.march(changed, s, plan.run.saves))
+    pick = jnp.arange(count - 1) * saves + saves - 1
+    first = jax.tree.map(
+        lambda a, b: jnp.concatenate([a[None], b[pick]]),
+        (s.r, s.v, s.tension, s.parted),
+        (run.r, run.v, run.tension, run.parted),
+    )
+    t = jnp.arange(count) * (saves * plan.run.save_every * plan.run.dt)
+
+    def one(r: jax.Array, v: jax.Array, tension: jax.Array, parted: Parted, t: jax.Array) -> jax.Array:
+        def value(p: jax.Array) -> jax.Array:
+            model_p = apply(model, plan.parameters, p)
+            now = dataclasses.replace(state(model_p, r, v, tension), t=t, parted=parted)
+            return plan.measure(model_p, now, plan.march(model_p, now, saves))
+
+        return jax.jacfwd(value)(values)
+
+    return jax.vmap(one)(*jax.lax.stop_gradient(first), t)
+
+
 def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean derivative of the quantity over windows of about `length` [s] that start on the motion itself.
 
@@ -184,30 +209,7 @@ def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, n
     saves = min(max(2, int(length / every)), problem.scene.run.saves)
     count = problem.scene.run.saves // saves
 
-    @jax.jit
-    def derivatives(p: jax.Array) -> jax.Array:
-        model = apply(problem.model, problem.parameters, p)
-        s = problem.begin(model)
-        run = jax.lax.stop_gradient(problem.march(model, s, problem.scene.run.saves))
-        pick = jnp.arange(count - 1) * saves + saves - 1
-        first = jax.tree.map(
-            lambda a, b: jnp.concatenate([a[None], b[pick]]),
-            (s.r, s.v, s.tension, s.parted),
-            (run.r, run.v, run.tension, run.parted),
-        )
-        t = jnp.arange(count) * (saves * every)
-
-        def one(r: jax.Array, v: jax.Array, tension: jax.Array, parted: Parted, t: jax.Array) -> jax.Array:
-            def value(p: jax.Array) -> jax.Array:
-                changed = apply(problem.model, problem.parameters, p)
-                now = dataclasses.replace(state(changed, r, v, tension), t=t, parted=parted)
-                return problem.measure(changed, now, problem.march(changed, now, saves))
-
-            return jax.jacfwd(value)(p)
-
-        return jax.vmap(one)(*jax.lax.stop_gradient(first), t)
-
-    found = np.asarray(derivatives(at))
+    found = np.asarray(_window_slopes(problem.plan, problem.model, problem.start, at, saves, count))
     error = found.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(found.shape[1], np.nan)
     return found.mean(axis=0), error, saves * every
 

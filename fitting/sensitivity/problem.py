@@ -102,10 +102,6 @@ class Study:
         where = tuple(Parameter(p.name, p.where, 0.0) for p in self.parameters)
         return Plan(self.of, where, self.scene.start, self.scene.run, self.stepper)
 
-    def begin(self, model: Model) -> State:
-        """The start of the changed model: static poses follow it, given angles and positions stay."""
-        return initial_state(model, self.scene.start, near=self.start)
-
     def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
         """Saved states of a run from s."""
         return self.plan.march(model, s, saves, checkpoint)

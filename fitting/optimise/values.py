@@ -20,9 +20,6 @@ from dropper_jax.statics.tangent import stiffness
 from fitting.optimise.models import Still
 from fitting.site import Case
 
-#: Distance from its limit up to which a constraint counts as active.
-NEAR_LIMIT = 0.03
-
 
 @dataclasses.dataclass(frozen=True)
 class Rest:
@@ -151,6 +148,11 @@ class Values:
         return float(np.max(self.value, initial=-np.inf))
 
 
+def active_constraints(values: Values, limit: float) -> np.ndarray:
+    """Numbers of the constraints that count as active: within 0.03 of their limit, or beyond."""
+    return np.flatnonzero(values.value >= limit - 0.03)
+
+
 class Dominated(NamedTuple):
     """Derivative of a constraint that one seed dominates [1 per unit of the variable]; `seed` counts from 0."""
 
@@ -172,9 +174,9 @@ def dominated_slopes(values: Values, span: np.ndarray, limit: float) -> list[Dom
         span: range of each variable (p,); those with less than 5 % of a constraint's largest derivative are left out.
     """
     found = []
-    for name, value in zip(values.names, values.value, strict=True):
+    for name in (values.names[i] for i in active_constraints(values, limit)):
         rows = values.by_seed.get(name, np.zeros((0, len(span))))[:, : len(span)]
-        if len(rows) < 3 or value < limit - NEAR_LIMIT:
+        if len(rows) < 3:
             continue
         mean, median = rows.mean(axis=0), np.median(rows, axis=0)
         size, off = np.maximum(np.abs(mean), np.abs(median)), np.abs(rows - median)
@@ -218,7 +220,7 @@ def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fix
 
     p, span, free = len(x), high - low, ~fixed
     cost, rows = values.slope[:p] * span, values.slopes[:, :p] * span
-    active = np.flatnonzero(values.value >= limit - NEAR_LIMIT)
+    active = active_constraints(values, limit)
     held = [(k, -1.0) for k in np.flatnonzero(x - low <= at_bound * span)]
     held += [(k, 1.0) for k in np.flatnonzero(high - x <= at_bound * span)]
     walls = np.zeros((p, len(held)))

@@ -125,7 +125,12 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
             for step in (1e-6, 1e-7):
                 ends = [window(x + sign * step * way, own, False).soft for sign in (1.0, -1.0)]
                 off.append(np.abs((ends[0] - ends[1]) / (2 * step) - slope @ way) / size)
-            worst = max(worst, float(np.max(np.min(off, axis=0))))
+            if np.isnan(off).all(axis=0).any():
+                raise SceneError(
+                    f"optimise: a window of {own.case.storm.name} has steps that do not converge next to the start, so "
+                    "its derivatives cannot be checked. Use a smaller run.dt"
+                )
+            worst = max(worst, float(np.max(np.nanmin(off, axis=0))))
     if not worst <= check:
         raise SceneError(
             f"optimise: derivatives of a window differ from differences by {worst:.2g} of the largest one; allowed: up "

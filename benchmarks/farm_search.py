@@ -4,21 +4,20 @@
     python benchmarks/farm_search.py de --seed 1      # SciPy's; likewise `cma --seed 1` with the package `cma`
     python benchmarks/farm_search.py gradient --site longline-200 --states 2 --storms 1 --duration 300 --limit 900
 
-Every search minimises the material within the same bounds under the same constraints of whole runs. The searches without
-gradients have the constraints as a penalty of the same price as the search by gradients and start from the same design;
-sizes of catalogues are left out for all, so that one problem is compared. The processor time counts from when all
-programs are compiled. `--states` (the first ones), `--storms` (seeds of each) and `--duration` [s] reduce a site. Writes
-every design to `results/farm_search_SITE.json` as soon as it was run, so that searches may run side by side.
+Every search minimises the material within the same bounds under the same constraints of whole runs. The searches
+without gradients have the constraints as a penalty of the same weight as the search by gradients and start from the
+same design; sizes of catalogues are left out for all, so that one problem is compared. Processor time counts from when
+all programs are compiled. `--states` (the first ones), `--storms` (seeds of each) and `--duration` [s] reduce a site.
+Every design is written to `results/farm_search_SITE.json` after its run, so that searches may run side by side.
 """
 
 import time
 from contextlib import suppress
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from filelock import FileLock
-from study import RESULTS, Rows, command, describe, percent, say, store, stored, table_of
+from study import RESULTS, Found, Rows, command, describe, percent, say, store, stored, table_of
 
 from dropper_jax import SceneError
 from fitting.optimise.design import run_parallel
@@ -63,8 +62,6 @@ class Judge:
         known = {}
         stands = [self.design.run_start(x, case, known) for case in self.design.cases]
         scene = with_design(self.design.site.scene, self.design.variables, x)
-        for case, stand in zip(self.design.cases, stands, strict=True):
-            self.design.quantities(case, stand.still)
 
         def run(i):
             case, stand = self.design.cases[i], stands[i]
@@ -72,7 +69,7 @@ class Judge:
                 self.design.site, scene, case, self.design.quantities(case, stand.still), stand.rest.state
             )
 
-        full = run_parallel(run, range(len(stands)), lambda _: None)
+        full = run_parallel(run, range(len(stands)), lambda _: None, alone=int(not self.rows))
         for storm in full:
             if storm.message:
                 raise SceneError(storm.message)
@@ -137,12 +134,28 @@ def compile_programs(judge, way):
     judge.begun = time.process_time()
 
 
-def best_of(rows, limit=np.inf):
-    """Number of designs begun within a processor time, and the least objective of those that meet all constraints."""
-    ends = [0.0, *(row["cpu_s"] for row in rows)]
-    own = [row for begun, row in zip(ends, rows, strict=False) if begun < limit]
+def best_of(rows, begun_before=np.inf):
+    """Number of designs begun before a processor time, and the least objective of those that meet all constraints."""
+    begun = [0.0, *(row["cpu_s"] for row in rows)]
+    own = [row for at, row in zip(begun, rows, strict=False) if at < begun_before]
     met = [row["objective"] for row in own if row["worst"] is not None and row["worst"] <= 1.0 + PERMITTED_EXCESS]
     return len(own), min(met, default=np.inf)
+
+
+def cell(found, best):
+    """Material and its reduction, if any design met all constraints."""
+    return f"{best:.0f} ({percent(1.0 - best / found['start'])})" if np.isfinite(best) else "no feasible design"
+
+
+@table_of("farm_search_longline_200", name="farm_search_longline_200")
+def searches(found: Found) -> Rows:
+    """Searches at the processor time of the last design by gradients, and at that of their own last one."""
+    limit = found["searches"]["gradient"]["rows"][-1]["cpu_s"]
+    rows = [("search", f"designs run in {limit:.0f} s", "material (reduction)", "until its last design")]
+    for name, own in sorted(found["searches"].items(), key=lambda item: (item[0] != "gradient", item[0])):
+        (count, best), (_, last) = best_of(own["rows"], limit), best_of(own["rows"])
+        rows.append((name, str(count), cell(found, best), f"{cell(found, last)}, {own['cpu_s']:.0f} s"))
+    return rows
 
 
 @command({"way": tuple(WAYS)}, seed=1, site="small-longline", states=int, storms=int, duration=float, limit=float)

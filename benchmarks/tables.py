@@ -15,7 +15,15 @@ from pathlib import Path
 
 from study import RESULTS, TABLES, command, markdown, stored
 
-PARTS = ("accuracy_tables", "coarse_lines", "fit_tables", "frequency_domain", "moordyn_tables", "paper_tables")
+PARTS = (
+    "accuracy_tables",
+    "coarse_lines",
+    "farm_search",
+    "fit_tables",
+    "frequency_domain",
+    "moordyn_tables",
+    "paper_tables",
+)
 for part in (*PARTS, "source_tables"):
     import_module(part)  # enters its tables
 

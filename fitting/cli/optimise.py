@@ -105,4 +105,11 @@ def text(found: Optimum) -> str:
         f"constraints and bounds balance {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, "
         f"{found.runs} evaluations"
     )
-    return "\n\n".join([table(rows), table(limits), table(assumed), end])
+    tables = [rows, limits, assumed]
+    if found.dominated:
+        seeds = [
+            (one["constraint"], one["variable"], f"{one['mean']:+.3g}", f"{one['median']:+.3g}", str(one["seed"]))
+            for one in found.dominated
+        ]
+        tables.append([("derivative of", "by", "mean of seeds", "median", "dominated by seed"), *seeds])
+    return "\n\n".join([*map(table, tables), end])

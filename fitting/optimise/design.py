@@ -244,6 +244,7 @@ class Design:
         names: list[str] = []
         value: list[float] = []
         slopes: list[np.ndarray] = []
+        by_seed: dict[str, np.ndarray] = {}
         (material, *strength), slopes_of_scene = self.scene_constraints(x)
         size = slope[0].shape[1]
         slopes_of_scene = np.hstack(
@@ -260,12 +261,14 @@ class Design:
             run = self.site.run_of(self.cases[own[0]].storm)
             share = weights(np.array([hard[i] for i in own]), run)
             mean = np.sum([w * hard[i] for w, i in zip(share, own, strict=True)], axis=0)
-            way = np.sum([w[:, None] * slope[i] for w, i in zip(share, own, strict=True)], axis=0)
+            shares = np.array([w[:, None] * slope[i] for w, i in zip(share, own, strict=True)])
+            way = shares.sum(axis=0)
             case = self.cases[own[0]]
             for q in range(self.count_limited(case)):
                 names.append(f"{self._quantities[case.storm.kind][q].name}: {case.storm.name}")
                 value.append(float(mean[q]))
                 slopes.append(way[q])
+                by_seed[names[-1]] = len(own) * shares[:, q]
         stills = {case.storm.still: cache[case.storm.still] for case in self.cases if case.storm.still in cache}
         for key, start in stills.items():
             level = float(key[2])
@@ -279,7 +282,7 @@ class Design:
         objective, way = (
             (material, slopes_of_scene[0]) if self.goals.objective.of == "material" else self._largest(hard, slope)
         )
-        return Values(float(objective), way, tuple(names), np.array(value), np.array(slopes), solved)
+        return Values(float(objective), way, tuple(names), np.array(value), np.array(slopes), solved, by_seed)
 
     def _largest(self, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
         """The objective if it depends on storms: the maximum of all cases."""

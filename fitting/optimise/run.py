@@ -21,7 +21,7 @@ from fitting.optimise.goals import Goals, read_goals
 from fitting.optimise.models import ASSUMPTIONS, Variable, read_variables, still_model
 from fitting.optimise.search import RESIDUAL, Search, constraints_by_name, measure, programme, run_search
 from fitting.optimise.storm import Peaks, Settings
-from fitting.optimise.values import Values, Window, near_rest, prices
+from fitting.optimise.values import Dominated, Values, Window, dominated_slopes, near_rest, prices
 from fitting.site import Site
 
 #: Value above which a constraint is called active.
@@ -51,7 +51,8 @@ class Optimum:
             whole runs at `after`, before windows and factors were updated there; NaN if the start was the best.
         held: fraction of the objective's slope at `after` that active constraints and bounds balance: 1 at an optimum.
         check: error of the derivatives before the search, relative to the largest one.
-        warnings: parts of the site that the search ignored.
+        warnings: reasons to doubt the result.
+        dominated: derivatives of active constraints by variable that one seed dominates, with their mean and median.
     """
 
     variables: tuple[Variable, ...]
@@ -71,6 +72,7 @@ class Optimum:
     history: list[dict[str, Any]]
     warnings: tuple[str, ...] = ()
     characteristic: str = "mean of the seeds' maxima"
+    dominated: tuple[dict[str, Any], ...] = ()
 
     @property
     def gain(self) -> float:
@@ -123,7 +125,12 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
             for step in (1e-6, 1e-7):
                 ends = [window(x + sign * step * way, own, False).soft for sign in (1.0, -1.0)]
                 off.append(np.abs((ends[0] - ends[1]) / (2 * step) - slope @ way) / size)
-            worst = max(worst, float(np.max(np.min(off, axis=0))))
+            if np.isnan(off).all(axis=0).any():
+                raise SceneError(
+                    f"optimise: a window of {own.case.storm.name} has steps that do not converge next to the start, so "
+                    "its derivatives cannot be checked. Use a smaller run.dt"
+                )
+            worst = max(worst, float(np.max(np.nanmin(off, axis=0))))
     if not worst <= check:
         raise SceneError(
             f"optimise: derivatives of a window differ from differences by {worst:.2g} of the largest one; allowed: up "
@@ -236,6 +243,7 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
     before = search.before
     names = found.names
     after = constraints_by_name(found)
+    dominated = dominated_slopes(here, high - low, 1.0 - design.settings.margin)
     residual = float("nan") if search.best_residual is None else float(search.best_residual)
     return Optimum(
         variables=design.variables,
@@ -254,11 +262,19 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
         runs=len(search.history),
         history=search.history,
         characteristic=CHARACTERISTIC[design.site.run.characteristic],
-        warnings=tuple(design_warnings(residual, 1.0 - price.left, search.reach)),
+        warnings=tuple(design_warnings(residual, 1.0 - price.left, search.reach, dominated)),
+        dominated=tuple(
+            {
+                **one._asdict(),
+                "variable": design.variables[one.variable].name,
+                "seed": design.site.run.first_seed + one.seed,
+            }
+            for one in dominated
+        ),
     )
 
 
-def design_warnings(residual: float, held: float, reach: float) -> list[str]:
+def design_warnings(residual: float, held: float, reach: float, dominated: Sequence[Dominated] = ()) -> list[str]:
     """Reasons to doubt a design's numbers, one line each; `reach` is that of the last steps."""
     found = []
     if residual > RESIDUAL:
@@ -276,6 +292,11 @@ def design_warnings(residual: float, held: float, reach: float) -> list[str]:
         found.append(
             f"derivatives predict changes of up to {reach:.2%} of the variables' ranges only: effects of 1 % changes "
             "are unreliable. Compare designs by their whole runs"
+        )
+    if dominated:  # such as by a rope that becomes taut at the peak
+        found.append(
+            f"one seed dominates {len(dominated)} derivative(s) of active constraints: their mean and median differ in "
+            "what they predict. Use more run.seeds, and compare designs by their whole runs"
         )
     return found
 

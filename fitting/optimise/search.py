@@ -260,7 +260,9 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Sa
         windows, found, _ = measure(search, design, say, here)
         save()
         gained = last - search.best_objective if np.isfinite(last) else np.inf
-        still_better = gained > settings.enough * search.scale or (found.worst > 1.0 and search.reach > SMALLEST_REACH)
+        # windows that were off by more than the margin are other ones now, in which steps may be longer again
+        movable = search.reach > SMALLEST_REACH or (search.residual or 0.0) > settings.margin
+        still_better = gained > settings.enough * search.scale or (found.worst > 1.0 and movable)
         last = search.best_objective
         if search.fixed is None and (not still_better or search.round >= settings.rounds):
             if search.best is not None:

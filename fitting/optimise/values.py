@@ -132,6 +132,7 @@ class Values:
         objective, slope: and its derivative by variables and assumptions (p + a,).
         names: of the constraints; `value` (m,), `slopes` (m, p + a).
         solved: whether all runs were.
+        by_seed: by constraint on a storm, derivatives of the seeds (n, p + a); their mean is that of the constraint.
     """
 
     objective: float
@@ -140,10 +141,51 @@ class Values:
     value: np.ndarray
     slopes: np.ndarray
     solved: bool = True
+    by_seed: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     @property
     def worst(self) -> float:
         return float(np.max(self.value, initial=-np.inf))
+
+
+def active_constraints(values: Values, limit: float) -> np.ndarray:
+    """Numbers of the constraints that count as active: within 0.03 of their limit, or beyond."""
+    return np.flatnonzero(values.value >= limit - 0.03)
+
+
+class Dominated(NamedTuple):
+    """Derivative of a constraint that one seed dominates [1 per unit of the variable]; `seed` counts from 0."""
+
+    constraint: str
+    variable: int
+    seed: int
+    mean: float
+    median: float
+
+
+def dominated_slopes(values: Values, span: np.ndarray, limit: float) -> list[Dominated]:
+    """Derivatives of constraints near their limit that one seed moves by more than a quarter of their size.
+
+        max_i |d_i - median(d)| / n > 0.25 max(|mean(d)|, |median(d)|)
+
+    A seed whose peak occurs as a rope becomes taut has such a derivative. Fewer than three seeds have no median.
+
+    Args:
+        span: range of each variable (p,); those with less than 5 % of a constraint's largest derivative are left out.
+    """
+    found = []
+    for name in (values.names[i] for i in active_constraints(values, limit)):
+        rows = values.by_seed.get(name, np.zeros((0, len(span))))[:, : len(span)]
+        if len(rows) < 3:
+            continue
+        mean, median = rows.mean(axis=0), np.median(rows, axis=0)
+        size, off = np.maximum(np.abs(mean), np.abs(median)), np.abs(rows - median)
+        seed = off.argmax(axis=0)
+        dominated = (off.max(axis=0) / len(rows) > 0.25 * size) & (size * span > 0.05 * np.max(size * span))
+        found += [
+            Dominated(name, int(k), int(seed[k]), float(mean[k]), float(median[k])) for k in np.flatnonzero(dominated)
+        ]
+    return found
 
 
 # Shadow prices of an optimum: the cost of its active constraints, and the distance of the design from an optimum.
@@ -178,7 +220,7 @@ def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fix
 
     p, span, free = len(x), high - low, ~fixed
     cost, rows = values.slope[:p] * span, values.slopes[:, :p] * span
-    active = np.flatnonzero(values.value >= limit - 0.03)  # this near to the limit a constraint counts as active
+    active = active_constraints(values, limit)
     held = [(k, -1.0) for k in np.flatnonzero(x - low <= at_bound * span)]
     held += [(k, 1.0) for k in np.flatnonzero(high - x <= at_bound * span)]
     walls = np.zeros((p, len(held)))

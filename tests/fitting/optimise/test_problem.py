@@ -12,7 +12,8 @@ from fitting.optimise.goals import read_goals
 from fitting.optimise.models import read_variables, still, still_model
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import programme
-from fitting.optimise.values import Values, near_rest, rest
+from fitting.optimise.storm import Peaks
+from fitting.optimise.values import Values, Window, near_rest, rest
 from fitting.site import read_site
 
 LOOPS = packaged_scene("looped-longline")
@@ -162,6 +163,24 @@ def test_capacities_that_are_the_scene_s_follow_the_design(site):
     backbone, loop, floats = 500.0 * 0.036**2 * 6.6, 2 * 8.0 * 8.0, 3 * 80.0 * 0.13
     np.testing.assert_allclose(value[0], legs + backbone + loop + floats, rtol=1e-6)
     np.testing.assert_allclose(slope[0] * design.start, [legs, 2 * legs, floats], rtol=1e-4)
+
+
+@pytest.mark.parametrize("characteristic", ["mean", "most_probable"])
+def test_derivatives_of_a_constraint_are_the_mean_of_those_of_its_seeds(characteristic, monkeypatch):
+    design = read_problem(changed(run={**SITE["run"], "seeds": 4, "characteristic": characteristic}))
+    rng = np.random.default_rng(0)
+
+    def window(x, window, start, slopes):
+        hard = rng.uniform(1.0, 2.0, len(design.quantities(window.case, start.still)))
+        slope = rng.standard_normal((len(hard), start.rest.dr.shape[0]))
+        return Peaks(hard, hard, slope, np.zeros(len(hard)), True)
+
+    monkeypatch.setattr(design, "window", window)
+    ones = np.ones(len(design.quantities(design.cases[0], design.still(design.start, design.cases[0]).still)))
+    found = design.values(design.start, [Window(case, 0.0, ones, None) for case in design.cases], lambda *_: None)
+    seeds = [found.by_seed[name] for name in found.names if name in found.by_seed]
+    assert [rows.shape for rows in seeds] == [(4, found.slopes.shape[1])]
+    np.testing.assert_allclose(seeds[0].mean(axis=0), found.slopes[0], rtol=1e-12)
 
 
 def test_the_programme_finds_corner_and_prices():

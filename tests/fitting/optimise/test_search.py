@@ -1,15 +1,17 @@
 """The search's bookkeeping on problems whose numbers are written down: residuals, runs abreast."""
 
+import dataclasses
 import threading
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from dropper_jax import SceneError
 from fitting.optimise.design import run_parallel
-from fitting.optimise.run import design_warnings
+from fitting.optimise.run import check_slopes, design_warnings
 from fitting.optimise.search import RESIDUAL, Search, measure, run_round, run_search
-from fitting.optimise.values import Values
+from fitting.optimise.values import Values, dominated_slopes
 
 
 def values(*constraints):
@@ -38,6 +40,40 @@ def test_large_residuals_and_designs_that_are_no_optimum_are_told():
     assert "differed by 3.0% of a limit" in design_warnings(0.03, 1.0, 0.2)[0]
     assert "balance 40% of the objective's slope" in design_warnings(0.0, 0.4, 0.2)[0]
     assert "changes of up to 0.40% of the variables' ranges" in design_warnings(0.0, 1.0, 0.004)[0]
+
+
+def test_a_derivative_that_one_snapping_seed_dominates_is_reported_by_mean_and_median():
+    # ten seeds of a farm's leg tension, by the leg's length and its diameter (of benchmarks/farm_chaos.py)
+    length = [-723.0, -467.0, -438.0, -383.0, -293.0, -238.0, -233.0, -159.0, -129.0, 1282.0]
+    diameter = [10.0, 12.0, 14.0, 14.0, 15.0, 15.0, 15.0, 16.0, 17.0, 44.0]
+    rows = np.array([length, diameter]).T
+    own = Values(1.0, np.zeros(2), ("legs", "backbone"), np.array([0.98, 0.5]), np.zeros((2, 2)))
+    own = dataclasses.replace(own, by_seed={"legs": rows, "backbone": rows})
+    (found,) = dominated_slopes(own, np.ones(2), 0.99)
+    assert (found.constraint, found.variable, found.seed) == ("legs", 0, 9)
+    assert (found.mean, found.median) == pytest.approx((-178.1, -265.5))
+    assert "one seed dominates 1 derivative" in design_warnings(0.0, 1.0, 0.2, [found])[0]
+    assert dominated_slopes(dataclasses.replace(own, by_seed={"legs": rows[:9]}), np.ones(2), 0.99) == []
+    assert dominated_slopes(dataclasses.replace(own, by_seed={"legs": rows[8:]}), np.ones(2), 0.99) == []
+
+
+@pytest.mark.parametrize("failing", [[1], [1, 2, 3, 4]])
+def test_derivatives_next_to_runs_that_fail_are_checked_by_others_or_refused(failing):
+    calls = []
+
+    def window(x, own, start, slopes):
+        calls.append(slopes)
+        failed = len(calls) - 1 in failing  # the first call is that with slopes, then two ends of each of two steps
+        return SimpleNamespace(soft=np.array([np.nan if failed else 3.0 * x[0]]), slope=np.array([[3.0]]))
+
+    own = SimpleNamespace(case=SimpleNamespace(storm=SimpleNamespace(name="storm")), polished=False)
+    variables = [SimpleNamespace(span=1.0)]
+    design = SimpleNamespace(start=np.ones(1), variables=variables, window=window, run_start=lambda *_: None)
+    if len(failing) == 1:
+        assert check_slopes(design, [own]) < 1e-6
+    else:
+        with pytest.raises(SceneError, match="a window of storm has steps that do not converge"):
+            check_slopes(design, [own])
 
 
 def test_runs_abreast_keep_their_order_and_the_first_is_alone():

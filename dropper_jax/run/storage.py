@@ -115,7 +115,7 @@ def read_run(path: str | Path, kind: type[Kind]) -> Kind:
         SceneError: one line, if packages or the file are missing, or it is not a saved run.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
+    suffix, found = path.suffix.lower(), None
     check_packages(path)
     refuse_pipe(path, "run")
     with _without_complaints():
@@ -131,7 +131,9 @@ def read_run(path: str | Path, kind: type[Kind]) -> Kind:
         except SceneError:
             raise
         except Exception:  # any error of the libraries about damaged bytes; own checks are SceneErrors
-            raise SceneError(f"{path}: {NOT_A_RUN}") from None
+            pass  # raised below: here it would hold the library's objects until complaints are heard again
+    if found is None:
+        raise SceneError(f"{path}: {NOT_A_RUN}")
     return reopen_run(path, *found, kind)
 
 

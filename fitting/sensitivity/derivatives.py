@@ -21,6 +21,7 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.cli.options import listing, table
 from dropper_jax.model import Model, Parted, State, state
+from dropper_jax.run.build import initial_state
 from dropper_jax.run.storage import extra
 from dropper_jax.study.reference import horizon, lyapunov
 from fitting.parameters.parameter import apply
@@ -175,7 +176,7 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
 def _window_slopes(plan: Plan, model: Model, near: State, values: jax.Array, saves: int, count: int) -> jax.Array:
     """Derivatives (count, p) of the quantity over each of `count` windows of `saves` saved times."""
     changed = apply(model, plan.parameters, values)
-    s = plan.initial_state(changed, near)
+    s = initial_state(changed, plan.start, near=near)
     run = jax.lax.stop_gradient(plan.march(changed, s, plan.run.saves))
     pick = jnp.arange(count - 1) * saves + saves - 1
     first = jax.tree.map(

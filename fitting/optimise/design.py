@@ -240,7 +240,8 @@ class Design:
         if slope is None:
             slope = [np.zeros((len(h), size)) for h in hard]
         # parts come first among the quantities
-        n, now = len(strength), np.array(strength)[:, None]
+        n = len(strength)
+        now = np.array(strength)[:, None]
         slope = [
             np.vstack([s[:n] / now - h[:n, None] / now**2 * of_scene[1:], s[n:]])
             for h, s in zip(hard, slope, strict=True)
@@ -252,7 +253,8 @@ class Design:
             peaks = np.array([hard[i] for i in own])
             share = weights(peaks, self.site.run_of(case.storm))
             shares = share[:, :, None] * np.array([slope[i] for i in own])
-            mean, way = np.sum(share * peaks, axis=0), shares.sum(axis=0)
+            mean = np.sum(share * peaks, axis=0)
+            way = shares.sum(axis=0)
             for q in range(self.count_limited(case)):
                 name = f"{self._quantities[case.storm.kind][q].name}: {case.storm.name}"
                 rows.append((name, float(mean[q]), way[q]))

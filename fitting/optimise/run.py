@@ -229,7 +229,8 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
     say(0.95, "final whole runs and prices")
     windows, found, _ = measure(dataclasses.replace(search, history=[]), design, say)
     here = design.values(search.x, windows, say)
-    p, limit = len(design.variables), 1.0 - design.settings.margin
+    p = len(design.variables)
+    limit = 1.0 - design.settings.margin
     low, high = bounds(design.variables)
     fixed = np.zeros(p, bool) if search.fixed is None else np.asarray(search.fixed, bool)
     price = prices(here, search.x, low, high, fixed, limit)

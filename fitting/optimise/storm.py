@@ -116,7 +116,8 @@ def _peaks(
     heights: np.ndarray | None,
 ) -> Peaks:
     """Peaks of the runs of a window's phases, with slopes if those of the leaves (`numbers`) are given."""
-    model, steps = models[-1], len(runs[0].tension)
+    model = models[-1]
+    steps = len(runs[0].tension)
     # steps that are not counted: the first third of a window in which a line breaks, or those of the ramp
     first = steps if len(runs) > 1 else max(0, min(round(WINDOW_RAMP / h), steps - 1))
     r, tension = (jnp.concatenate([getattr(run, key) for run in runs])[first:] for key in ("r", "tension"))

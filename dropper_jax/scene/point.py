@@ -203,12 +203,19 @@ class AnchorSpec(DeclaredSection):
 
         For a dead weight `(H/mu + V)/W` with V not below 0: both loads may grow by the inverse of this factor.
         """
+        across, rising, any_direction = self.capacities
         up = np.maximum(upward, 0.0)
+        return np.hypot(horizontal, up) / across if any_direction else horizontal / across + up / rising
+
+    @property
+    def capacities(self) -> tuple[float, float, bool]:
+        """Horizontal and upward capacity [N], and whether they are one capacity for a load in any direction."""
         if self.kind == "dead_weight":
-            return (horizontal / self.friction + up) / self.weight
+            return self.friction * self.weight, self.weight, False
         if self.lateral is not None:
-            return up / self.screw_capacity + horizontal / self.lateral
-        return np.hypot(horizontal, up) / (self.screw_capacity if self.capacity is None else self.capacity)
+            return self.lateral, self.screw_capacity, False
+        own = self.screw_capacity if self.capacity is None else self.capacity
+        return own, own, True
 
 
 def utilisations(

@@ -90,8 +90,7 @@ class Linearised:
         omega, u = np.atleast_1d(np.asarray(omega, float)), moved.ravel()
         if not (np.all(np.isfinite(omega)) and np.all(omega >= 0.0)):
             raise SceneError("omega: is out of range; allowed: angular frequencies of at least 0 rad/s")
-        found = [self._at(w, u) for w in omega]
-        x, tension = (np.array(part) for part in zip(*found, strict=True))
+        x, tension = (np.array(part) for part in zip(*(self._at(w, u) for w in omega), strict=True))
         return Response(omega, x.reshape(len(omega), -1, 3), tension)
 
     def _at(self, w: float, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -101,8 +100,7 @@ class Linearised:
             x = -np.linalg.solve(matrix, push)
         except np.linalg.LinAlgError:
             raise SceneError(f"omega: {w:g} rad/s is an undamped resonance. Use another frequency") from None
-        both = np.concatenate([x, u])
-        return x, (self.tension_by_place + 1j * w * self.tension_by_speed) @ both
+        return x, (self.tension_by_place + 1j * w * self.tension_by_speed) @ np.concatenate([x, u])
 
 
 def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) -> Linearised:
@@ -211,11 +209,9 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     value, vector = eigh(stiffness, mass)
     stiff = value > ROUNDING * value[-1]
     value, vector = value[stiff][:count], vector[:, stiff][:, :count]
-    shape = (motions @ vector).T.reshape(len(value), -1, 3)
-    largest = np.take_along_axis(
-        shape.reshape(len(value), -1), np.argmax(np.abs(shape.reshape(len(value), -1)), axis=1)[:, None], axis=1
-    )
-    shape = shape / largest[:, :, None]
+    shape = (motions @ vector).T
+    largest = np.take_along_axis(shape, np.argmax(np.abs(shape), axis=1)[:, None], axis=1)
+    shape = (shape / largest).reshape(len(value), -1, 3)
     mass, omega = 1.0 / np.ravel(largest) ** 2, np.sqrt(value)  # eigenvectors have x'Mx = 1
     ratio = np.asarray(_damping(model, pose, jnp.asarray(shape))) / (2 * omega * mass)
     bodies = _of_bodies(model, pose, shape) if model.constraints else None

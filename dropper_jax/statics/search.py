@@ -71,13 +71,13 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
     if model.geometry.branched:
         return _by_descent(full, model, loads, t, near)
-    share, message = 1.0, ""
+    share, message, tolerance = 1.0, "", system_tolerance(model)
     s, residual = _hang_and_solve(model, loads, t)
-    if not (residual <= system_tolerance(model) and stable(model, s)):
+    if not (residual <= tolerance and stable(model, s)):
         s, residual, share = _continue(model, loads, t)
-    if share == 1.0 and residual <= system_tolerance(model):
-        s, residual = escape(model, s, residual, system_tolerance(model), partial(_fall, model, loads))
-    if share < 1.0 or not residual <= system_tolerance(model):
+    if share == 1.0 and residual <= tolerance:
+        s, residual = escape(model, s, residual, tolerance, partial(_fall, model, loads))
+    if share < 1.0 or not residual <= tolerance:
         message = describe_unbalance(model, s, share * loads, residual, f"beyond {share:.1%} of the loads")
     elif not stable(model, s):
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
@@ -98,21 +98,18 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float, near: Sta
     drifting = current and not model.constraints and bool(np.any(np.asarray(s.tension) <= 0.0))
     if residual <= tolerance and drifting:
         s, residual = escape(model, s, residual, tolerance, lambda at, _: find_rest(model, at, loads, tolerance))
-    message = "" if residual <= tolerance else describe_unbalance(model, s, loads, residual, f"in {ROUNDS} rounds")
     friction = outward(full)
-    if not message and friction is not None:
+    if residual <= tolerance and friction is not None:
         model, rounding = with_static_seabed_friction(model, s, friction.kinetic)
         tolerance = max(tolerance, float(rounding))
         s, residual = find_rest(model, s, loads, tolerance)
-        message = "" if residual <= tolerance else describe_unbalance(model, s, loads, residual, f"in {ROUNDS} rounds")
-    if not message and model.line is not rigid:
-        s, residual = solve_statics(replace(model, lines=(rigid,)), s, loads)
-        message = (
-            ""
-            if residual <= tolerance
-            else f"no equilibrium of the rigid links found: maximum scaled row {residual:.1e}"
-        )
-    return _result(full, s, residual, message)
+    if not residual <= tolerance:
+        return _result(full, s, residual, describe_unbalance(model, s, loads, residual, f"in {ROUNDS} rounds"))
+    if model.line is rigid:
+        return _result(full, s, residual)
+    s, residual = solve_statics(replace(model, lines=(rigid,)), s, loads)
+    lost = f"no equilibrium of the rigid links found: maximum scaled row {residual:.1e}"
+    return _result(full, s, residual, "" if residual <= tolerance else lost)
 
 
 def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[State, float]:
@@ -179,7 +176,9 @@ def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, f
     while residual <= system_tolerance(model) and share < 1.0 and increment >= (1.0 / 1024):
         step = min(increment, 1.0 - share)
         trial, trial_residual = solve_statics(model, s, (share + step) * loads)
-        if trial_residual <= system_tolerance(model) and _on_same_branch(s.r, trial.r, model):
+        # an increment that moves a node by more than half a line length may have jumped to another branch
+        near = bool(jnp.max(jnp.abs(trial.r - s.r)) < 0.5 * jnp.sum(model.line.length))
+        if trial_residual <= system_tolerance(model) and near:
             s, residual, share, increment = trial, trial_residual, share + step, 2.0 * step
         else:
             increment = step / 2.0
@@ -195,18 +194,13 @@ def _catenary(model: Model, t: float) -> State:
     return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
 
 
-def _on_same_branch(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
-    """A load increment that moves a node by more than half a line length may have jumped to another branch."""
-    return bool(jnp.max(jnp.abs(r1 - r0)) < 0.5 * jnp.sum(model.line.length))
-
-
 @cached_jit(brief=True)
 def node_positions(model: Model, s: State) -> jax.Array:
     """Positions of all nodes (n + 1, 3) [m]."""
     return model.nodes(s.r, model.ends(s.t))
 
 
-def _result(model: Model, s: State, residual: float, message: str) -> Equilibrium:
+def _result(model: Model, s: State, residual: float, message: str = "") -> Equilibrium:
     return Equilibrium(
         positions=np.asarray(node_positions(model, s)),
         tension=np.asarray(s.tension),

@@ -10,7 +10,7 @@ host, with a sparse K if there are no bodies.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,18 +19,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import Coordinates
-from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, name_of, rest, soft_scale
-from dropper_jax.statics.tangent import LEFT, REFINEMENTS, free_motion, stiffness
+from dropper_jax.statics.rest_problem import RestProblem, name_of, rest
+from dropper_jax.statics.tangent import LEFT, REFINEMENTS, factor_softened, free_motion, stiffness
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
-#: Degrees of freedom of a point [m], and of a body, [m] and [rad].
-POINT, BODY = ("x", "y", "z"), ("x", "y", "z", "roll", "pitch", "yaw")
+#: Degrees of freedom of a body, [m] and [rad]; a point has the first three.
+FREEDOMS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True)
@@ -68,10 +68,8 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: ja
     model = rest(model)
     asked = _resolve_names(model, names)
     matrix = _of_bodies(model, pose, loads) if model.constraints else stiffness_with_held(model, pose, loads)
-    whole = _condense(model, pose, loads, matrix, _numbers(model, asked))
-    freedoms = tuple(
-        f"{name}.{axis}" for name, (kind, _) in asked.items() for axis in (BODY if kind == "body" else POINT)
-    )
+    whole = _condense(model, pose, loads, matrix, np.concatenate([np.zeros(0, int), *asked.values()]))
+    freedoms = tuple(f"{name}.{axis}" for name, rows in asked.items() for axis in FREEDOMS[: len(rows)])
     return Stiffness(tuple(asked), freedoms, whole, verges(model, pose))
 
 
@@ -88,41 +86,41 @@ def verges(model: Model, pose: State) -> tuple[str, ...]:
     return (f"links {links} are on the verge of going slack: derivatives are one-sided",)
 
 
-def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, tuple[str, int]]:
-    """Meaning of each name: ("held", index among fixed points), ("free", node) or ("body", index)."""
-    graph, found = model.geometry, {}
-    bodies = list(model.constraints[0].names) if model.constraints else []
-    retained = (
-        {} if not model.constraints else {int(node): i for i, node in enumerate(Coordinates.of(model).retained_nodes)}
-    )
-    corners = 4 * len(bodies)
-    known = [p.name for p in model.points[: len(model.points) - corners]]
+def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Rows of K of each name: of a free or fixed point (3,), or of a body (6,)."""
+    retained, bodies, size, pinned = np.arange(model.free_nodes), (), 3 * model.free_nodes, ()
+    if model.constraints:
+        where = Coordinates.of(model)
+        constraint = model.constraints[0]
+        retained, bodies, size, pinned = where.retained_nodes, constraint.names, where.size, constraint.pinned
+    known = [p.name for p in model.points[: len(model.points) - 4 * len(bodies)]]  # corners of bodies come last
+    held = model.geometry.held_points.tolist()
+    rows: dict[str, np.ndarray] = {}
     for name in names:
-        if name in found:
-            raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
+        _check_name(name, rows, known, bodies, pinned)
         if name in bodies:
-            if bodies.index(name) in model.constraints[0].pinned:
-                raise SceneError(
-                    f"points: {name!r} is pinned and cannot be moved; allowed: free and fixed points, other bodies"
-                )
-            found[name] = "body", bodies.index(name)
-            continue
-        if name not in known:
-            raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, known + bodies)}")
-        point = known.index(name)
-        held = np.flatnonzero(graph.held_points == point)
-        if held.size:
-            found[name] = "held", int(held[0])
-            continue
-        node = _node(model, point)
-        if model.constraints and node not in retained:
-            raise SceneError(f"points: {name!r} is on a rigid body. Use the name of the body")
-        found[name] = "free", retained[node] if model.constraints else node
-    return found
+            rows[name] = where.first(bodies.index(name)) + np.arange(6)
+        elif (point := known.index(name)) in held:
+            rows[name] = size + 3 * held.index(point) + np.arange(3)
+        else:
+            index = np.flatnonzero(retained == model.geometry.node_of_point(point))
+            if not index.size:
+                raise SceneError(f"points: {name!r} is on a rigid body. Use the name of the body")
+            rows[name] = 3 * index[0] + np.arange(3)
+    return rows
 
 
-def _node(model: Model, point: int) -> int:
-    return model.geometry.node_of_point(point)
+@raises_first
+def _check_name(
+    name: str, others: Container[str], known: Sequence[str], bodies: Sequence[str], pinned: Container[int]
+) -> Iterator[Check]:
+    """Check that a name is a point or a body that can be moved, given once."""
+    yield name in others, f"points: {name!r} is given twice; allowed: every point once"
+    if name in bodies:
+        allowed = "allowed: free and fixed points, other bodies"
+        yield bodies.index(name) in pinned, f"points: {name!r} is pinned and cannot be moved; {allowed}"
+    elif name not in known:
+        yield True, f"points: {name!r} is not a point of the scene; {nearest(name, [*known, *bodies])}"
 
 
 def _shifted_residual(
@@ -154,18 +152,6 @@ def stiffness_with_held(model: Model, pose: State, loads: jax.Array) -> csc_arra
     return block_array([[stiffness(model, pose, loads), rows], [back, own]], format="csc")
 
 
-def _numbers(model: Model, asked: dict[str, tuple[str, int]]) -> np.ndarray:
-    """Rows of K of the requested points and bodies, in their order."""
-    where = Coordinates.of(model) if model.constraints else None
-    first = {
-        "free": lambda i: 3 * i,
-        "held": lambda i: (3 * model.free_nodes if where is None else where.size) + 3 * i,
-        "body": lambda i: where.first(i),
-    }
-    each = [first[kind](i) + np.arange(6 if kind == "body" else 3) for kind, i in asked.values()]
-    return np.concatenate([np.zeros(0, int), *each])
-
-
 def _condense(model: Model, pose: State, loads: jax.Array, matrix: csc_array, picked: np.ndarray) -> np.ndarray:
     """K of some degrees of freedom, all other free ones in equilibrium, fixed points at rest."""
     others = np.setdiff1d(np.arange(matrix.shape[0] - 3 * model.geometry.ends), picked)
@@ -184,11 +170,7 @@ def _solver(
 
     A slack chain on a seabed without friction moves freely across it, which does not affect its fairlead.
     """
-    from scipy.sparse import eye_array  # noqa: PLC0415
-    from scipy.sparse.linalg import splu  # noqa: PLC0415
-
-    kappa = SMALLEST * float(soft_scale(model))
-    factor = splu((matrix + kappa * eye_array(matrix.shape[0])).tocsc())
+    factor = factor_softened(model, matrix)
 
     def solve(right: np.ndarray) -> np.ndarray:
         x, left = np.zeros_like(right), right
@@ -215,8 +197,7 @@ def _of_bodies(model: Model, pose: State, loads: jax.Array) -> csc_array:
     held, count = model.geometry.ends, where.size
 
     def rows_of(q: jax.Array) -> jax.Array:
-        moved = lambda w: where.positions_of(constraint, pose.r, w) - pose.r  # noqa: E731
-        x, back = jax.vjp(moved, q[:count])
+        x, back = jax.vjp(lambda w: where.positions_of(constraint, pose.r, w) - pose.r, q[:count])
         free, own = _shifted_residual(model, pose, loads, x, q[count:].reshape(held, 3))
         return jnp.concatenate([back(free)[0], own.ravel()])
 

@@ -29,6 +29,7 @@ from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
+    from scipy.sparse.linalg import SuperLU
 
 Linear = Callable[[jax.Array], jax.Array]
 
@@ -231,17 +232,21 @@ def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:
     return csc_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * model.free_nodes,) * 2)
 
 
+def factor_softened(model: Model, matrix: csc_array) -> SuperLU:
+    """Factors of a stiffness, a little stiffer, so that it need not be regular. On the host."""
+    from scipy.sparse import eye_array  # noqa: PLC0415
+    from scipy.sparse.linalg import splu  # noqa: PLC0415
+
+    return splu((matrix + SMALLEST * float(soft_scale(model)) * eye_array(matrix.shape[0])).tocsc())
+
+
 def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.ndarray]:
     """Minimum stiffness [N/m] of an equilibrium and its motion (free, 3), maximum 1. On the host.
 
     It does not raise: an equilibrium with a free motion has the stiffness 0 to rounding.
     """
-    from scipy.sparse import eye_array  # noqa: PLC0415
-    from scipy.sparse.linalg import splu  # noqa: PLC0415
-
-    kappa = SMALLEST * float(soft_scale(model))
     matrix = stiffness(model, s, loads)
-    factor = splu((matrix + kappa * eye_array(matrix.shape[0])).tocsc())
+    factor = factor_softened(model, matrix)
     x = np.random.default_rng(0).normal(size=matrix.shape[0])
     # number of inverse iterations for the softest motion; of several soft ones any may result
     for _ in range(12):

@@ -21,9 +21,10 @@ from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
 from fitting.optimise.goals import Goals, check_depths
 from fitting.optimise.models import (
-    DIFFERENCE_STEP,
+    ASSUMPTIONS,
     Still,
     Variable,
+    displaced,
     idle,
     in_assumed,
     link_of,
@@ -109,19 +110,16 @@ class Design:
         """
         key = np.asarray(x, float).tobytes()
         if key != self._scene_cache[0]:
-            slope = np.zeros((1 + len(self.site.parts), len(x)))
-            for k, variable in enumerate(self.variables):
-                step = np.zeros(len(x))
-                step[k] = DIFFERENCE_STEP * variable.span
-                slope[:, k] = (self._evaluate_scene(x + step) - self._evaluate_scene(x - step)) / (2 * step[k])
-            self._scene_cache = key, (self._evaluate_scene(x), slope)
+            slopes = [
+                (self._evaluate_scene(higher) - self._evaluate_scene(lower)) / distance
+                for distance, higher, lower in displaced(self.variables, x)
+            ]
+            self._scene_cache = key, (self._evaluate_scene(x), np.stack(slopes, axis=1))
         return self._scene_cache[1]
 
     def _evaluate_scene(self, x: np.ndarray) -> np.ndarray:
         scene = with_design(self.site.scene, self.variables, x)
-        strength = [
-            strength_of(part, scene) / start for part, start in zip(self.site.parts, self._strength, strict=True)
-        ]
+        strength = np.array([strength_of(part, scene) for part in self.site.parts]) / self._strength
         return np.array([self.goals.objective.material(scene), *strength])
 
     def check(self) -> None:
@@ -132,13 +130,11 @@ class Design:
         """
         found = still(self.calm, self.variables, self.start, self.cases[0].storm)
         check_depths(self.goals.depths, found.model)
-        moves_cost = np.any(self.scene_constraints(self.start)[1] != 0, axis=0)
-        named = [name for name in idle(found, self.variables) if not moves_cost[self._number(name)]]
+        costs = np.any(self.scene_constraints(self.start)[1] != 0, axis=0)
+        free = [v.name for v, moves in zip(self.variables, costs, strict=True) if not moves]
+        named = [name for name in idle(found, self.variables) if name in free]
         if named:
             raise SceneError(f"variable: {', '.join(map(repr, named))} moves nothing. Use numbers that do")
-
-    def _number(self, name: str) -> int:
-        return [v.name for v in self.variables].index(name)
 
     def window(self, x: np.ndarray, window: Window, start: RunStart, slopes: bool = True) -> Peaks:
         """Peaks of a window of a design."""
@@ -182,7 +178,8 @@ class Design:
     def _window_around_peak(self, case: Case, storm: Storms) -> Window:
         """The window around the peak of a whole run that is nearest to its limit; its scale factor comes later."""
         when = storm.when[int(np.argmax(storm.hard[: self.count_limited(case)]))]
-        begin = float(np.clip(when - self.settings.before, 0.0, self._last(self.site.run.duration)))
+        last = max(self.site.run.duration - self.settings.window, 0.0)
+        begin = float(np.clip(when - self.settings.before, 0.0, last))
         window = Window(case, begin, np.ones(len(storm.hard)), None)
         if case.storm.broken is None:
             return window
@@ -204,9 +201,6 @@ class Design:
             self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
-    def _last(self, duration: float) -> float:
-        return max(duration - self.settings.window, 0.0)
-
     def values(self, x: np.ndarray, windows: Sequence[Window], say: Say, slopes: bool = True) -> Values:
         """Objective and constraints of a design by its windows."""
         cache: dict[object, RunStart] = {}
@@ -216,12 +210,10 @@ class Design:
             runs = self._run_parallel(lambda i: self.window(x, windows[i], stands[i], slopes), what, say)
         else:
             runs = [self.window(x, window, start, slopes) for window, start in zip(windows, stands, strict=True)]
-        size = next(iter(cache.values())).rest.dr.shape[0]
         hard = [run.soft * window.factor for run, window in zip(runs, windows, strict=True)]
-        slope = [
-            run.slope * window.factor[:, None] if slopes else np.zeros((len(run.soft), size))
-            for run, window in zip(runs, windows, strict=True)
-        ]
+        slope = None
+        if slopes:
+            slope = [run.slope * window.factor[:, None] for run, window in zip(runs, windows, strict=True)]
         return self._together(x, hard, slope, cache, all(run.solved for run in runs))
 
     def measure_full_runs(self, x: np.ndarray, full: Sequence[Storms]) -> Values:
@@ -229,59 +221,55 @@ class Design:
         cache: dict[object, RunStart] = {}
         for case in self.cases:
             self.run_start(x, case, cache)
-        size = next(iter(cache.values())).rest.dr.shape[0]
-        hard = [storm.hard for storm in full]
-        return self._together(x, hard, [np.zeros((len(h), size)) for h in hard], cache, True)
+        return self._together(x, [storm.hard for storm in full], None, cache, True)
 
     def _together(
         self,
         x: np.ndarray,
         hard: Sequence[np.ndarray],
-        slope: Sequence[np.ndarray],
+        slope: Sequence[np.ndarray] | None,
         cache: dict[object, RunStart],
         solved: bool,
     ) -> Values:
-        names: list[str] = []
-        value: list[float] = []
-        slopes: list[np.ndarray] = []
+        """Objective and constraints from the quantities (q,) of every case and their slopes (q, p + a) (None: zero)."""
+        rows: list[tuple[str, float, np.ndarray]] = []
         by_seed: dict[str, np.ndarray] = {}
-        (material, *strength), slopes_of_scene = self.scene_constraints(x)
-        size = slope[0].shape[1]
-        slopes_of_scene = np.hstack(
-            [slopes_of_scene, np.zeros((len(slopes_of_scene), size - slopes_of_scene.shape[1]))]
-        )
-        for q, (now, way) in enumerate(
-            zip(strength, slopes_of_scene[1:], strict=True)
-        ):  # parts come first among the quantities
-            slope = [_row(s, q, s[q] / now - h[q] / now**2 * way) for h, s in zip(hard, slope, strict=True)]
-            hard = [_row(h, q, h[q] / now) for h in hard]
-        numbers = sorted({case.storm.number for case in self.cases})
-        for number in numbers:
+        size = len(x) + len(ASSUMPTIONS)
+        (material, *strength), of_scene = self.scene_constraints(x)
+        of_scene = np.pad(of_scene, ((0, 0), (0, len(ASSUMPTIONS))))
+        if slope is None:
+            slope = [np.zeros((len(h), size)) for h in hard]
+        # parts come first among the quantities
+        n = len(strength)
+        now = np.array(strength)[:, None]
+        slope = [
+            np.vstack([s[:n] / now - h[:n, None] / now**2 * of_scene[1:], s[n:]])
+            for h, s in zip(hard, slope, strict=True)
+        ]
+        hard = [np.concatenate([h[:n] / now[:, 0], h[n:]]) for h in hard]
+        for number in sorted({case.storm.number for case in self.cases}):
             own = [i for i, case in enumerate(self.cases) if case.storm.number == number]
-            run = self.site.run_of(self.cases[own[0]].storm)
-            share = weights(np.array([hard[i] for i in own]), run)
-            mean = np.sum([w * hard[i] for w, i in zip(share, own, strict=True)], axis=0)
-            shares = np.array([w[:, None] * slope[i] for w, i in zip(share, own, strict=True)])
-            way = shares.sum(axis=0)
             case = self.cases[own[0]]
+            peaks = np.array([hard[i] for i in own])
+            share = weights(peaks, self.site.run_of(case.storm))
+            shares = share[:, :, None] * np.array([slope[i] for i in own])
+            mean = np.sum(share * peaks, axis=0)
+            way = shares.sum(axis=0)
             for q in range(self.count_limited(case)):
-                names.append(f"{self._quantities[case.storm.kind][q].name}: {case.storm.name}")
-                value.append(float(mean[q]))
-                slopes.append(way[q])
-                by_seed[names[-1]] = len(own) * shares[:, q]
+                name = f"{self._quantities[case.storm.kind][q].name}: {case.storm.name}"
+                rows.append((name, float(mean[q]), way[q]))
+                by_seed[name] = len(own) * shares[:, q]
         stills = {case.storm.still: cache[case.storm.still] for case in self.cases if case.storm.still in cache}
         for key, start in stills.items():
             level = float(key[2])
+            label = "" if len(stills) == 1 else f": {key[0] or ''} level {level:+g} m"
             for depth in self.goals.depths:
-                pose = np.asarray(start.rest.state.r), start.rest.dr
-                for name, near, by in depth.over(start.still.model, *pose, level):
-                    label = "" if len(stills) == 1 else f": {key[0] or ''} level {level:+g} m"
-                    names.append(f"{name}{label}")
-                    value.append(near)
-                    slopes.append(by)
-        objective, way = (
-            (material, slopes_of_scene[0]) if self.goals.objective.of == "material" else self._largest(hard, slope)
-        )
+                own = depth.over(start.still.model, np.asarray(start.rest.state.r), start.rest.dr, level)
+                rows += [(name + label, near, by) for name, near, by in own]
+        names, value, slopes = zip(*rows, strict=True) if rows else ((), (), ())
+        objective, way = material, of_scene[0]
+        if self.goals.objective.of != "material":
+            objective, way = self._largest(hard, slope)
         return Values(float(objective), way, tuple(names), np.array(value), np.array(slopes), solved, by_seed)
 
     def _largest(self, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
@@ -292,13 +280,6 @@ class Design:
         q = len(names) - 1 if of.of == "motion" else names.index(of.part)
         worst = max(intact, key=lambda i: hard[i][q])
         return float(hard[worst][q]), slope[worst][q]
-
-
-def _row(a: np.ndarray, i: int, value: np.ndarray) -> np.ndarray:
-    """The array with one more entry or row."""
-    changed = np.array(a)
-    changed[i] = value
-    return changed
 
 
 def strength_of(part: Part, scene: Scene) -> float:

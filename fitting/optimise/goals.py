@@ -93,14 +93,11 @@ class Depth:
         own = self.nodes(model)
         depth, found = level - r[own, 2], []
         unit = self.deepest or self.shallowest or 1.0
-        if self.shallowest is not None:
-            i = int(np.argmin(depth))
-            found.append(
-                (f"{self.name} shallowest", 1.0 + (self.shallowest - depth[i]) / unit, dr[:, own[i], 2] / unit)
-            )
-        if self.deepest is not None:
-            i = int(np.argmax(depth))
-            found.append((f"{self.name} deepest", 1.0 + (depth[i] - self.deepest) / unit, -dr[:, own[i], 2] / unit))
+        for key, bound, sign in (("shallowest", self.shallowest, 1.0), ("deepest", self.deepest, -1.0)):
+            if bound is not None:
+                i = int(np.argmin(sign * depth))
+                slope = sign * dr[:, own[i], 2] / unit
+                found.append((f"{self.name} {key}", 1.0 + sign * (bound - depth[i]) / unit, slope))
         return found
 
 
@@ -113,9 +110,8 @@ def check_depths(depths: Sequence[Depth], model: Model) -> None:
     own = [(depth, set(depth.nodes(model).tolist())) for depth in depths]
     for one, nodes in own:
         for other, others in own:
-            if one.shallowest is None or other.deepest is None or not nodes & others:
-                continue
-            if one.shallowest > other.deepest:
+            both = None not in (one.shallowest, other.deepest) and bool(nodes & others)
+            if both and one.shallowest > other.deepest:
                 raise SceneError(
                     f"constraint: {one.name} shallowest of {one.shallowest:g} m contradicts {other.name} deepest of "
                     f"{other.deepest:g} m on the same nodes; allowed: at most {other.deepest:g} m"
@@ -141,10 +137,10 @@ class Goals:
         found += [quantity for anchor in site.anchors for quantity in anchor_loads(model, anchor, kind)]
         if kind != "intact":
             return tuple(found)
-        for i, (lines, least) in enumerate(self.clearances):
-            found.append(Clearance(f"clearance {i + 1}", _pairs(model, lines), least))
-        for i, (lines, most) in enumerate(self.motions):
-            found.append(Motion(f"motion {i + 1}", _nodes(model, lines), 1.0 / most))
+        for i, (lines, least) in enumerate(self.clearances, 1):
+            found.append(Clearance(f"clearance {i}", _pairs(model, lines), least))
+        for i, (lines, most) in enumerate(self.motions, 1):
+            found.append(Motion(f"motion {i}", _nodes(model, lines), 1.0 / most))
         found += [named_quantity(of, model, path, most) for path, of, most in self.named]
         if self.objective.of == "motion":
             found.append(Motion("largest motion", _nodes(model, self.objective.lines)))
@@ -218,20 +214,16 @@ def _patterns(given: Any, path: str) -> list[str]:
 
 
 def _depth(table: Mapping[str, Any], path: str, lines: Sequence[str], free: Sequence[str]) -> Depth:
-    bounds = {
-        key: read_number(table[key], f"{path}.{key}", {"unit": "m"}) if key in table else None
-        for key in ("shallowest", "deepest")
-    }
-    if bounds["shallowest"] is None and bounds["deepest"] is None:
+    keys = ("shallowest", "deepest")
+    low, high = (read_number(table[key], f"{path}.{key}", {"unit": "m"}) if key in table else None for key in keys)
+    if low is None and high is None:
         raise SceneError(f"{path}: no bound is given; needed: `shallowest`, `deepest` or both [m]")
-    if None not in bounds.values() and not bounds["shallowest"] < bounds["deepest"]:
-        raise SceneError(
-            f"{path}.deepest: {bounds['deepest']:g} m contradicts shallowest; allowed: > {bounds['shallowest']:g} m"
-        )
-    points = (
-        match_names(_patterns(table["points"], path), free, f"{path}.points", "free point") if "points" in table else ()
+    if None not in (low, high) and not low < high:
+        raise SceneError(f"{path}.deepest: {high:g} m contradicts shallowest; allowed: > {low:g} m")
+    points, own = (
+        match_names(_patterns(table[key], path), names, f"{path}.{key}", what) if key in table else ()
+        for key, names, what in (("points", free, "free point"), ("lines", lines, "line"))
     )
-    own = match_names(_patterns(table["lines"], path), lines, f"{path}.lines") if "lines" in table else ()
     if not (points or own):
         raise SceneError(f"{path}: has neither points nor lines; needed: patterns of one or both")
-    return Depth(f"depth {path.split('.')[1]}", points, own, **bounds)
+    return Depth(f"depth {path.split('.')[1]}", points, own, low, high)

@@ -8,25 +8,15 @@ programs then only need the derivative of a run with respect to the leaves (the 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import (
-    Plain,
-    ScenePath,
-    check_keys,
-    plain,
-    read_list,
-    read_number,
-    read_table,
-    read_text,
-    refuse,
-)
+from dropper_jax.base.errors import Check, SceneError, raises_first
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import DeclaredSection, Plain, ScenePath, plain, read_items, refuse
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
@@ -43,25 +33,58 @@ from fitting.site.case import Break
 # high = 80.0
 # catalogue = [50.0, 55.0, 60.0]  available sizes; the final design uses one of them
 
-KEYS = ("name", "low", "high", "catalogue")
-
 
 @dataclasses.dataclass(frozen=True)
-class Variable:
-    """One number of the scene that the optimiser may choose.
+class Variable(DeclaredSection):
+    """`[[variable]]`: one number of the scene that the optimiser may choose.
 
     Attributes:
-        name: as specified; `path`: of the scene.
-        value: start value; `low`, `high`: its bounds.
-        catalogue: available sizes, in increasing order; empty if any value is allowed.
+        catalogue: in increasing order; empty if any value is allowed.
+        path: of the number in the scene; `value`: its start value.
     """
 
-    name: str
-    path: str
-    value: float
-    low: float
-    high: float
-    catalogue: tuple[float, ...] = ()
+    name: str = option("name of the number: one of [parameters], or a path", type=str)
+    low: float = parameter("lower bound", unit="-")
+    high: float = parameter("upper bound", unit="-")
+    catalogue: tuple[float, ...] = parameter("available sizes", unit="-", shape="table", optional=True)
+    path: str = ""
+    value: float = np.nan
+
+    @classmethod
+    def of(cls, table: Plain, path: str, scene: Scene) -> Variable:
+        """A variable of a scene, checked."""
+        found = cls.read(table, path)
+        where = found.name if "." in found.name or scene.template is None else f"parameters.{found.name}"
+        try:
+            value = scene.value(where)
+        except SceneError as error:
+            raise SceneError(f"{path}.name: {error}") from None
+        found._check_value(path, value, scene, ScenePath(where))
+        sizes = () if found.catalogue is None else tuple(np.unique(found.catalogue).tolist())
+        return dataclasses.replace(found, path=where, value=float(value), catalogue=sizes)
+
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        yield not self.low < self.high, f"{path}.high: {self.high} leaves an empty interval; allowed: > {self.low:g}"
+        if self.catalogue is not None:
+            nothing = "is empty; allowed: at least one size; or leave the key out"
+            yield len(self.catalogue) == 0, f"{path}.catalogue: [] {nothing}"
+            for i, size in enumerate(self.catalogue):
+                outside = f"is out of bounds; allowed: {self.low:g} to {self.high:g}"
+                yield not self.low <= size <= self.high, f"{path}.catalogue.{i}: {size} {outside}"
+
+    @raises_first
+    def _check_value(self, path: str, value: Plain, scene: Scene, where: ScenePath) -> Iterator[Check]:
+        """Check that the scene has such a number within the bounds."""
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        other = f"is {plain(value)!r}, no single number; allowed: paths of such numbers"
+        yield not number, f"{path}.name: {self.name!r} {other}"
+        if where.section == "parameters":
+            given = scene.template.table["parameters"][where.key]
+            follows = f"follows from others ({given}); allowed: parameters that are numbers"
+            yield isinstance(given, str), f"{path}.name: {self.name!r} {follows}"
+        outside = f"and high leave out the scene's {value:g}; allowed: bounds around it"
+        yield not self.low <= value <= self.high, f"{path}.low: {self.low} {outside}"
 
     @property
     def span(self) -> float:
@@ -83,50 +106,19 @@ def read_variables(raw: Plain, scene: Scene) -> tuple[Variable, ...]:
         SceneError: no table, an unknown number, an empty interval or one that excludes the start, sizes outside it, a
             duplicate variable.
     """
-    found: list[Variable] = []
-    for i, item in enumerate(read_list(raw, "variable", None, "one or more [[variable]] tables")):
-        found.append(_read(read_table(item, f"variable.{i}"), f"variable.{i}", scene))
-        if found[-1].path in [v.path for v in found[:-1]]:
-            raise refuse(f"variable.{i}.name", found[-1].name, "is a duplicate", "every variable once")
+    found = read_items(Variable.of, raw, "variable", scene)
     if not found:
         raise SceneError("variable: none is given; needed: one or more [[variable]] tables")
-    return tuple(found)
+    paths = [v.path for v in found]
+    for i, variable in enumerate(found):
+        if variable.path in paths[:i]:
+            raise refuse(f"variable.{i}.name", variable.name, "is a duplicate", "every variable once")
+    return found
 
 
-def _read(table: Mapping[str, Any], path: str, scene: Scene) -> Variable:
-    check_keys(table, KEYS, path)
-    name = read_text(table.get("name"), f"{path}.name")
-    where = name if "." in name or scene.template is None else f"parameters.{name}"
-    try:
-        value = scene.value(where)
-    except SceneError as error:
-        raise SceneError(f"{path}.name: {error}") from None
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise refuse(f"{path}.name", name, f"is {plain(value)!r}, no single number", "paths of such numbers")
-    if ScenePath(where).section == "parameters":
-        given = scene.template.table["parameters"][ScenePath(where).key]
-        if isinstance(given, str):
-            raise refuse(f"{path}.name", name, f"follows from others ({given})", "parameters that are numbers")
-    low, high = (read_number(table.get(key), f"{path}.{key}", {}, "a number") for key in ("low", "high"))
-    if not low < high:
-        raise refuse(f"{path}.high", high, "leaves an empty interval", f"> {low:g}")
-    if not low <= float(value) <= high:
-        raise refuse(f"{path}.low", low, f"and high leave out the scene's {value:g}", "bounds around it")
-    sizes = _sizes(table.get("catalogue"), f"{path}.catalogue", low, high)
-    return Variable(name, where, float(value), low, high, sizes)
-
-
-def _sizes(given: Plain, path: str, low: float, high: float) -> tuple[float, ...]:
-    if given is None:
-        return ()
-    items = read_list(given, path, None, "a list of available sizes")
-    sizes = [read_number(x, f"{path}.{i}", {}, "a number") for i, x in enumerate(items)]
-    if not sizes:
-        raise refuse(path, [], "is empty", "at least one size; or leave the key out")
-    for i, size in enumerate(sizes):
-        if not low <= size <= high:
-            raise refuse(f"{path}.{i}", size, "is out of bounds", f"{low:g} to {high:g}")
-    return tuple(sorted(set(sizes)))
+def bounds(variables: Sequence[Variable]) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper bounds (p,)."""
+    return np.array([v.low for v in variables]), np.array([v.high for v in variables])
 
 
 def with_design(scene: Scene, variables: Sequence[Variable], values: np.ndarray) -> Scene:
@@ -200,29 +192,28 @@ def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: 
     model = still_model(site, variables, values, storm)
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(model)]
     slopes: dict[int, np.ndarray] = {}
-    for k, variable in enumerate(variables):
-        step = DIFFERENCE_STEP * variable.span
-        ends = []
-        for sign in (1.0, -1.0):
-            moved = np.array(values, float)
-            moved[k] += sign * step
-            leaves = jax.tree.leaves(still_model(site, variables, moved, storm))
-            if [jnp.shape(leaf) for leaf in leaves] != shapes:
-                raise SceneError(f"variable.{k}.name: {variable.name!r} changes the number of parts. Use another one")
-            ends.append(leaves)
+    for k, (distance, *designs) in enumerate(displaced(variables, values)):
+        ends = [jax.tree.leaves(still_model(site, variables, moved, storm)) for moved in designs]
+        if any([jnp.shape(leaf) for leaf in leaves] != shapes for leaves in ends):
+            name = variables[k].name
+            raise SceneError(f"variable.{k}.name: {name!r} changes the number of parts. Use another one")
         for i, (high, low) in enumerate(zip(*ends, strict=True)):
-            slope = (np.asarray(high, float) - np.asarray(low, float)) / (2 * step)
+            slope = (np.asarray(high, float) - np.asarray(low, float)) / distance
             if np.any(slope):
                 slopes.setdefault(i, np.zeros((len(variables), *slope.shape)))[k] = slope
     return Still(model, slopes)
 
 
+def displaced(variables: Sequence[Variable], values: np.ndarray) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+    """For each variable two designs (p,), in which it alone is higher and lower, and their distance."""
+    for axis, variable in zip(np.eye(len(variables)), variables, strict=True):
+        step = DIFFERENCE_STEP * variable.span
+        yield 2 * step, values + step * axis, values - step * axis
+
+
 def idle(found: Still, variables: Sequence[Variable]) -> list[str]:
     """Names of variables without effect on the model."""
-    moved = np.zeros(len(variables), bool)
-    for slope in found.slopes.values():
-        moved |= np.any(slope.reshape(len(variables), -1) != 0, axis=1)
-    return [v.name for v, m in zip(variables, moved, strict=True) if not m]
+    return [v.name for k, v in enumerate(variables) if not any(np.any(slope[k]) for slope in found.slopes.values())]
 
 
 def sea_of(site: Site, scene: Scene, case: Case, ramp: float, begin: float = 0.0) -> Sea:
@@ -239,29 +230,36 @@ def in_waves(model: Model, sea: Sea) -> Model:
     return dataclasses.replace(model, sea=dataclasses.replace(model.sea, waves=waves))
 
 
+def leaf_names(model: Model) -> list[str]:
+    """Names of the leaves of a model."""
+    return [jax.tree_util.keystr(key) for key, _ in jax.tree_util.tree_flatten_with_path(model)[0]]
+
+
+def slopes_of(model: Model, found: Still) -> dict[int, np.ndarray]:
+    """Slopes by number of the leaf of a model that has all leaves of the calm one, and others."""
+    number = {name: i for i, name in enumerate(leaf_names(model))}
+    names = leaf_names(found.model)
+    return {number[names[i]]: slope for i, slope in found.slopes.items()}
+
+
 def leaf_numbers(model: Model, still_: Still) -> dict[int, np.ndarray]:
     """Slopes by number of the leaf of a model in waves, from those of the calm one."""
-    path = jax.tree_util.tree_flatten_with_path
-    number = {jax.tree_util.keystr(key): i for i, (key, _) in enumerate(path(model)[0])}
-    names = [jax.tree_util.keystr(key) for key, _ in path(still_.model)[0]]
-    found = {number[names[i]]: slope for i, slope in still_.slopes.items()}
+    found = slopes_of(model, still_)
     if still_.assumed:
         size = np.asarray(model.sea.waves.amplitude)
         count = next(iter(found.values())).shape[0]
-        own = found.setdefault(number[".sea.waves.amplitude"], np.zeros((count, *size.shape)))
+        own = found.setdefault(leaf_names(model).index(".sea.waves.amplitude"), np.zeros((count, *size.shape)))
         own[count - len(ASSUMPTIONS)] = size
     return found
 
 
 def in_assumed(found: Still) -> Still:
     """The slopes with the current's relative change as a further variable, and space for the waves (`leaf_numbers`)."""
-    path = jax.tree_util.tree_flatten_with_path(found.model)[0]
-    slopes = {
-        i: np.concatenate([slope, np.zeros((len(ASSUMPTIONS), *slope.shape[1:]))]) for i, slope in found.slopes.items()
-    }
+    more = len(ASSUMPTIONS)
+    slopes = {i: np.concatenate([slope, np.zeros((more, *slope.shape[1:]))]) for i, slope in found.slopes.items()}
     count = next(iter(slopes.values())).shape[0]
-    for i, (key, leaf) in enumerate(path):
-        if jax.tree_util.keystr(key) in (".sea.current.speed", ".sea.current.velocities"):
+    for i, (name, leaf) in enumerate(zip(leaf_names(found.model), jax.tree.leaves(found.model), strict=True)):
+        if name in (".sea.current.speed", ".sea.current.velocities"):
             slopes.setdefault(i, np.zeros((count, *np.shape(leaf))))[count - 1] = np.asarray(leaf)
     return Still(found.model, slopes, assumed=True)
 
@@ -294,7 +292,4 @@ def with_link_mask(model: Model, broken_link: int | None) -> Model:
 def masked_still(found: Still, broken_link: int | None) -> Still:
     """The same for a model, including the derivatives of its leaves with respect to the variables."""
     model = with_link_mask(found.model, broken_link)
-    path = jax.tree_util.tree_flatten_with_path
-    number = {jax.tree_util.keystr(key): i for i, (key, _) in enumerate(path(model)[0])}
-    names = [jax.tree_util.keystr(key) for key, _ in path(found.model)[0]]
-    return Still(model, {number[names[i]]: slope for i, slope in found.slopes.items()}, found.assumed)
+    return Still(model, slopes_of(model, found), found.assumed)

@@ -61,31 +61,29 @@ class AnchorLoad(Quantity):
     """Utilisation of an anchor, as in `dropper_jax.scene.point`, times the factor.
 
     Attributes:
-        point: its number among the points; `first`, `last`: links that start and end there.
-        scale: (over H, over V, of a hypotenuse or not).
+        first, last: links that start and end at its point.
+        across, up: factor over the horizontal and the upward capacity [1/N].
+        any_direction: whether they are one capacity for a load in any direction.
         uplift: tangent of the maximum angle of the load; None for the load itself.
     """
 
     name: str
-    point: int
     first: tuple[int, ...]
     last: tuple[int, ...]
     across: float
     up: float
-    round: bool
+    any_direction: bool
     uplift: float | None = None
-    #: Loads [N] above this are included when the angle is limited.
-    unit: float = 1.0
 
     def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
         force = jax.vmap(lambda r, t: self._line_force(model, r, t))(r, tension)
         horizontal, up = horizontal_norm(force), jnp.maximum(force[:, 2], 0.0)
         if self.uplift is not None:
             # V <= H tan(a), as a number that is positive and reaches 1 there
-            return (1.0 + (force[:, 2] - self.uplift * horizontal) / self.unit)[:, None]
+            return (1.0 + (force[:, 2] - self.uplift * horizontal) / (1.0 / self.up))[:, None]
         across, rising = self.across * horizontal, self.up * up
         both = jnp.stack([across, jnp.zeros_like(across), rising], axis=-1)
-        return (safe_norm(both) if self.round else across + rising)[:, None]
+        return (safe_norm(both) if self.any_direction else across + rising)[:, None]
 
     def _line_force(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
         d = model.links(r, model.ends(jnp.zeros((), r.dtype)))
@@ -170,20 +168,17 @@ def part_load(model: Model, part: Part, kind: str = "intact") -> Load:
 
 def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[AnchorLoad]:
     """Utilisation of each of its points and, with a limit of the angle, that of the angle."""
-    found, graph, table, factor = [], model.geometry, anchor.table, anchor.factor[kind]
-    index = {point.name: i for i, point in enumerate(model.points)}
+    found, graph = [], model.geometry
+    factor, (horizontal, upward, any_direction) = anchor.factor[kind], anchor.table.capacities
+    names = [point.name for point in model.points]
     for name in anchor.points:
-        node = graph.point_node[index[name]]
+        node = graph.point_node[names.index(name)]
         first, last = (tuple(map(int, np.flatnonzero(side == node))) for side in (graph.first, graph.last))
-        if table.kind == "tested":
-            across = up = factor / table.capacity
-        else:
-            across, up = factor / (table.friction * table.weight), factor / table.weight
-        ends = index[name], first, last
-        found.append(AnchorLoad(name, *ends, across, up, table.kind == "tested"))
-        if table.uplift is not None:
-            tangent = float(np.tan(np.radians(table.uplift)))
-            found.append(AnchorLoad(f"{name} uplift", *ends, across, up, True, tangent, 1.0 / up))
+        load = AnchorLoad(name, first, last, factor / horizontal, factor / upward, any_direction)
+        found.append(load)
+        if anchor.table.uplift is not None:
+            tangent = float(np.tan(np.radians(anchor.table.uplift)))
+            found.append(dataclasses.replace(load, name=f"{name} uplift", uplift=tangent))
     return found
 
 

@@ -17,8 +17,8 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot_style
 from dropper_jax.plots.style import save as save_figure
 from fitting.optimise.design import Design, Say
-from fitting.optimise.goals import Goals, read_goals
-from fitting.optimise.models import ASSUMPTIONS, Variable, read_variables, still_model
+from fitting.optimise.goals import read_goals
+from fitting.optimise.models import ASSUMPTIONS, Variable, bounds, read_variables, still_model
 from fitting.optimise.search import RESIDUAL, Search, constraints_by_name, measure, programme, run_search
 from fitting.optimise.storm import Peaks, Settings
 from fitting.optimise.values import Dominated, Values, Window, dominated_slopes, near_rest, prices
@@ -81,9 +81,7 @@ class Optimum:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        table = dataclasses.asdict(self)
-        table["variables"] = [dataclasses.asdict(v) for v in self.variables]
-        return jsonable({**table, "gain": self.gain})
+        return jsonable({**dataclasses.asdict(self), "gain": self.gain})
 
 
 def read_problem(site: Site) -> Design:
@@ -93,10 +91,9 @@ def read_problem(site: Site) -> Design:
         SceneError: for any invalid input, before anything runs.
     """
     variables = read_variables(site.raw.get("variable", []), site.scene)
-    goals: Goals = read_goals(site)
     if all(state is not None for state in site.states):
         raise SceneError("cases.states: must include 'intact', because the intact farm is optimised")
-    design = Design(site, variables, goals, Settings.read(site.raw.get("optimise", {})))
+    design = Design(site, variables, read_goals(site), Settings.read(site.raw.get("optimise", {}), "optimise"))
     design.check()
     return design
 
@@ -180,16 +177,14 @@ def _possible(design: Design) -> None:
         if not rows:
             continue
         names, value, slopes = zip(*rows, strict=True)
-        p = len(design.variables)
-        low, high = (np.array([getattr(v, key) for v in design.variables]) for key in ("low", "high"))
-        values = Values(0.0, np.zeros(p), names, np.array(value), np.array(slopes))
+        low, high = bounds(design.variables)
+        values = Values(0.0, np.zeros(len(low)), names, np.array(value), np.array(slopes))
         step = programme(values, low - design.start, high - design.start, 1.0, 1.0)
-        left = values.value + values.slopes[:, :p] @ step.step
         if step.violation > 1e-3:
-            worst = int(np.argmax(left))
+            left = values.value + values.slopes[:, : len(low)] @ step.step
             raise SceneError(
-                f"constraint: {names[worst]} cannot be met together with the others within the variables' bounds; "
-                "use wider bounds, or limits that do not contradict"
+                f"constraint: {names[int(np.argmax(left))]} cannot be met together with the others within the "
+                "variables' bounds; use wider bounds, or limits that do not contradict"
             )
 
 
@@ -235,15 +230,13 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
     windows, found, _ = measure(dataclasses.replace(search, history=[]), design, say)
     here = design.values(search.x, windows, say)
     p = len(design.variables)
-    low, high = (np.array([getattr(v, key) for v in design.variables]) for key in ("low", "high"))
+    limit = 1.0 - design.settings.margin
+    low, high = bounds(design.variables)
     fixed = np.zeros(p, bool) if search.fixed is None else np.asarray(search.fixed, bool)
-    price = prices(here, search.x, low, high, fixed, 1.0 - design.settings.margin)
-    known = {n: -0.01 * float(by) for n, by in zip(here.names, price.of, strict=True) if by > 0}
+    price = prices(here, search.x, low, high, fixed, limit)
     costs = here.slope[p:] + price.of @ here.slopes[:, p:]
     before = search.before
-    names = found.names
-    after = constraints_by_name(found)
-    dominated = dominated_slopes(here, high - low, 1.0 - design.settings.margin)
+    dominated = dominated_slopes(here, high - low, limit)
     residual = float("nan") if search.best_residual is None else float(search.best_residual)
     return Optimum(
         variables=design.variables,
@@ -251,8 +244,8 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
         after=search.x,
         of=design.goals.objective.of,
         objective=(before["objective"], found.objective),
-        constraints={n: (before["constraints"][n], after[n]) for n in names},
-        prices=known,
+        constraints={n: (before["constraints"][n], after) for n, after in constraints_by_name(found).items()},
+        prices={n: -0.01 * float(by) for n, by in zip(here.names, price.of, strict=True) if by > 0},
         assumptions={n: 0.01 * float(c) for n, c in zip(ASSUMPTIONS, costs, strict=True)},
         feasible=feasible,
         residual=residual,
@@ -276,29 +269,30 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
 
 def design_warnings(residual: float, held: float, reach: float, dominated: Sequence[Dominated] = ()) -> list[str]:
     """Reasons to doubt a design's numbers, one line each; `reach` is that of the last steps."""
-    found = []
-    if residual > RESIDUAL:
-        found.append(
+    reasons = (
+        (
+            residual > RESIDUAL,
             f"windows and whole runs differed by {residual:.1%} of a limit where the design was found (limit "
             f"{RESIDUAL:.0%}); its constraints are those of whole runs, but the search used others. Use a longer "
-            "optimise.window, a smaller optimise.renew or more seeds to reduce the difference"
-        )
-    if held < HELD:
-        found.append(
+            "optimise.window, a smaller optimise.renew or more seeds to reduce the difference",
+        ),
+        (
+            held < HELD,
             f"active constraints and bounds balance {max(held, 0.0):.0%} of the objective's slope (an optimum: at "
-            f"least {HELD:.0%}): effects of 1 % changes are unreliable. Use more optimise.rounds"
-        )
-    if reach < 0.01:  # such as after the snap of a slack rope
-        found.append(
+            f"least {HELD:.0%}): effects of 1 % changes are unreliable. Use more optimise.rounds",
+        ),
+        (
+            reach < 0.01,  # such as after the snap of a slack rope
             f"derivatives predict changes of up to {reach:.2%} of the variables' ranges only: effects of 1 % changes "
-            "are unreliable. Compare designs by their whole runs"
-        )
-    if dominated:  # such as by a rope that becomes taut at the peak
-        found.append(
+            "are unreliable. Compare designs by their whole runs",
+        ),
+        (
+            bool(dominated),  # such as by a rope that becomes taut at the peak
             f"one seed dominates {len(dominated)} derivative(s) of active constraints: their mean and median differ in "
-            "what they predict. Use more run.seeds, and compare designs by their whole runs"
-        )
-    return found
+            "what they predict. Use more run.seeds, and compare designs by their whole runs",
+        ),
+    )
+    return [reason for applies, reason in reasons if applies]
 
 
 def check_derivatives(design: Design, say: Say = silent) -> float:

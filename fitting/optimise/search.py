@@ -19,6 +19,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.optimise.design import Design, Say
+from fitting.optimise.models import bounds
 from fitting.optimise.storm import Storms
 from fitting.optimise.values import Values, Window
 
@@ -156,9 +157,8 @@ class _Round:
         self.search, self.design, self.windows, self.save, self.say = search, design, windows, save, say
         self.here, self.taken, self.tried = here, 0, 0
         self.limit = 1.0 - design.settings.margin
-        self.low, self.high, self.span = (
-            np.array([getattr(v, key) for v in design.variables]) for key in ("low", "high", "span")
-        )
+        self.low, self.high = bounds(design.variables)
+        self.span = np.array([v.span for v in design.variables])
 
     def merit(self, values: Values) -> float:
         return values.objective / self.search.scale + PRICE * violation(values, self.limit)
@@ -178,13 +178,12 @@ class _Round:
         found, failure = _try_design(self.design, x, self.windows, self.say)
         won = -np.inf if found is None else self.merit(self.here) - self.merit(found)
         attempt = _Attempt(x, step.step, float(np.max(np.abs(step.step) / self.span)), found, gain, won)
-        row = {"round": search.round + 1, "taken": attempt.good, "reach": search.reach}
+        row = {"round": search.round + 1, "taken": attempt.good, "reach": search.reach, "values": x.tolist()}
         if found is None:
-            row |= {"failure": failure}
+            search.history.append({**row, "failure": failure})
         else:
-            row |= {"objective": found.objective, "worst": found.worst}
+            search.history.append({**row, "objective": found.objective, "worst": found.worst})
             failure = f"objective {found.objective:.5g}, worst {found.worst:.3f}"
-        search.history.append({**row, "values": x.tolist()})
         self.say(min(self.tried / (3 * settings.renew), 1.0), failure)
         self.save()
         return attempt
@@ -210,9 +209,8 @@ def measure(
     windows, full = design.renew_windows(search.x, say)
     found = design.measure_full_runs(search.x, full)
     search.residual = None if predicted is None else float(np.max(np.abs(predicted.value - found.value), initial=0.0))
-    row = {"round": search.round, "objective": found.objective, "worst": found.worst, "whole": True}
-    row |= {"residual": search.residual}
-    search.history.append({**row, "values": search.x.tolist()})
+    whole = {"whole": True, "residual": search.residual, "values": search.x.tolist()}
+    search.history.append({"round": search.round, "objective": found.objective, "worst": found.worst, **whole})
     if found.worst <= 1.0 + PERMITTED_EXCESS and found.objective < search.best_objective:
         search.best, search.best_objective = search.x.copy(), found.objective
         search.best_residual = search.residual
@@ -229,15 +227,14 @@ def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndar
         return None
     x, limit = search.x.copy(), 1.0 - design.settings.margin
     for k, variable in enumerate(design.variables):
-        if not variable.catalogue:
-            continue
 
         def merit(size: float, k: int = k) -> float:
             d = size - search.x[k]
             over = np.maximum(values.value + values.slopes[:, k] * d - limit, 0.0)
             return (values.objective + values.slope[k] * d) / search.scale + PRICE * float(over.sum())
 
-        x[k] = min(variable.sizes(float(search.x[k])), key=merit)
+        if variable.catalogue:
+            x[k] = min(variable.sizes(float(search.x[k])), key=merit)
     return x
 
 

@@ -9,20 +9,20 @@ the storm from `begin` on. When it meets the storm's largest waves, its motion n
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Check, raises_first, silent
 from dropper_jax.base.fields import parameter
-from dropper_jax.base.read import Plain, read_fields, read_table
+from dropper_jax.base.read import DeclaredSection
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State, state
-from dropper_jax.run.build import build_model, stepper_of
+from dropper_jax.run.build import build_model, shift_model, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
 from dropper_jax.sea import Sea
 from dropper_jax.stepping.adjoint import Record, backward_pass, check_recordable, record
@@ -55,15 +55,6 @@ class Peaks:
     slope: np.ndarray | None
     when: np.ndarray
     solved: bool
-
-
-@dataclasses.dataclass(frozen=True)
-class Phase:
-    """Consecutive steps of a window on one model, with the data for the backward pass."""
-
-    model: Model
-    still: Still
-    run: Record
 
 
 def storm_stepper(model: Model) -> Stepper:
@@ -103,60 +94,55 @@ def peaks(
         h = dt / 2**halving
         steps = int(round(duration / h / len(stills)))
         # windows do not record work: every phase has the same kind of state, and so one program
-        phases, s, solved = [], dataclasses.replace(rest.state, work=jnp.zeros(0, models[0].dtype)), True
-        for one, model in zip(stills, models, strict=True):
-            run = _record(stepper, model, s, jnp.asarray(h, model.dtype), steps=steps)
-            phases.append(Phase(model, one, run))
-            s, solved = run.last, solved and float(run.residual) <= stepper.limit(model)
-        if solved:
-            return _peaks(stepper, phases, rest, tuple(quantities), h, slopes, heights)
+        runs, s = [], dataclasses.replace(rest.state, work=jnp.zeros(0, models[0].dtype))
+        for model in models:
+            runs.append(_record(stepper, model, s, jnp.asarray(h, model.dtype), steps=steps))
+            s = runs[-1].last
+        if all(float(run.residual) <= stepper.limit(model) for run, model in zip(runs, models, strict=True)):
+            numbers = leaf_numbers(models[-1], stills[-1]) if slopes else None
+            return _peaks(stepper, models, runs, numbers, rest, tuple(quantities), h, heights)
     none = np.full(len(quantities), np.nan)
     return Peaks(none, none, np.full((len(quantities), rest.dr.shape[0]), np.nan) if slopes else None, none, False)
 
 
 def _peaks(
     stepper: Stepper,
-    phases: list[Phase],
+    models: list[Model],
+    runs: list[Record],
+    numbers: dict[int, np.ndarray] | None,
     rest: Rest,
     quantities: tuple[Quantity, ...],
     h: float,
-    slopes: bool,
     heights: np.ndarray | None,
 ) -> Peaks:
-    model, still = phases[-1].model, phases[-1].still
-    counted = phases if len(phases) == 1 else phases[1:]
-    r, tension = (jnp.concatenate([getattr(p.run, key) for p in counted]) for key in ("r", "tension"))
-    before = sum(len(p.run.tension) for p in phases) - len(tension)
-    count = max(0, min(int(round(WINDOW_RAMP / h)), len(tension) - 1)) if len(phases) == 1 else 0  # steps in the ramp
-    hard, when = (np.asarray(a) for a in _hard(quantities, model, r[count:], tension[count:]))
-    when = (when + before + count + 1) * h
+    """Peaks of the runs of a window's phases, with slopes if those of the leaves (`numbers`) are given."""
+    model = models[-1]
+    steps = len(runs[0].tension)
+    # steps that are not counted: the first third of a window in which a line breaks, or those of the ramp
+    first = steps if len(runs) > 1 else max(0, min(round(WINDOW_RAMP / h), steps - 1))
+    r, tension = (jnp.concatenate([getattr(run, key) for run in runs])[first:] for key in ("r", "tension"))
+    hard, when = (np.asarray(a) for a in _hard(quantities, model, r, tension))
+    when = (when + first + 1) * h
     heights = jnp.asarray(hard if heights is None else heights, model.dtype)
-    if not slopes:
-        soft = np.asarray(_soft(quantities, model, heights, r[count:], tension[count:]))
-        return Peaks(hard, soft, None, when, True)
-    numbers = leaf_numbers(model, still)
+    if numbers is None:
+        return Peaks(hard, np.asarray(_soft(quantities, model, heights, r, tension)), None, when, True)
     table = tuple(numbers)
-    soft, by_shift, by_r, by_t = _by_signals(
-        *(quantities, table, model, [jnp.asarray(numbers[i]) for i in table], heights),
-        *(r[count:], tension[count:]),
-    )
-    ahead = ((before + count, 0), (0, 0), (0, 0))
+    leaves = [jnp.asarray(numbers[i]) for i in table]
+    soft, by_shift, by_r, by_t = _by_signals(quantities, table, model, leaves, heights, r, tension)
+    ahead = ((first, 0), (0, 0), (0, 0))
     by_r, by_t = jnp.pad(by_r, (*ahead, (0, 0))), jnp.pad(by_t, ahead)
-    slope, end = np.array(by_shift), None
-    for phase in reversed(phases):
-        first = len(by_t) - len(phase.run.tension)
-        if end is None:
-            zero = jax.tree.map(lambda a: jnp.zeros((len(hard), *a.shape), a.dtype), phase.run.last)
+    slope = np.array(by_shift)
+    end = jax.tree.map(lambda a: jnp.zeros((len(hard), *a.shape), a.dtype), runs[-1].last)
+    chain = []
+    for model, run in zip(reversed(models), reversed(runs), strict=True):
+        begin = len(by_t) - len(run.tension)
         by_leaf, end = _backward_pass(
-            *(stepper, phase.model, table, phase.run, jnp.asarray(h, model.dtype), by_r[first:], by_t[first:]),
-            zero if end is None else end,
+            stepper, model, table, run, jnp.asarray(h, model.dtype), by_r[begin:], by_t[begin:], end
         )
-        by_r, by_t = by_r[:first], by_t[:first]
-        for i, ct in zip(table, by_leaf, strict=True):
-            q = ct.shape[0]
-            slope += np.asarray(ct).reshape(q, -1) @ numbers[i].reshape(numbers[i].shape[0], -1).T
-    for ct, d in ((end.r, rest.dr), (end.tension, rest.dtension)):
-        slope += np.asarray(ct).reshape(len(hard), -1) @ d.reshape(d.shape[0], -1).T
+        by_r, by_t = by_r[:begin], by_t[:begin]
+        chain += zip(by_leaf, numbers.values(), strict=True)
+    for ct, d in (*chain, (end.r, rest.dr), (end.tension, rest.dtension)):
+        slope += np.asarray(ct).reshape(len(hard), -1) @ d.reshape(len(d), -1).T
     return Peaks(hard, np.asarray(soft), slope, when, True)
 
 
@@ -165,7 +151,7 @@ def _hard(
     quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Hard peaks (q,), and the indices of their times (q,)."""
-    highest = [jnp.max(q.signal(model, r, tension), axis=1) for q in quantities]
+    highest = _signals(quantities, model, r, tension)
     return jnp.stack([jnp.max(x) for x in highest]), jnp.stack([jnp.argmax(x) for x in highest])
 
 
@@ -188,15 +174,11 @@ def _by_signals(
 ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """Soft peaks (q,), and their derivatives by the variables at fixed motion (q, p), by positions (k, q, nodes, 3) and
     by tensions (k, q, n)."""
-    count = slopes[0].shape[0]
 
     def value(i: int, shift: jax.Array, r: jax.Array, tension: jax.Array) -> jax.Array:
-        leaves, tree = jax.tree.flatten(model)
-        for leaf, slope in zip(moving, slopes, strict=True):
-            leaves[leaf] = leaves[leaf] + jnp.tensordot(shift, slope, axes=1)
-        return quantities[i].soft(jax.tree.unflatten(tree, leaves), r, tension, heights[i])
+        return quantities[i].soft(shift_model(model, moving, slopes, shift), r, tension, heights[i])
 
-    zero = jnp.zeros(count, r.dtype)
+    zero = jnp.zeros(len(slopes[0]), r.dtype)
     found = [jax.value_and_grad(value, argnums=(1, 2, 3))(i, zero, r, tension) for i in range(len(quantities))]
     soft, gradients = zip(*found, strict=True)
     by_shift, by_r, by_t = zip(*gradients, strict=True)
@@ -230,7 +212,7 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quanti
     run = dataclasses.replace(own.run, save_every=1)
     stepper = stepper_of(model, run, track_work=False)
     pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run)
-    outcome = run_chunks(pieces, run.saves, _silent)
+    outcome = run_chunks(pieces, run.saves, silent)
     found = outcome.trajectory
     if int(found.first_bad[-1]) >= 0:
         return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")
@@ -245,15 +227,12 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quanti
 
 
 def _signals(quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array) -> list[jax.Array]:
+    """The largest value of each quantity at every time (q lists of k)."""
     return [jnp.max(q.signal(model, r, tension), axis=1) for q in quantities]
 
 
-def _silent(done: float, what: str) -> None:
-    pass
-
-
 @dataclasses.dataclass(frozen=True)
-class Settings:
+class Settings(DeclaredSection):
     """Values of `[optimise]`, settings of the search for a design.
 
     window = 60.0           [s] of each storm with derivatives; `before` = 45.0 of it before the peak load
@@ -271,17 +250,10 @@ class Settings:
     reach: float = parameter("first reach of a step", unit="-", low=0.0, open_low=True, high=1.0, default=0.15)
     margin: float = parameter("below the limits", unit="-", low=0.0, high=0.5, default=0.01)
 
-    @classmethod
-    def read(cls, table: Plain) -> Settings:
-        """Checked values.
-
-        Raises:
-            SceneError: a value out of range, or a window that is filled by its ramp.
-        """
-        found = cls(**read_fields(cls, dict(read_table(table, "optimise")), "optimise", {}))
-        if not WINDOW_RAMP < found.before <= found.window:
-            raise SceneError(
-                f"optimise.before: {found.before:g} s; allowed: more than the {WINDOW_RAMP:g} s in which waves rise, "
-                f"up to the window of {found.window:g} s"
-            )
-        return found
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        yield (
+            not WINDOW_RAMP < self.before <= self.window,
+            f"{path}.before: {self.before:g} s; allowed: more than the {WINDOW_RAMP:g} s in which waves rise, up to "
+            f"the window of {self.window:g} s",
+        )

@@ -63,17 +63,15 @@ def rest(still: Still, near: State | None = None) -> Rest:
 
     s = near_rest(still.model, near)
     loads = jnp.zeros_like(s.r)
-    count = next(iter(still.slopes.values())).shape[0]
-    table = tuple(still.slopes)
-    slopes = [jnp.asarray(still.slopes[i]) for i in table]
-    rows, force = (np.asarray(a) for a in _by_variables(table, still.model, slopes, s, loads))
+    slopes = [jnp.asarray(slope) for slope in still.slopes.values()]
+    rows, force = (np.asarray(a) for a in _by_variables(tuple(still.slopes), still.model, slopes, s, loads))
     try:
         matrix = splu(stiffness(still.model, s, loads).tocsc())
     except RuntimeError:
         raise SceneError(
             "design: it has unsupported parts, so its equilibrium is not unique. Use another design"
         ) from None
-    dr = -matrix.solve(rows.reshape(count, -1).T).T.reshape(count, *s.r.shape)
+    dr = -matrix.solve(rows.reshape(len(rows), -1).T).T.reshape(rows.shape)
     along = _along(still.model, s, loads, jnp.asarray(dr))
     return Rest(s, dr, force + np.asarray(along))
 
@@ -221,11 +219,8 @@ def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fix
     p, span, free = len(x), high - low, ~fixed
     cost, rows = values.slope[:p] * span, values.slopes[:, :p] * span
     active = active_constraints(values, limit)
-    held = [(k, -1.0) for k in np.flatnonzero(x - low <= at_bound * span)]
-    held += [(k, 1.0) for k in np.flatnonzero(high - x <= at_bound * span)]
-    walls = np.zeros((p, len(held)))
-    for i, (k, sign) in enumerate(held):
-        walls[k, i] = sign
+    axes = np.eye(p)
+    walls = np.hstack([-axes[:, x - low <= at_bound * span], axes[:, high - x <= at_bound * span]])
     of = np.zeros(len(values.value))
     size = float(np.linalg.norm(cost[free]))
     if size == 0.0:

@@ -15,11 +15,12 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.toml_text import jsonable
+from dropper_jax.load.library import FAMILIES, PREFIX
 from dropper_jax.plots import style
 from dropper_jax.report.sections import table
 from fitting.season.poses import Water, floating, needs, waters
 from fitting.site import Site
-from fitting.site.case import match_names
+from fitting.site.case import match_names, short
 
 
 def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:
@@ -179,8 +180,25 @@ def _season_table(site: Site, names: list[str], lift: float, rows: list[dict[str
         "visits": sum(row["change"] != 0 for row in rows),
         "handled": sum(abs(row["change"]) for row in rows),
         "holds": all(row["holds"] for row in rows),
-        "flags": [flag for row in rows for flag in _flags(row)],
+        "flags": [*double_crops(site), *(flag for row in rows for flag in _flags(row))],
     }
+
+
+def double_crops(site: Site) -> list[str]:
+    """A line about lines with mussels of `[[growth]]` whose type is a crop of the library already; none without any."""
+    crops = tuple(f"{PREFIX}{name}-" for name, kind in FAMILIES.items() if kind.spread)
+    types = {
+        line["name"]: [str(part.get("type", "")) for part in (line, *line.get("sections", ()))]
+        for line in site.scene.as_written()["line"]
+    }
+    grown = dict.fromkeys(name for lines in site.growth.values() for name in lines)
+    both = [name for name in grown if any(kind.startswith(crops) for kind in types.get(name, ()))]
+    if not both:
+        return []
+    return [
+        f"{short(both)}: mussels of [[growth]] are added to a crop of the library, so floats carry both. Use a bare "
+        "rope as type of these lines"
+    ]
 
 
 def _flags(row: dict[str, Any]) -> list[str]:

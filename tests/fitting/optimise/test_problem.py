@@ -123,11 +123,21 @@ def test_a_constraint_may_limit_a_quantity_by_name():
     assert float(offset.hard(model, r, loads)) == pytest.approx(
         float(np.linalg.norm(np.asarray(pose.r)[node, :2] - spec["p1"][:2])) / 5.0
     )
-    # the utilisation of a tested anchor is |load| times factor over capacity
+    # the utilisation of a tested anchor is |load| times factor over capacity; other kinds have their own
     load = held_loads(own.scene, np.asarray(model.nodes(pose.r, model.ends(0.0))), np.asarray(pose.tension))
-    anchor = next(q for q in read_goals(own).quantities(own, model) if q.name == "west-anchor")
-    expected = np.linalg.norm(load["west-anchor"]) * own.anchors[0].factor["intact"] / 6e3
-    assert float(anchor.hard(model, r, loads)) == pytest.approx(expected, rel=1e-6)
+    x, y, up = load["west-anchor"]
+    screw = {"kind": "screw", "plates": [0.3, 0.3], "depths": [2.0, 3.0], "strength": 5e4}  # 9 times that over its area
+    expected = {
+        np.linalg.norm([x, y, up]) / 6e3: {"capacity": 6e3},
+        (np.hypot(x, y) / 0.5 + up) / 4e3: {"kind": "dead_weight", "weight": 4e3, "friction": 0.5},
+        np.linalg.norm([x, y, up]) / (9 * 5e4 * 2 * np.pi * 0.15**2): screw,
+        up / (9 * 5e4 * 2 * np.pi * 0.15**2) + np.hypot(x, y) / 3e3: {**screw, "lateral": 3e3},
+    }
+    for utilisation, kind in expected.items():
+        own = changed(anchor=[{"points": "*", **kind}])
+        anchor = next(q for q in read_goals(own).quantities(own, model) if q.name == "west-anchor")
+        factor = own.anchors[0].factor["intact"]
+        assert float(anchor.hard(model, r, loads)) == pytest.approx(utilisation * factor, rel=1e-6)
     for name, words in (("tension.west-lag.max", "did you mean 'west-leg'"), ("energy.max", "cannot be limited")):
         with pytest.raises(SceneError, match=words):
             read_goals(changed(constraint=[{"kind": "quantity", "of": name, "maximum": 1.0}]))

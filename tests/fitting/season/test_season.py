@@ -8,7 +8,7 @@ import pytest
 
 from dropper_jax import SceneError
 from fitting.season import schedule, season, write_season
-from fitting.season.season import spread
+from fitting.season.season import double_crops, spread
 from fitting.site import read_site
 
 RHO, G = 1025.0, 9.81
@@ -131,6 +131,14 @@ def test_no_other_schedule_has_fewer_visits_or_moves_fewer_floats():
         spans = [range(a, b + 1) for a, b in zip(low, high, strict=True)]
         assert all(n in span for n, span in zip(plan, spans, strict=True))
         assert cost(plan, start) == min(cost(p, start) for p in itertools.product(*spans))
+
+
+def test_mussels_on_lines_that_carry_a_crop_of_the_library_are_reported():
+    assert double_crops(read_site(table())) == []
+    own = scene()
+    own["line"][-1]["type"], own["line"][0]["type"] = "library:mussel-sock-6", "library:mussel-sock-6"  # one has growth
+    (flag,) = double_crops(read_site({**table(), "scene": own}))
+    assert flag.startswith("loop-4: mussels of [[growth]] are added to a crop of the library, so floats carry both")
 
 
 def test_floats_are_spread_in_proportion_to_what_points_need():

@@ -77,8 +77,7 @@ class Wakes:
         reach: distance in sigma, and wave number times sigma, from which Gaussians and their spectra are left out.
         modes: number of Fourier modes across the current. Wakes too narrow for them are summed by pairs.
         chunk: wakes in one array operation, few enough for the cache.
-        heights: numbers of heights of integrals over the depth, the second for wakes higher than `tall` depths.
-        tall: height in depths from which the second number gives the same sums to rounding.
+        heights: nodes of integrals over the depth.
         phases: of the elements in the Fourier modes, by size of the period.
     """
 
@@ -91,8 +90,7 @@ class Wakes:
     reach: float = 8.0
     modes: int = 384
     chunk: int = 256
-    heights: tuple[int, int] = (48, 24)
-    tall: float = 0.3
+    heights: int = 48
     phases: dict[int, tuple[float, np.ndarray]] = dataclasses.field(default_factory=dict, repr=False)
 
     @property
@@ -135,14 +133,12 @@ class Wakes:
         y, z, u, thrust = e.y[first], e.z[first], self.met[first], self.drag[first]
         step, phases = self._phases(wide[-1] if len(wide) else 1.0)
         narrow = int(np.searchsorted(wide, self.reach / (step * self.modes)))
-        every, few = self.heights
-        share, one, profiles = np.empty(len(wide)), np.empty(len(wide)), np.empty((narrow, every))
-        of_narrow, of_wide, of_tall = (np.zeros((2, self.modes, count)) for count in (every, every, few))
+        nodes, weight = _heights(self.heights, self.depth)
+        share, one, profiles = np.empty(len(wide)), np.empty(len(wide)), np.empty((narrow, len(nodes)))
+        of_narrow, of_wide = np.zeros((2, 2, self.modes, len(nodes)))
         bounds = [*range(0, narrow, self.chunk), *range(narrow, len(wide), self.chunk), len(wide)]
         for start, stop in itertools.pairwise(bounds):
             part = slice(start, stop)
-            tall = start >= narrow and np.min(high[part]) > self.tall * self.depth
-            nodes, weight = _heights(few if tall else every, self.depth)
             upright = _upright(nodes, z[part], high[part], self.depth)
             one[part] = np.sqrt(2 * np.pi) * wide[part] * np.einsum("iz,z->i", upright, weight)
             two = np.sqrt(np.pi) * wide[part] * np.einsum("iz,iz,z->i", upright, upright, weight)
@@ -156,11 +152,9 @@ class Wakes:
             count = min(int(self.reach / (step * wide[start])) + 1, self.modes)
             waves = phases[first[part], :, :count]
             waves *= _gaussian(np.multiply.outer(wide[part], step * np.arange(count)))[:, None]
-            total = of_narrow if start < narrow else of_tall if tall else of_wide
+            total = of_narrow if start < narrow else of_wide
             total[:, :count] += _product(waves.reshape(stop - start, -1).T, upright).reshape(2, count, -1)
-        of_wide += _product(of_tall.reshape(-1, few), _interpolation(few, every)).reshape(of_wide.shape)
         twice = np.where(np.arange(self.modes) > 0, 2.0, 1.0)  # positive and negative wave numbers
-        _, weight = _heights(every, self.depth)
         square = step * float(np.einsum("cqz,cqz,q,z->", of_wide, of_wide + 2.0 * of_narrow, twice, weight))
         square += self._pair_sum(y[:narrow], wide[:narrow], profiles * np.sqrt(weight))
         # with U_s = b sum_i c_i a_i g_i h_i, b = 1/U_c, momentum is a quadratic equation of b
@@ -240,14 +234,6 @@ def _heights(count: int, depth: float) -> tuple[np.ndarray, np.ndarray]:
     """Gauss nodes and weights (count,) [m] over the depth."""
     nodes, weight = np.polynomial.legendre.leggauss(count)
     return 0.5 * depth * (nodes - 1.0), 0.5 * depth * weight
-
-
-@functools.cache
-def _interpolation(few: int, every: int) -> np.ndarray:
-    """Values at `every` Gauss nodes of the polynomial through those at a few: (few, every)."""
-    nodes, weight = np.polynomial.legendre.leggauss(few)
-    at = np.polynomial.legendre.legvander(np.append(nodes, _heights(every, 2.0)[0] + 1.0), few - 1)
-    return (weight[:, None] * at[:few] * (np.arange(few) + 0.5)) @ at[few:].T
 
 
 def _gaussian(distance: np.ndarray) -> np.ndarray:

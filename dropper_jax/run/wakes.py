@@ -25,6 +25,8 @@ less momentum than the drag. `Wakes.balance` is their ratio.
 from __future__ import annotations
 
 import dataclasses
+import functools
+import itertools
 from typing import Any
 
 import jax.numpy as jnp
@@ -67,7 +69,17 @@ class Elements:
 
 @dataclasses.dataclass(frozen=True)
 class Wakes:
-    """Solved wakes: the current [m/s] without them, inflow of each element (n,) [m/s], its drag over rho (n,)."""
+    """Solved wakes: the current [m/s] without them, inflow of each element (n,) [m/s], its drag over rho (n,).
+
+    Sums are exact to rounding: they leave out pairs and Fourier modes below exp(-reach^2/2) = 1e-14 of their maximum.
+
+    Attributes:
+        reach: distance in sigma, and wave number times sigma, from which Gaussians and their spectra are left out.
+        modes: number of Fourier modes across the current. Wakes too narrow for them are summed by pairs.
+        chunk: wakes in one array operation, few enough for the cache.
+        heights: nodes of integrals over the depth.
+        phases: of the elements in the Fourier modes, by size of the period.
+    """
 
     elements: Elements
     speed: float
@@ -75,6 +87,11 @@ class Wakes:
     turbulence: float
     met: np.ndarray
     drag: np.ndarray
+    reach: float = 8.0
+    modes: int = 384
+    chunk: int = 256
+    heights: int = 48
+    phases: dict[int, tuple[float, np.ndarray]] = dataclasses.field(default_factory=dict, repr=False)
 
     @property
     def balance(self) -> float:
@@ -84,36 +101,81 @@ class Wakes:
         end = float(np.max(self.elements.x)) + 10.0 * float(np.max(self.elements.diameter))
         return self.plane(end).momentum / total if total > 0.0 else 1.0
 
+    def _phases(self, widest: float) -> tuple[float, np.ndarray]:
+        """Step of the wave number [1/m] and cos, sin (n, 2, modes) of the phase of each element in the Fourier modes.
+
+        Their period exceeds the farm's width by the reach of two wakes, so that no wake meets its periodic image. It
+        grows in steps along the farm, so that few planes need new phases.
+        """
+        y = self.elements.y
+        size = int(np.ceil(4.0 * np.log2(np.ptp(y) + np.sqrt(2.0) * self.reach * widest)))
+        if size not in self.phases:
+            self.phases.clear()
+            step = 2 * np.pi / 2.0 ** (size / 4)
+            angle = step * np.arange(self.modes) * (y - np.min(y))[:, None]
+            self.phases[size] = step, np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return self.phases[size]
+
     def plane(self, x: float) -> Plane:
-        """The wakes at x [m] of all elements upstream of it."""
+        """The wakes at x [m] of all elements upstream of it.
+
+        Momentum contains `int U_s^2 dA`, a sum over all pairs. Pairs with a wide wake are summed as Fourier modes
+        across the current, at a cost proportional to the number of wakes, narrow wakes with those within reach.
+        """
         e = self.elements
-        first = e.x < x - BEHIND * e.diameter
-        away = x - e.x[first]
-        size = (e.drag * e.diameter)[first]
+        (first,) = np.nonzero(e.x < x - BEHIND * e.diameter)
+        away, size = x - e.x[first], (e.drag * e.diameter)[first]
         grown = (START * size) ** 2 + WAKE_GROWTH * size * away + (self.turbulence * away) ** 2
         wide = np.sqrt(grown + e.wide[first] ** 2 / (2 * np.pi))
-        high = np.sqrt(grown + e.high[first] ** 2 / (2 * np.pi))
+        order = np.argsort(wide)
+        first, wide = first[order], wide[order]
+        high = np.sqrt(grown[order] + e.high[first] ** 2 / (2 * np.pi))
         y, z, u, thrust = e.y[first], e.z[first], self.met[first], self.drag[first]
-        # number of heights over the depth for the integration of wakes
-        nodes, weight = np.polynomial.legendre.leggauss(48)
-        upright = _upright(0.5 * self.depth * (nodes - 1.0), z, high, self.depth)
-        weight = 0.5 * self.depth * weight
-        one = np.sqrt(2 * np.pi) * wide * (upright @ weight)
-        spread = wide[:, None] ** 2 + wide**2
-        across = np.sqrt(2 * np.pi) * wide[:, None] * wide / np.sqrt(spread)
-        both = across * np.exp(-0.5 * (y[:, None] - y) ** 2 / spread) * ((upright * weight) @ upright.T)
-        two = np.diag(both)
-        # a wake cannot take more than a quarter of int(g h)^2/int((g h)^2) u^2
-        root = np.sqrt(np.clip((u * one) ** 2 - 4.0 * two * thrust, 0.0, None))
-        amplitude = (u * one - root) / (2.0 * two)
-        carried = u - amplitude * two / one
+        step, phases = self._phases(wide[-1] if len(wide) else 1.0)
+        narrow = int(np.searchsorted(wide, self.reach / (step * self.modes)))
+        nodes, weight = _heights(self.heights, self.depth)
+        share, one, profiles = np.empty(len(wide)), np.empty(len(wide)), np.empty((narrow, len(nodes)))
+        of_narrow, of_wide = np.zeros((2, 2, self.modes, len(nodes)))
+        bounds = [*range(0, narrow, self.chunk), *range(narrow, len(wide), self.chunk), len(wide)]
+        for start, stop in itertools.pairwise(bounds):
+            part = slice(start, stop)
+            upright = _upright(nodes, z[part], high[part], self.depth)
+            one[part] = np.sqrt(2 * np.pi) * wide[part] * np.einsum("iz,z->i", upright, weight)
+            two = np.sqrt(np.pi) * wide[part] * np.einsum("iz,iz,z->i", upright, upright, weight)
+            # a wake cannot take more than a quarter of int(g h)^2/int((g h)^2) u^2
+            root = np.sqrt(np.clip((u[part] * one[part]) ** 2 - 4.0 * two * thrust[part], 0.0, None))
+            amplitude = (u[part] * one[part] - root) / (2.0 * two)
+            share[part] = amplitude * (u[part] - amplitude * two / one[part])
+            upright *= (share[part] * wide[part])[:, None]
+            if start < narrow:
+                profiles[part] = upright
+            count = min(int(self.reach / (step * wide[start])) + 1, self.modes)
+            waves = phases[first[part], :, :count]
+            waves *= _gaussian(np.multiply.outer(wide[part], step * np.arange(count)))[:, None]
+            total = of_narrow if start < narrow else of_wide
+            total[:, :count] += _product(waves.reshape(stop - start, -1).T, upright).reshape(2, count, -1)
+        twice = np.where(np.arange(self.modes) > 0, 2.0, 1.0)  # positive and negative wave numbers
+        square = step * float(np.einsum("cqz,cqz,q,z->", of_wide, of_wide + 2.0 * of_narrow, twice, weight))
+        square += self._pair_sum(y[:narrow], wide[:narrow], profiles * np.sqrt(weight))
         # with U_s = b sum_i c_i a_i g_i h_i, b = 1/U_c, momentum is a quadratic equation of b
-        share = amplitude * carried
-        wanted, square = float(share @ one), float(share @ both @ share)
+        wanted = float(np.sum(share * one))
         left = (self.speed * wanted) ** 2 - 4.0 * square * wanted
-        share = share * (self.speed * wanted - np.sqrt(max(left, 0.0))) / (2.0 * square) if square > 0.0 else share
-        momentum = self.speed * float(share @ one) - float(share @ both @ share)
-        return Plane(y, z, wide, high, share, self.depth, momentum)
+        scale = (self.speed * wanted - np.sqrt(max(left, 0.0))) / (2.0 * square) if square > 0.0 else 1.0
+        momentum = self.speed * scale * wanted - scale**2 * square
+        return Plane(y, z, wide, high, scale * share, self.depth, momentum)
+
+    def _pair_sum(self, y: np.ndarray, wide: np.ndarray, profile: np.ndarray) -> float:
+        """`int U_s^2 dA` of wakes with profiles (n, nz) over the depth, over all pairs within reach across it."""
+        order = np.argsort(y)
+        y, wide, profile, total = y[order], wide[order], profile[order], 0.0
+        for start in range(0, len(y), self.chunk):
+            stop = min(start + self.chunk, len(y))
+            end = int(np.searchsorted(y, y[stop - 1] + np.sqrt(2.0) * self.reach * np.max(wide)))
+            spread = np.add.outer(wide[start:stop] ** 2, wide[start:end] ** 2)
+            across = _gaussian(np.subtract.outer(y[start:stop], y[start:end]) / np.sqrt(spread)) / np.sqrt(spread)
+            across *= _product(profile[start:stop], profile[start:end].T)
+            total += 2.0 * float(np.sum(across)) - float(np.sum(across[:, : stop - start]))
+        return np.sqrt(2 * np.pi) * total
 
     def velocity(self, x: np.ndarray, y: np.ndarray, z: float) -> np.ndarray:
         """Velocity (nx, ny) [m/s] over a grid at a height [m]."""
@@ -137,6 +199,11 @@ class Plane:
         across = np.exp(-0.5 * ((y[:, None] - self.y) / self.wide) ** 2)
         return across * self.amplitude @ _upright(z, self.z, self.high, self.depth)
 
+    def deficit_at(self, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """U_s (n,) [m/s] at positions (y_k, z_k)."""
+        across = _gaussian((y - self.y[:, None]) / self.wide[:, None])
+        return np.einsum("i,ik->k", self.amplitude, across * _upright(z, self.z, self.high, self.depth))
+
 
 def solve_wakes(elements: Elements, speed: float, depth: float, turbulence: float = 0.05) -> Wakes:
     """Wakes of elements in a current [m/s] over a depth [m], from upstream to downstream.
@@ -146,23 +213,47 @@ def solve_wakes(elements: Elements, speed: float, depth: float, turbulence: floa
     """
     count = len(elements.x)
     wakes = Wakes(elements, float(speed), float(depth), turbulence, np.full(count, float(speed)), np.zeros(count))
-    at, plane = -np.inf, wakes.plane(-np.inf)
-    for i in np.argsort(elements.x, kind="stable"):
+    order, at, starts = np.argsort(elements.x, kind="stable"), -np.inf, []
+    for k, i in enumerate(order):
         if elements.x[i] > at + 0.5 * BEHIND * elements.diameter[i]:  # elements next to each other share a plane
             at = elements.x[i]
-            plane = wakes.plane(at)
-        # at its centre, where Gaussians of this width equal a box of this extent
-        lost = plane.deficit(elements.y[i : i + 1], elements.z[i : i + 1])
-        wakes.met[i] = max(wakes.speed - float(lost[0, 0]), 0.0)
-        wakes.drag[i] = 0.5 * elements.drag[i] * elements.area[i] * wakes.met[i] ** 2
+            starts.append(k)
+    facing = 0.5 * elements.drag * elements.area
+    for together in np.split(order, starts[1:]):
+        plane = wakes.plane(elements.x[together[0]])
+        for some in np.array_split(together, len(together) // wakes.chunk + 1):
+            # at its centre, where Gaussians of this width equal a box of this extent
+            lost = plane.deficit_at(elements.y[some], elements.z[some])
+            wakes.met[some] = np.maximum(wakes.speed - lost, 0.0)
+        wakes.drag[together] = facing[together] * wakes.met[together] ** 2
     return wakes
+
+
+@functools.lru_cache(maxsize=8)
+def _heights(count: int, depth: float) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss nodes and weights (count,) [m] over the depth."""
+    nodes, weight = np.polynomial.legendre.leggauss(count)
+    return 0.5 * depth * (nodes - 1.0), 0.5 * depth * weight
+
+
+def _gaussian(distance: np.ndarray) -> np.ndarray:
+    """`exp(-d^2/2)`, in the memory of d: new arrays of this size take longer than the exponentials."""
+    distance *= distance
+    distance *= -0.5
+    return np.exp(distance, out=distance)
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """`a @ b` by blocks of rows so small that BLAS uses one thread: its threads wait for longer than they compute."""
+    rows = max(2**18 // b.size, 1)
+    return np.concatenate([a[start : start + rows] @ b for start in range(0, len(a), rows)])
 
 
 def _upright(z: np.ndarray, centre: np.ndarray, high: np.ndarray, depth: float) -> np.ndarray:
     """h_i (n, nz): Gaussians over z, mirrored at the surface and at the seabed."""
     found = np.zeros((len(centre), len(z)))
     for mirror in (centre, -centre, -2.0 * depth - centre):
-        found += np.exp(-0.5 * ((z - mirror[:, None]) / high[:, None]) ** 2)
+        found += _gaussian((z - mirror[:, None]) / high[:, None])
     return found
 
 
@@ -196,7 +287,7 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     Raises:
         SceneError: no drag, no current, a zero current, or too many links.
     """
-    most = 3000  # maximum number of links with wakes: the cost grows with its square, plane by plane
+    most = 30000  # maximum number of links with wakes: 200 rows of `longline-rows` have 20 800
     drag = scene.effects.get("morison_drag")
     if drag is None or scene.sea is None or scene.sea.current is None:
         raise SceneError(f"effects.morison_drag.wakes: scene {scene.name!r} lacks morison_drag or [sea.current]")

@@ -26,6 +26,47 @@ def block(rows, apart=1.0, between=3.0, half=15):
     return droppers(x.ravel(), y.ravel()), x.shape
 
 
+def scattered(count, long, wide, seed):
+    """Droppers and ropes at random, from the surface to 8 m of depth."""
+    draw = np.random.default_rng(seed)
+    low = lambda one, other: draw.uniform(one, other, count)  # noqa: E731
+    return Elements(
+        low(0.0, long), low(0.0, wide), low(-8.0, -1.0), low(0.0, 3.0), low(1.0, 5.0), low(0.05, 0.2), low(1.0, 1.4)
+    )
+
+
+def inflows_by_all_pairs(e, speed, depth, turbulence=0.05):
+    """Inflow of each element over the current, every pair of wakes summed at the plane of every element."""
+    met, at, share = np.full(len(e.x), speed), -np.inf, None
+    nodes, weight = np.polynomial.legendre.leggauss(48)
+    nodes, weight = 0.5 * depth * (nodes - 1.0), 0.5 * depth * weight
+    over = lambda z, i, high: sum(  # noqa: E731
+        np.exp(-0.5 * ((z - centre) / high) ** 2) for centre in (e.z[i], -e.z[i], -2 * depth - e.z[i])
+    )
+    for i in np.argsort(e.x):
+        if e.x[i] > at + e.diameter[i]:
+            at = e.x[i]
+            up = np.flatnonzero(e.x < at - 2.0 * e.diameter)
+            away, size = at - e.x[up], e.drag[up] * e.diameter[up]
+            grown = (0.5 * size) ** 2 + (0.25 / 1.1774) ** 2 * size * away + (turbulence * away) ** 2
+            wide, high = (np.sqrt(grown + extent[up] ** 2 / (2 * np.pi)) for extent in (e.wide, e.high))
+            h = np.array([over(nodes, j, high[k]) for k, j in enumerate(up)]).reshape(len(up), 48)
+            spread = np.add.outer(wide**2, wide**2)
+            g = np.outer(wide, wide) * np.sqrt(2 * np.pi / spread)
+            both = g * np.exp(-0.5 * np.subtract.outer(e.y[up], e.y[up]) ** 2 / spread) * ((h * weight) @ h.T)
+            one, two = np.sqrt(2 * np.pi) * wide * (h @ weight), np.diag(both)
+            thrust = 0.5 * e.drag[up] * e.area[up] * met[up] ** 2
+            amplitude = (met[up] * one - np.sqrt((met[up] * one) ** 2 - 4 * two * thrust)) / (2 * two)
+            share = amplitude * (met[up] - amplitude * two / one)
+            if len(up):
+                roots = np.roots([share @ both @ share, -speed * (share @ one), share @ one])
+                share *= np.min(roots.real)
+        if len(up):
+            across = np.exp(-0.5 * ((e.y[i] - e.y[up]) / wide) ** 2)
+            met[i] -= share @ (across * [over(e.z[i], j, high[k]) for k, j in enumerate(up)])
+    return met
+
+
 def lost(wakes, x, depth):
     """Momentum `int (U - U_s) U_s dA` lost at x, by quadrature over the plane."""
     y = np.linspace(-80.0, 80.0, 8001)
@@ -101,6 +142,29 @@ def test_shares_do_not_depend_on_the_speed_or_on_where_the_farm_lies():
         *(getattr(elements, k) for k in ["z", "wide", "high", "diameter", "drag"]),
     )
     np.testing.assert_allclose(solve_wakes(moved, 1.3, 11.0).met / 1.3, one, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("count", "long", "wide", "depth"),
+    [(120, 60.0, 40.0, 12.0), (150, 400.0, 30.0, 20.0), (150, 60.0, 1000.0, 12.0)],
+    ids=["compact", "long", "wide"],
+)
+def test_inflows_are_those_of_all_pairs_of_wakes(count, long, wide, depth):
+    # long: wakes as wide as the farm and as high as the water; wide: most wakes out of each other's reach
+    elements = scattered(count, long, wide, seed=count)
+    met = solve_wakes(elements, 0.3, depth).met
+    assert met.min() < 0.29
+    np.testing.assert_allclose(met, inflows_by_all_pairs(elements, 0.3, depth), atol=3e-13, rtol=0.0)
+
+
+def test_two_hundred_rows_slow_the_water_by_their_drag():
+    elements, shape = block(200, apart=8.0, between=12.0, half=8)
+    wakes = solve_wakes(elements, 0.3, 25.0)
+    assert wakes.balance == pytest.approx(1.0, abs=1e-9)
+    middle = wakes.met.reshape(shape)[8]
+    assert np.all(np.diff(middle) < 0.0)
+    assert len(wakes.met) > 3000
+    assert 0.1 < middle[-1] < 0.27
 
 
 TYPE = {"name": "sock", "mass": 80.0, "diameter": 0.2, "EA": 1e5, "cdn": 1.3, "cdt": 0.0}

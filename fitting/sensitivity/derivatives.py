@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -22,12 +22,10 @@ from dropper_jax.cli.options import listing, table
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import initial_state
 from dropper_jax.run.storage import extra
-from dropper_jax.stepping.integrate import Trajectory, advance_some, begin
-from dropper_jax.stepping.stepper import Stepper
-from dropper_jax.study.march import spare_rows
+from dropper_jax.stepping.integrate import Trajectory
 from dropper_jax.study.reference import lyapunov
-from fitting.parameters.parameter import Parameter, apply
-from fitting.sensitivity.problem import Plan, Study, linear_range, standing
+from fitting.parameters.parameter import apply
+from fitting.sensitivity.problem import Plan, Study, Varied, floats_of, linear_range, vary_start, vary_study
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,88 +90,6 @@ class Local:
         return {**dataclasses.asdict(self), "scaled": self.scaled, "trusted": self.trusted}
 
 
-class Varied(NamedTuple):
-    """A tree of arrays as a function of the parameters: its values, and the derivatives (p, ...) of its floats."""
-
-    tree: Any
-    slopes: list[jax.Array]
-
-
-def _floats(tree: Any) -> list[jax.Array]:
-    return [x for x in jax.tree.leaves(tree) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
-
-
-def _with_floats(tree: Any, values: list[jax.Array]) -> Any:
-    leaves, form = jax.tree.flatten(tree)
-    new = iter(values)
-    return form.unflatten([next(new) if jnp.issubdtype(jnp.result_type(x), jnp.inexact) else x for x in leaves])
-
-
-def _vary(
-    function: Callable[..., Any], parameters: Sequence[Parameter], model: Model, values: jax.Array, *given: Varied
-) -> Varied:
-    """`function(model, *trees)` with its derivatives by the parameters, of which the trees are functions too."""
-
-    def at(p: jax.Array, *floats: list[jax.Array]) -> tuple[list[jax.Array], Any]:
-        trees = (_with_floats(one.tree, new) for one, new in zip(given, floats, strict=True))
-        found = function(apply(model, parameters, p), *trees)
-        return _floats(found), found
-
-    def along(*direction: Any) -> Varied:
-        _, slopes, found = jax.jvp(at, (values, *(_floats(one.tree) for one in given)), direction, has_aux=True)
-        return Varied(found, slopes)
-
-    slopes = (one.slopes for one in given)
-    return jax.vmap(along, out_axes=Varied(None, 0))(jnp.eye(len(values)), *slopes)
-
-
-@cached_jit(static=("plan",), brief=True)
-def _vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
-    """The initial state s of the model with these values, and its derivatives."""
-    return _vary(lambda changed: initial_state(changed, plan.start, s, there=True), plan.parameters, model, values)
-
-
-@cached_jit(static=("stepper", "parameters", "every", "capacity"), brief=True)
-def _vary_run(
-    stepper: Stepper,
-    parameters: tuple[Parameter, ...],
-    model: Model,
-    values: jax.Array,
-    start: Varied,
-    dt: jax.Array,
-    count: jax.Array,
-    every: int,
-    capacity: int,
-) -> Varied:
-    """`count` saved states of a run, in the first of `capacity` rows, with derivatives: one program for any duration,
-    quantity and start."""
-
-    def march(model: Model, s: State) -> Trajectory:
-        return advance_some(stepper, model, begin(stepper, model, s), dt, count, capacity, every)[1]
-
-    return _vary(march, parameters, model, values, start)
-
-
-@cached_jit(static=("plan",), brief=True)
-def _vary_quantity(plan: Plan, model: Model, values: jax.Array, start: Varied, run: Varied | None) -> Varied:
-    """The quantity of a run from `start`, or of the start alone."""
-    if run is None:
-        return _vary(lambda changed, s: plan.measure(changed, s, standing(s)), plan.parameters, model, values, start)
-    return _vary(plan.measure, plan.parameters, model, values, start, run)
-
-
-def _vary_study(problem: Study, at: jax.Array, start: Varied, saves: int) -> tuple[Varied, Varied | None]:
-    """The quantity over `saves` saved times from `start`, and the run, with derivatives."""
-    plan, model, run = problem.plan, problem.model, None
-    if not plan.of.at_rest:
-        dt, rows = jnp.asarray(plan.run.dt, model.dtype), spare_rows(plan.run.saves)
-        run = _vary_run(plan.stepper, plan.parameters, model, at, start, dt, saves, plan.run.save_every, rows)
-        run = Varied(
-            jax.tree.map(lambda x: np.asarray(x)[:saves], run.tree), [np.asarray(x)[:, :saves] for x in run.slopes]
-        )
-    return _vary_quantity(plan, model, at, start, run), run
-
-
 @cached_jit(static=("plan",), brief=True)
 def _reverse(plan: Plan, model: Model, near: State, values: jax.Array) -> jax.Array:
     return jax.grad(lambda p: plan.evaluate(model, near, p, checkpoint=True)[0])(values)
@@ -195,8 +111,8 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     """
     at = jnp.asarray(problem.values, problem.model.dtype)
     say(0.0, "forward derivatives")
-    start = _vary_start(problem.plan, problem.model, problem.start, at)
-    quantity, run = _vary_study(problem, at, start, problem.scene.run.saves)
+    start = vary_start(problem.plan, problem.model, problem.start, at)
+    quantity, run = vary_study(problem, at, start, problem.scene.run.saves)
     value, forward = float(quantity.tree), np.asarray(quantity.slopes[0])
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
         return local(dataclasses.replace(problem, retries=True), say, check)
@@ -230,7 +146,7 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
         limit, rate = _growth(problem, start, run)
         if limit < duration:
             say(0.7, "windows")
-            mean, error, length = _window_means(problem, at, run.tree, min(limit, duration / 2))
+            mean, error, length = windows(problem, at, min(limit, duration / 2), run.tree)
             rate = rate if found.exponent is None else found.exponent
             found = dataclasses.replace(
                 found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=error
@@ -261,28 +177,24 @@ def _changed_quantity(problem: Study, values: jax.Array) -> float:
         s = initial_state(apply(problem.model, problem.parameters, values), problem.scene.start)
     except SceneError:
         return np.nan
-    start = Varied(s, [jnp.zeros((len(values), *x.shape), x.dtype) for x in _floats(s)])
-    return float(_vary_study(problem, values, start, problem.scene.run.saves)[0].tree)
+    start = Varied(s, [jnp.zeros((len(values), *x.shape), x.dtype) for x in floats_of(s)])
+    return float(vary_study(problem, values, start, problem.scene.run.saves)[0].tree)
 
 
-def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, np.ndarray, float]:
+def windows(
+    problem: Study, at: jax.Array, length: float, run: Trajectory | None = None
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean derivative of the quantity over windows of about `length` [s] that start on the motion itself.
 
     Each window's start is fixed, so that derivatives only accumulate within the window. The result is the effect of a
-    parameter on the quantity within one horizon, averaged over the states of the motion.
+    parameter on the quantity within one horizon, averaged over the states of the motion: of `run`, if that is known.
 
     Returns:
         mean and standard error (p,), and the windows' length [s].
     """
-    start = _vary_start(problem.plan, problem.model, problem.start, at)
-    run = _vary_study(problem, at, start, problem.scene.run.saves)[1]
-    return _window_means(problem, at, run.tree, length)
-
-
-def _window_means(
-    problem: Study, at: jax.Array, run: Trajectory, length: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """`windows` of the saved states of a run."""
+    if run is None:
+        start = vary_start(problem.plan, problem.model, problem.start, at)
+        run = vary_study(problem, at, start, problem.scene.run.saves)[1].tree
     every = problem.scene.run.dt * problem.scene.run.save_every
     saves = min(max(2, int(length / every)), problem.scene.run.saves)
     count = problem.scene.run.saves // saves
@@ -293,8 +205,8 @@ def _window_means(
             last = jax.tree.map(lambda x, k=i * saves - 1: x[k], run)
             s = state(model, last.r, last.v, last.tension, i * saves * every)
             s = dataclasses.replace(s, parted=last.parted, own=last.own)
-        fixed = Varied(s, [jnp.zeros((len(at), *x.shape), x.dtype) for x in _floats(s)])
-        found.append(np.asarray(_vary_study(problem, at, fixed, saves)[0].slopes[0]))
+        fixed = Varied(s, [jnp.zeros((len(at), *x.shape), x.dtype) for x in floats_of(s)])
+        found.append(np.asarray(vary_study(problem, at, fixed, saves)[0].slopes[0]))
     error = np.std(found, axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(len(at), np.nan)
     return np.mean(found, axis=0), error, saves * every
 

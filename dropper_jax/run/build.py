@@ -65,7 +65,7 @@ def with_points_fixed(model: Model) -> Model:
     return replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
 
 
-def between_points(model: Model, near: State | None = None) -> State:
+def between_points(model: Model, near: State | None = None, there: bool = False) -> State:
     """At rest with all points at their positions in the scene and the lines in equilibrium between them.
 
     With `near`, such a state of a similar design, it is differentiable in the model.
@@ -78,7 +78,7 @@ def between_points(model: Model, near: State | None = None) -> State:
     if not held.free_nodes:
         return state(model, jnp.stack(positions))
     beside = None if near is None else state(held, near.r[: held.free_nodes], tension=near.tension)
-    s = _equilibrium_state(held, None) if beside is None else settle(held, beside)
+    s = _equilibrium_state(held, None) if beside is None else settle(held, beside, there=there)
     r = jnp.concatenate([s.r, jnp.stack(positions)]) if positions else s.r
     return state(model, r, tension=s.tension)
 
@@ -90,11 +90,12 @@ def _equilibrium_state(model: Model, loads: jax.Array | None) -> State:
     return pose.state
 
 
-def initial_state(model: Model, start: StartSpec, near: State | None = None) -> State:
+def initial_state(model: Model, start: StartSpec, near: State | None = None, there: bool = False) -> State:
     """The state at t = 0 that a scene's `[start]` describes.
 
     An equilibrium, and lines in equilibrium between given points, depend on the model, with derivatives by the implicit
-    function theorem. Inside `jit` and `vmap` they need `near`, the state of a similar design, as the initial guess.
+    function theorem. Inside `jit` and `vmap` they need `near`, the state of a similar design, as the initial guess, or,
+    with `there`, the initial state of this model, which then only gets derivatives (see `settle`).
 
     Raises:
         SceneError: no equilibrium found; the message gives the node and the reason.
@@ -103,8 +104,8 @@ def initial_state(model: Model, start: StartSpec, near: State | None = None) -> 
         loads = nodal_loads(model, start.release_nodes, start.release_force)
         if near is None:
             return _with_body_velocities(model, _equilibrium_state(model, loads))
-        return _with_body_velocities(model, settle(model, state(model, near.r, tension=near.tension), loads))
-    return _under_tension(model, _with_body_velocities(model, _state_of_spec(model, start, near)))
+        return _with_body_velocities(model, settle(model, state(model, near.r, tension=near.tension), loads, there))
+    return _under_tension(model, _with_body_velocities(model, _state_of_spec(model, start, near, there)))
 
 
 def _with_body_velocities(model: Model, s: State) -> State:
@@ -114,9 +115,9 @@ def _with_body_velocities(model: Model, s: State) -> State:
     return s
 
 
-def _state_of_spec(model: Model, start: StartSpec, near: State | None) -> State:
+def _state_of_spec(model: Model, start: StartSpec, near: State | None, there: bool) -> State:
     if start.kind == "points":
-        return between_points(model, near)
+        return between_points(model, near, there)
     if start.kind == "angles":
         return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
     free = slice(1, 1 + model.free_nodes)

@@ -112,8 +112,8 @@ def settle(model: Model, near: State, loads: jax.Array | None = None, there: boo
     are solved in O(n); rigid ones, and rigid bodies, with dense matrices. Positions are NaN if no equilibrium of
     elastic lines is found. Derivatives are NaN if the change of the forces acts on an unconstrained motion.
 
-    With `there`, elastic lines are not moved from `near`, which must be the equilibrium of this model: only its
-    derivatives are computed, in a smaller program.
+    With `there`, nothing is moved from `near`, which must be the equilibrium of this model: only its derivatives are
+    computed, in a smaller program.
     """
     return _settle(model, near, jnp.zeros_like(near.r) if loads is None else loads, there)[0]
 
@@ -136,6 +136,8 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
         return ravel_pytree(problem.residual(unravel(x)))[0]
 
     def find(rows: Linear, x: jax.Array) -> jax.Array:
+        if there:
+            return x
         # number of corrections of rigid lines
         return jax.lax.fori_loop(0, 12, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y)), x)
 

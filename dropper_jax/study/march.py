@@ -217,9 +217,12 @@ def march_held(
 
 def grid_program(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
     """`march` with the step `grid / every` [s], with spare rows."""
-    # rows of the program of a run: the number of saves if that is small, else 640, or a larger power of two
-    capacity = saves if saves <= 32 else 640 if saves <= 640 else 1 << (saves - 1).bit_length()
-    return march(stepper, model, s, grid / every, every, saves, capacity)
+    return march(stepper, model, s, grid / every, every, saves, spare_rows(saves))
+
+
+def spare_rows(saves: int) -> int:
+    """Rows of a program that serves many durations: `saves` if that is small, else 640, or a larger power of two."""
+    return saves if saves <= 32 else 640 if saves <= 640 else 1 << (saves - 1).bit_length()
 
 
 def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:

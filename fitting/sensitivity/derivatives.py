@@ -18,17 +18,14 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.numerics import safe_norm
 from dropper_jax.cli.options import listing, table
-from dropper_jax.model import Model, Parted, State, state
+from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import initial_state
 from dropper_jax.run.storage import extra
-from dropper_jax.study.reference import horizon, lyapunov
+from dropper_jax.stepping.integrate import Trajectory
+from dropper_jax.study.reference import lyapunov
 from fitting.parameters.parameter import apply
-from fitting.sensitivity.problem import Plan, Study, linear_range
-
-#: Growth of a small error up to which derivatives are valid: a change of 1 % has then become one of 100 %.
-CHAOTIC_GROWTH = 100.0
+from fitting.sensitivity.problem import Plan, Study, Varied, floats_of, linear_range, vary_start, vary_study
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +38,8 @@ class Local:
         forward: dQ/dp (p,).
         horizon: time [s] up to which derivatives are valid; `duration` [s] of the run.
         reverse: dQ/dp by reverse mode (p,); None unless requested.
-        exponent: growth rate of small errors [1/s]; None if it was not needed.
+        exponent: growth rate [1/s] of the derivatives where they are not valid for the whole run, or of small errors,
+            the Lyapunov exponent, if that was requested; otherwise None.
         window: length [s] of the windows of the means; None if derivatives are valid for the whole run.
         window_mean, window_error: mean derivative of the windows' values and its standard error (p,).
         linear_range, warnings: relative change of all parameters that the derivatives predict, at most 0.01, and a
@@ -93,20 +91,6 @@ class Local:
 
 
 @cached_jit(static=("plan",), brief=True)
-def _forward(plan: Plan, model: Model, near: State, values: jax.Array) -> tuple[jax.Array, ...]:
-    """Derivatives (p,) and value of the quantity; the displacement of nodes by each parameter, `max |dr/dp|` (p,), and
-    the maximum extent of a node's motion."""
-
-    def along(direction: jax.Array) -> tuple[jax.Array, ...]:
-        at = partial(plan.evaluate, model, near)
-        (value, run), (slope, moved) = jax.jvp(at, (values,), (direction,))
-        return slope, jnp.max(safe_norm(moved.r)), value, jnp.max(safe_norm(run.r - run.r[0]))
-
-    slopes, reach, value, extent = jax.vmap(along, out_axes=(0, 0, None, None))(jnp.eye(len(values)))
-    return slopes, value, reach, extent
-
-
-@cached_jit(static=("plan",), brief=True)
 def _reverse(plan: Plan, model: Model, near: State, values: jax.Array) -> jax.Array:
     return jax.grad(lambda p: plan.evaluate(model, near, p, checkpoint=True)[0])(values)
 
@@ -114,105 +98,117 @@ def _reverse(plan: Plan, model: Model, near: State, values: jax.Array) -> jax.Ar
 def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     """Exact derivatives of the study at its values, and their range of validity.
 
-    If no parameter's change of 1 % moves any node by more than 10 % of the motion's extent, the derivatives are valid
-    for the whole run. Otherwise the growth of small errors is computed by a separate program.
-
     The same program runs once more with all parameters changed by 1 %, each in the direction that increases the
     quantity. If the derivatives do not predict this change within a third, such as after the snap of a slack rope,
     smaller changes find their linear range.
 
+    If they do not, and have grown so much that a change of 1 % would move a node by more than 10 % of the motion's
+    extent and of 100 times what it moves at the start, they are valid up to that time only. The same program then gives
+    the means over windows.
+
     Args:
-        check: also compute the derivatives by reverse mode, and the growth rate in any case.
+        check: also compute the derivatives by reverse mode, and the Lyapunov exponent, by separate programs.
     """
     at = jnp.asarray(problem.values, problem.model.dtype)
     say(0.0, "forward derivatives")
-    forward, value, reach, extent = map(np.asarray, _forward(problem.plan, problem.model, problem.start, at))
+    start = vary_start(problem.plan, problem.model, problem.start, at)
+    quantity, run = vary_study(problem, at, start, problem.scene.run.saves)
+    value, forward = float(quantity.tree), np.asarray(quantity.slopes[0])
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
         return local(dataclasses.replace(problem, retries=True), say, check)
     if np.isfinite(value):
         problem.check_derivatives(forward)
-    run = problem.scene.run
-    duration = 0.0 if problem.of.at_rest else run.steps * run.dt
+    settings = problem.scene.run
+    duration = 0.0 if problem.of.at_rest else settings.steps * settings.dt
     found = Local(
         names=problem.names,
         units=[p.unit for p in problem.parameters],
         values=problem.values,
         of=problem.of.name,
         unit=problem.of.unit,
-        value=float(value),
+        value=value,
         forward=forward,
         horizon=duration,
         duration=duration,
     )
     if found.finite:
         say(0.3, "linear range")
-        changed = lambda p: _forward(problem.plan, problem.model, problem.start, p)[1]  # noqa: E731
-        linear, notes = linear_range(problem, found.value, forward, changed)
+        linear, notes = linear_range(problem, found.value, forward, partial(_changed_quantity, problem))
         found = dataclasses.replace(found, linear_range=linear, warnings=notes)
     if check:
         say(0.4, "reverse derivatives")
         reverse = np.asarray(_reverse(problem.plan, problem.model, problem.start, at))
         if found.finite:
             problem.check_derivatives(reverse)
-        found = dataclasses.replace(found, reverse=reverse)
-    moved = reach * [p.scale for p in problem.parameters]
-    far_from_chaos = bool(np.all(moved <= 0.1 * CHAOTIC_GROWTH * extent))
-    if problem.of.at_rest or (far_from_chaos and not check):
-        say(1.0, "ok")
-        return found
-    say(0.7, "trust horizon")
-    growth = lyapunov(problem.model, problem.start, problem.stepper, run.dt, max(run.steps, 2))
-    limit, exponent = horizon(growth, run.dt, CHAOTIC_GROWTH), float(growth.exponent)
-    found = dataclasses.replace(found, horizon=limit, exponent=exponent)
-    if limit >= (1 - 1e-9) * duration:
-        say(1.0, "ok")
-        return found
-    mean, error, length = windows(problem, at, limit)
+        growth = lyapunov(problem.model, problem.start, problem.stepper, settings.dt, max(settings.steps, 2))
+        found = dataclasses.replace(found, reverse=reverse, exponent=float(growth.exponent))
+    if run is not None and found.finite and found.linear_range < 0.01:
+        limit, rate = _growth(problem, start, run)
+        if limit < duration:
+            say(0.7, "windows")
+            mean, error, length = windows(problem, at, min(limit, duration / 2), run.tree)
+            rate = rate if found.exponent is None else found.exponent
+            found = dataclasses.replace(
+                found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=error
+            )
     say(1.0, "ok")
-    return dataclasses.replace(found, window=length, window_mean=mean, window_error=error)
+    return found
 
 
-@cached_jit(static=("plan", "saves", "count"), brief=True)
-def _window_slopes(plan: Plan, model: Model, near: State, values: jax.Array, saves: int, count: int) -> jax.Array:
-    """Derivatives (count, p) of the quantity over each of `count` windows of `saves` saved times."""
-    changed = apply(model, plan.parameters, values)
-    s = initial_state(changed, plan.start, near=near)
-    run = jax.lax.stop_gradient(plan.march(changed, s, plan.run.saves))
-    pick = jnp.arange(count - 1) * saves + saves - 1
-    first = jax.tree.map(
-        lambda a, b: jnp.concatenate([a[None], b[pick]]),
-        (s.r, s.v, s.tension, s.parted),
-        (run.r, run.v, run.tension, run.parted),
-    )
-    t = jnp.arange(count) * (saves * plan.run.save_every * plan.run.dt)
+def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
+    """Time [s] up to which the derivatives are valid (see `local`), at most the run's duration, and their mean growth
+    rate [1/s] over the second half of the run.
 
-    def one(r: jax.Array, v: jax.Array, tension: jax.Array, parted: Parted, t: jax.Array) -> jax.Array:
-        def value(p: jax.Array) -> jax.Array:
-            model_p = apply(model, plan.parameters, p)
-            now = dataclasses.replace(state(model_p, r, v, tension), t=t, parted=parted)
-            return plan.measure(model_p, now, plan.march(model_p, now, saves))
-
-        return jax.jacfwd(value)(values)
-
-    return jax.vmap(one)(*jax.lax.stop_gradient(first), t)
+    A sea that is calm, or still rises, moves a line less than a change of its length does at the start.
+    """
+    scale = np.array([p.scale for p in problem.parameters])
+    first, moved = (np.linalg.norm(x.slopes[0], axis=-1).max(-1).T * scale for x in (start, run))
+    extent = np.linalg.norm(run.tree.r - run.tree.r[0], axis=-1).max()
+    size = (moved / (10.0 * np.maximum(extent, first))).max(axis=-1)
+    times = problem.scene.run.dt * problem.scene.run.save_every * (1 + np.arange(len(size)))
+    over, half = np.flatnonzero(~(size <= 1.0)), len(size) // 2
+    rate = np.log(size[-1] / size[half - 1]) / (times[-1] - times[half - 1])
+    return float(times[over[0]] if over.size else times[-1]), float(rate)
 
 
-def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, np.ndarray, float]:
+def _changed_quantity(problem: Study, values: jax.Array) -> float:
+    """The quantity with these values (p,), NaN if the scene has no start with them."""
+    try:
+        s = initial_state(apply(problem.model, problem.parameters, values), problem.scene.start)
+    except SceneError:
+        return np.nan
+    start = Varied(s, [jnp.zeros((len(values), *x.shape), x.dtype) for x in floats_of(s)])
+    return float(vary_study(problem, values, start, problem.scene.run.saves)[0].tree)
+
+
+def windows(
+    problem: Study, at: jax.Array, length: float, run: Trajectory | None = None
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean derivative of the quantity over windows of about `length` [s] that start on the motion itself.
 
     Each window's start is fixed, so that derivatives only accumulate within the window. The result is the effect of a
-    parameter on the quantity within one horizon, averaged over the states of the motion.
+    parameter on the quantity within one horizon, averaged over the states of the motion: of `run`, if that is known.
 
     Returns:
         mean and standard error (p,), and the windows' length [s].
     """
+    if run is None:
+        start = vary_start(problem.plan, problem.model, problem.start, at)
+        run = vary_study(problem, at, start, problem.scene.run.saves)[1].tree
     every = problem.scene.run.dt * problem.scene.run.save_every
     saves = min(max(2, int(length / every)), problem.scene.run.saves)
     count = problem.scene.run.saves // saves
-
-    found = np.asarray(_window_slopes(problem.plan, problem.model, problem.start, at, saves, count))
-    error = found.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(found.shape[1], np.nan)
-    return found.mean(axis=0), error, saves * every
+    model, found = apply(problem.model, problem.parameters, at), []
+    s = state(model, problem.start.r, problem.start.v, problem.start.tension)
+    for i in range(count):
+        if i:
+            last = jax.tree.map(lambda x, k=i * saves - 1: x[k], run)
+            s = state(model, last.r, last.v, last.tension, i * saves * every)
+            s = dataclasses.replace(s, parted=last.parted, own=last.own)
+        fixed = Varied(s, [jnp.zeros((len(at), *x.shape), x.dtype) for x in floats_of(s)])
+        found.append(np.asarray(vary_study(problem, at, fixed, saves)[0].slopes[0]))
+    error = np.std(found, axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(len(at), np.nan)
+    return np.mean(found, axis=0), error, saves * every
 
 
 # Global sensitivity: Sobol indices and Morris screening of a function over a box of parameters (SALib)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.load.scene import Scene, load_scene
@@ -19,8 +21,9 @@ from dropper_jax.run.quantities import PERIOD, Quantity, quantity
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.static_pose import nodal_loads
 from dropper_jax.statics.tangent import free_motion
-from dropper_jax.stepping.integrate import Trajectory, integrate
+from dropper_jax.stepping.integrate import Trajectory, advance_some, begin, integrate
 from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.study.march import spare_rows
 from fitting.parameters.of_scene import find_parameters, full_names
 from fitting.parameters.parameter import Parameter, apply, with_effects
 
@@ -149,6 +152,88 @@ def standing(s: State) -> Trajectory:
     return Trajectory(
         *one((s.r, s.v, s.tension, s.work)), jnp.zeros_like(s.t)[None], none, none, never, one(s.parted), one(s.own)
     )
+
+
+class Varied(NamedTuple):
+    """A tree of arrays as a function of the parameters: its values, and the derivatives (p, ...) of its floats."""
+
+    tree: Any
+    slopes: list[jax.Array]
+
+
+def floats_of(tree: Any) -> list[jax.Array]:
+    return [x for x in jax.tree.leaves(tree) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
+
+
+def _with_floats(tree: Any, values: list[jax.Array]) -> Any:
+    leaves, form = jax.tree.flatten(tree)
+    new = iter(values)
+    return form.unflatten([next(new) if jnp.issubdtype(jnp.result_type(x), jnp.inexact) else x for x in leaves])
+
+
+def _vary(
+    function: Callable[..., Any], parameters: Sequence[Parameter], model: Model, values: jax.Array, *given: Varied
+) -> Varied:
+    """`function(model, *trees)` with its derivatives by the parameters, of which the trees are functions too."""
+
+    def at(p: jax.Array, *floats: list[jax.Array]) -> tuple[list[jax.Array], Any]:
+        trees = (_with_floats(one.tree, new) for one, new in zip(given, floats, strict=True))
+        found = function(apply(model, parameters, p), *trees)
+        return floats_of(found), found
+
+    def along(*direction: Any) -> Varied:
+        _, slopes, found = jax.jvp(at, (values, *(floats_of(one.tree) for one in given)), direction, has_aux=True)
+        return Varied(found, slopes)
+
+    slopes = (one.slopes for one in given)
+    return jax.vmap(along, out_axes=Varied(None, 0))(jnp.eye(len(values)), *slopes)
+
+
+@cached_jit(static=("plan",), brief=True)
+def vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
+    """The initial state s of the model with these values, and its derivatives."""
+    return _vary(lambda changed: initial_state(changed, plan.start, s, there=True), plan.parameters, model, values)
+
+
+@cached_jit(static=("stepper", "parameters", "every", "capacity"), brief=True)
+def _vary_run(
+    stepper: Stepper,
+    parameters: tuple[Parameter, ...],
+    model: Model,
+    values: jax.Array,
+    start: Varied,
+    dt: jax.Array,
+    count: jax.Array,
+    every: int,
+    capacity: int,
+) -> Varied:
+    """`count` saved states of a run, in the first of `capacity` rows, with derivatives: one program for any duration,
+    quantity and start."""
+
+    def march(model: Model, s: State) -> Trajectory:
+        return advance_some(stepper, model, begin(stepper, model, s), dt, count, capacity, every)[1]
+
+    return _vary(march, parameters, model, values, start)
+
+
+@cached_jit(static=("plan",), brief=True)
+def _vary_quantity(plan: Plan, model: Model, values: jax.Array, start: Varied, run: Varied | None) -> Varied:
+    """The quantity of a run from `start`, or of the start alone."""
+    if run is None:
+        return _vary(lambda changed, s: plan.measure(changed, s, standing(s)), plan.parameters, model, values, start)
+    return _vary(plan.measure, plan.parameters, model, values, start, run)
+
+
+def vary_study(problem: Study, at: jax.Array, start: Varied, saves: int) -> tuple[Varied, Varied | None]:
+    """The quantity over `saves` saved times from `start`, and the run, with derivatives."""
+    plan, model, run = problem.plan, problem.model, None
+    if not plan.of.at_rest:
+        dt, rows = jnp.asarray(plan.run.dt, model.dtype), spare_rows(plan.run.saves)
+        run = _vary_run(plan.stepper, plan.parameters, model, at, start, dt, saves, plan.run.save_every, rows)
+        run = Varied(
+            jax.tree.map(lambda x: np.asarray(x)[:saves], run.tree), [np.asarray(x)[:, :saves] for x in run.slopes]
+        )
+    return _vary_quantity(plan, model, at, start, run), run
 
 
 def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:

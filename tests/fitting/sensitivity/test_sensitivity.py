@@ -70,6 +70,12 @@ def test_without_a_check_there_is_no_reverse_pass_and_the_same_derivative(loop, 
     assert plain.trusted
 
 
+def test_line_at_rest_is_not_chaotic_though_its_mass_moves_it_more_than_its_motion():
+    found = local(study({**SCENE, "start": {"kind": "static"}}, "tension.1.max", ["b_l", "line.0.mass.1"]))
+    assert found.trusted
+    assert found.exponent is None
+
+
 def test_smooth_motion_has_the_full_linear_range(found):
     assert (found.linear_range, found.warnings) == (0.01, [])
 

@@ -58,7 +58,7 @@ def flags_of(found: dict[str, Any], site: Site) -> list[str]:
             f"{first['seed']} ({first['status']}{at}{why}): their cases are not assessed with all seeds"
         )
     if found["seeds"] < FINAL_SEEDS:
-        notes.append(f"{found['seeds']} seeds: not a final check, which needs at least {FINAL_SEEDS}")
+        notes.append(f"not a final check: {found['seeds']} of at least {FINAL_SEEDS} seeds")
     if found["standard"] and found["standard"]["broken"] and "broken" not in site.kinds:
         notes.append(f"{found['standard']['name']}: the check includes one broken line; `states` has none")
     for part in found["parts"]:

@@ -156,22 +156,24 @@ class AnchorSpec(DeclaredSection):
     @raises_first
     def _check_screw(self, path: str) -> Iterator[Check]:
         """Check that plates are deep enough and far enough apart to act separately, in clay or in sand."""
+        plates = np.asarray(self.plates)
+        depths = np.asarray(self.depths)
         yield (
-            len(self.plates) == 0 or len(self.plates) != len(self.depths),
-            f"{path}.depths: has {len(self.depths)} entries; allowed: one for each entry of `plates`, >= 1",
+            len(plates) == 0 or len(plates) != len(depths),
+            f"{path}.depths: has {len(depths)} entries; allowed: one for each entry of `plates`, >= 1",
         )
-        least = SCREW_DEPTH * self.plates[0]
+        least = SCREW_DEPTH * plates[0]
         yield (
-            self.depths[0] < least,
-            f"{path}.depths.0: {self.depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
+            depths[0] < least,
+            f"{path}.depths.0: {depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
             f"{least:g} m, 5 diameters",
         )
-        spacing = SPACING * np.maximum(self.plates[:-1], self.plates[1:])
-        for i in np.flatnonzero(np.diff(self.depths) < spacing * (1.0 - 1e-9)):
+        spacing = SPACING * np.maximum(plates[:-1], plates[1:])
+        for i in np.flatnonzero(np.diff(depths) < spacing * (1.0 - 1e-9)):
             yield (
                 True,
-                f"{path}.depths.{i + 1}: {self.depths[i + 1]:g} m is less than 3 diameters below the plate above; "
-                f"allowed: >= {self.depths[i] + spacing[i]:g} m",
+                f"{path}.depths.{i + 1}: {depths[i + 1]:g} m is less than 3 diameters below the plate above; "
+                f"allowed: >= {depths[i] + spacing[i]:g} m",
             )
         clay = self.strength is not None
         yield (

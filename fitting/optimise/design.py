@@ -24,7 +24,7 @@ from fitting.optimise.models import (
     ASSUMPTIONS,
     Still,
     Variable,
-    displaced,
+    designs_beside,
     idle,
     in_assumed,
     link_of,
@@ -112,7 +112,7 @@ class Design:
         if key != self._scene_cache[0]:
             slopes = [
                 (self._evaluate_scene(higher) - self._evaluate_scene(lower)) / distance
-                for distance, higher, lower in displaced(self.variables, x)
+                for distance, higher, lower in designs_beside(self.variables, x)
             ]
             self._scene_cache = key, (self._evaluate_scene(x), np.stack(slopes, axis=1))
         return self._scene_cache[1]

@@ -192,7 +192,7 @@ def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: 
     model = still_model(site, variables, values, storm)
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(model)]
     slopes: dict[int, np.ndarray] = {}
-    for k, (distance, *designs) in enumerate(displaced(variables, values)):
+    for k, (distance, *designs) in enumerate(designs_beside(variables, values)):
         ends = [jax.tree.leaves(still_model(site, variables, moved, storm)) for moved in designs]
         if any([jnp.shape(leaf) for leaf in leaves] != shapes for leaves in ends):
             name = variables[k].name
@@ -204,7 +204,7 @@ def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: 
     return Still(model, slopes)
 
 
-def displaced(variables: Sequence[Variable], values: np.ndarray) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+def designs_beside(variables: Sequence[Variable], values: np.ndarray) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
     """For each variable two designs (p,), in which it alone is higher and lower, and their distance."""
     for axis, variable in zip(np.eye(len(variables)), variables, strict=True):
         step = DIFFERENCE_STEP * variable.span

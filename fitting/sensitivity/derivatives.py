@@ -102,9 +102,9 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     quantity. If the derivatives do not predict this change within a third, such as after the snap of a slack rope,
     smaller changes find their linear range.
 
-    If they do not, and have grown so much that a change of 1 % would move a node by more than 10 % of the motion's
-    extent and of 100 times what it moves at the start, they are valid up to that time only. The same program then gives
-    the means over windows.
+    If they fail at 1 %, and 1 % of a parameter moves a node by more than 10 % of the motion's extent and by 10 times
+    its displacement at the start, the derivatives are valid up to that time only. The same program then gives the
+    means over windows.
 
     Args:
         check: also compute the derivatives by reverse mode, and the Lyapunov exponent, by separate programs.
@@ -157,7 +157,7 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
 
 def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
     """Time [s] up to which the derivatives are valid (see `local`), at most the run's duration, and their mean growth
-    rate [1/s] over the second half of the run.
+    rate [1/s] over the second half of the run, NaN if they are valid to its end.
 
     A sea that is calm, or still rises, moves a line less than a change of its length does at the start.
     """
@@ -166,9 +166,11 @@ def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
     extent = np.linalg.norm(run.tree.r - run.tree.r[0], axis=-1).max()
     size = (moved / (10.0 * np.maximum(extent, first))).max(axis=-1)
     times = problem.scene.run.dt * problem.scene.run.save_every * (1 + np.arange(len(size)))
-    over, half = np.flatnonzero(~(size <= 1.0)), len(size) // 2
-    rate = np.log(size[-1] / size[half - 1]) / (times[-1] - times[half - 1])
-    return float(times[over[0]] if over.size else times[-1]), float(rate)
+    over = np.flatnonzero(~(size[:-1] <= 1.0))
+    if not over.size:
+        return float(times[-1]), np.nan
+    middle = len(size) // 2 - 1
+    return float(times[over[0]]), float(np.log(size[-1] / size[middle]) / (times[-1] - times[middle]))
 
 
 def _changed_quantity(problem: Study, values: jax.Array) -> float:
@@ -311,7 +313,7 @@ def local_text(found: Local) -> str:
     trust = (
         "over the whole run"
         if found.trusted
-        else f"up to {found.horizon:.3g} s only: beyond, small changes grow more than 100 times"
+        else f"up to {found.horizon:.3g} s only: beyond, 1 % of a parameter moves a node by over 10 % of the motion"
     )
     rate = "" if found.exponent is None else f" (growth rate {found.exponent:.2g} per s)"
     pairs = [

@@ -97,11 +97,6 @@ def horizontal_norm(x: jax.Array) -> jax.Array:
     return safe_norm(x * jnp.array([1.0, 1.0, 0.0], x.dtype))
 
 
-def inverse3(m: jax.Array) -> jax.Array:
-    """Inverse of 3x3 matrices (..., 3, 3) by cofactors: elementwise work, no LAPACK call per block."""
-    return jnp.stack([jnp.stack(row, axis=-1) for row in inverse_rows(m)], axis=-2)
-
-
 def positive_part(x: jax.Array) -> jax.Array:
     """`max(x, 0)`; its slope at 0 is 1. A link at exactly its natural length has the derivatives of a taut one, not the
     mean of two."""

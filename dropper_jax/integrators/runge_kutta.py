@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
-from dropper_jax.base.numerics import inverse3
 from dropper_jax.model import AddedMass, Kinematics, Model, State, Works, book_works, turning
 from dropper_jax.residual import Explicit, node_blocks
+from dropper_jax.solvers.elimination import apply, inverse
 
 Rates = tuple[jax.Array, jax.Array, jax.Array]
 
@@ -35,7 +35,7 @@ def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -
     line, free = model.line, model.free_nodes
     if model.having(AddedMass):  # each node has its own mass matrix
         blocks = node_blocks(lambda a: model.inertia(k, a), free, force.dtype)
-        return jnp.sum(inverse3(blocks) * force[:, None, :], axis=-1)
+        return apply(inverse(blocks), force)
     diagonal = model.node_mass
     if not line.compound:
         return force / diagonal[:, None]

@@ -1,8 +1,8 @@
 """The exact Jacobian as a block-tridiagonal matrix: `jacfwd` over a few colours, block elimination in a scan. O(n).
 
 A block is a node with the link before it: 3 positions and 1 tension. If forces couple second neighbours, a block
-contains two nodes. A block is inverted by nested 3 + 1 elimination: the node's mass first, then the link's
-reaction, which is the order in which a free-ended chain of i links is always solvable, so no pivoting is needed.
+contains two nodes. A block is inverted row by row: the node's mass first, then the link's reaction. In this order a
+free-ended chain of i links is always solvable, so no pivoting is needed.
 """
 
 from __future__ import annotations
@@ -14,32 +14,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.numerics import inverse3
 from dropper_jax.model import Model
 from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns
-from dropper_jax.solvers.elimination import apply, multiply
+from dropper_jax.solvers.elimination import apply, inverse, multiply
 
 
 class _Factor(NamedTuple):
     lower: jax.Array
     inverse: jax.Array
     ahead: jax.Array
-
-
-def block_inverse(m: jax.Array) -> jax.Array:
-    """Inverse of one block (b, b), b a multiple of 4, by nested elimination in the order 3 + 1 per node."""
-    size = m.shape[-1]
-    if size == 1:
-        return 1.0 / m
-    if size == 3:
-        return inverse3(m)
-    first = 3 if size == 4 else 4
-    a, b, c, d = m[:first, :first], m[:first, first:], m[first:, :first], m[first:, first:]
-    ai = block_inverse(a)
-    aib = multiply(ai, b)
-    cai = multiply(c, ai)
-    s = block_inverse(d - multiply(c, aib))
-    return jnp.block([[ai + multiply(multiply(aib, s), cai), -multiply(aib, s)], [-multiply(s, cai), s]])
 
 
 class Layout:
@@ -87,12 +70,12 @@ class Banded(Solver[None, tuple[_Factor, Layout]]):
 
         def eliminate(ahead: jax.Array, row: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
             low, mid, up = row
-            inverse = block_inverse(mid - multiply(low, ahead))
-            ahead = multiply(inverse, up)
-            return ahead, (inverse, ahead)
+            own = inverse(mid - multiply(low, ahead))
+            ahead = multiply(own, up)
+            return ahead, (own, ahead)
 
-        _, (inverse, ahead) = jax.lax.scan(eliminate, jnp.zeros_like(upper[0]), (lower, diagonal, upper))
-        return _Factor(lower, inverse, ahead), layout
+        _, (own, ahead) = jax.lax.scan(eliminate, jnp.zeros_like(upper[0]), (lower, diagonal, upper))
+        return _Factor(lower, own, ahead), layout
 
     def apply(self, factor: tuple[_Factor, Layout], rows: Unknowns) -> Unknowns:
         f, layout = factor
@@ -101,11 +84,10 @@ class Banded(Solver[None, tuple[_Factor, Layout]]):
 
     def apply_transposed(self, factor: tuple[_Factor, Layout], rows: Unknowns) -> Unknowns:
         f, layout = factor
-        flip = lambda m: jnp.swapaxes(m, -1, -2)  # noqa: E731
         before = jnp.concatenate([jnp.zeros_like(f.ahead[:1]), f.ahead[:-1]])
         following = jnp.concatenate([f.lower[1:], jnp.zeros_like(f.lower[:1])])
-        c = _substitute(flip(before), None, layout.pack(rows))
-        return layout.unpack(_substitute(flip(following), flip(f.inverse), c, reverse=True))
+        c = _substitute(before.mT, None, layout.pack(rows))
+        return layout.unpack(_substitute(following.mT, f.inverse.mT, c, reverse=True))
 
 
 def _substitute(beside: jax.Array, inverse: jax.Array | None, rhs: jax.Array, reverse: bool = False) -> jax.Array:
@@ -136,7 +118,7 @@ def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[jax.Array
     answer = jax.vmap(jax.vmap(push))(jnp.asarray(seeds, packed.dtype))
 
     def coupling(offset: int) -> jax.Array:
-        return jnp.swapaxes(answer[(index + offset) % colours, :, index, :], -1, -2)
+        return answer[(index + offset) % colours, :, index, :].mT
 
     def cut(blocks: jax.Array, end: int) -> jax.Array:
         """Prevent aliases of missing neighbours if there are fewer blocks than colours."""

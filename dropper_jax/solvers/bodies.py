@@ -21,7 +21,7 @@ from jax.scipy.linalg import lu_factor, lu_solve
 from dropper_jax.base.numerics import scatter_add, scatter_add_many
 from dropper_jax.model import Graph, HolonomicConstraint
 from dropper_jax.residual import StepProblem, Unknowns
-from dropper_jax.solvers.elimination import optimization_barrier
+from dropper_jax.solvers.elimination import apply, optimization_barrier
 from dropper_jax.solvers.saddle import Coupling, LinkParts, Saddle, Stretching
 
 #: Unknowns of a body: positions of its corners, multipliers of its edges, and of its pin.
@@ -106,9 +106,9 @@ class Lines:
     def transpose(self) -> Lines:
         others = self.others
         if others is not None:
-            others = Coupling(tuple((j, i) for i, j in others.pairs), jnp.swapaxes(others.blocks, -1, -2))
-        own = jnp.swapaxes(self.block, -1, -2)
-        return replace(self, links=self.links.transpose(), solver=self.solver.transpose(), block=own, others=others)
+            others = Coupling(tuple((j, i) for i, j in others.pairs), others.blocks.mT)
+        solver = self.solver.transpose()
+        return replace(self, links=self.links.transpose(), solver=solver, block=self.block.mT, others=others)
 
     def answer(
         self, edge: jax.Array, force: jax.Array | None = None, stretch: jax.Array | None = None
@@ -118,22 +118,22 @@ class Lines:
         nodes, links, graph = self.nodes, self.links, self.nodes.graph
         moved = scatter_add(nodes.edge, edge, graph.free)
         d = graph.differences(moved, None)
-        rows = -nodes.sums(jnp.sum(links.turn * d[:, None, :], axis=-1))
+        rows = -nodes.sums(apply(links.turn, d))
         rows = rows if self.others is None else rows - self._by_pieces(self.others, moved)
         own = -jnp.sum(links.gradient * d, axis=-1)
         rows, own = (rows if force is None else force + rows), (own if stretch is None else stretch + own)
         x, y = self.solver.solve(rows[nodes.retained_nodes], own)
         x = scatter_add(nodes.retained_nodes, x, graph.free)
         d = d + graph.differences(x, None)
-        pulled = nodes.sums(jnp.sum(links.turn * d[:, None, :], axis=-1) + links.force * y[:, None])
+        pulled = nodes.sums(apply(links.turn, d) + links.force * y[:, None])
         pulled = pulled if self.others is None else pulled + self._by_pieces(self.others, moved + x)
-        return x, y, jnp.sum(self.block * edge[:, None, :], axis=-1) + pulled[nodes.edge]
+        return x, y, apply(self.block, edge) + pulled[nodes.edge]
 
     @staticmethod
     def _by_pieces(others: Coupling, moved: jax.Array) -> jax.Array:
         """Rows (free, 3) of elements that include the edge, for displacements of all free nodes (free, 3)."""
         row, column = np.array(others.pairs, int).T
-        return scatter_add_many(row, jnp.sum(others.blocks * moved[column][:, None, :], axis=-1), len(moved))
+        return scatter_add_many(row, apply(others.blocks, moved[column]), len(moved))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from dropper_jax.model import ElementForce, Model
 from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns, node_blocks
 from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
-from dropper_jax.solvers.elimination import apply, multiply, optimization_barrier
+from dropper_jax.solvers.elimination import apply, inverse, multiply, optimization_barrier
 from dropper_jax.solvers.saddle import LinkParts, Saddle, Stretching, coupling
 
 #: Compliance of the friction of a sticking node relative to its inertia.
@@ -34,8 +34,7 @@ class LawBlocks(NamedTuple):
     law: jax.Array
 
     def transpose(self) -> LawBlocks:
-        flip = lambda a: jnp.swapaxes(a, -1, -2)  # noqa: E731
-        return LawBlocks(flip(self.position), flip(self.force), flip(self.law))
+        return LawBlocks(self.position.mT, self.force.mT, self.law.mT)
 
 
 @dataclass(frozen=True)
@@ -57,12 +56,6 @@ class NetworkFactor:
         if law is not None:
             z = [apply(law.law, rows.z[0] - apply(law.position, x)), *z]
         return Unknowns(x, y, tuple(z))
-
-
-def _inverse2(m: jax.Array) -> jax.Array:
-    a, b, c, d = m[..., 0, 0], m[..., 0, 1], m[..., 1, 0], m[..., 1, 1]
-    rows = jnp.stack([jnp.stack([d, -b], axis=-1), jnp.stack([-c, a], axis=-1)], axis=-2)
-    return rows / (a * d - b * c)[..., None, None]
 
 
 @dataclass(frozen=True)
@@ -89,7 +82,7 @@ class Network(Solver[None, NetworkFactor]):
             own = problem.acting(tuple(e for e in model.without_slot(ElementForce).effects if not e.bodily))
         if model.laws and u.z:  # the equations of an instant have no such unknowns
             node, law = optimization_barrier(_law_blocks(own, u))
-            law = law._replace(law=_inverse2(law.law + SOFT * jnp.eye(2, dtype=dtype)))
+            law = law._replace(law=inverse(law.law + SOFT * jnp.eye(2, dtype=dtype)))
             node = node - multiply(law.force, multiply(law.law, law.position))
         else:
             node = optimization_barrier(node_blocks(lambda x: own.node_rows(u.x + x, ())[0], model.free_nodes, dtype))

@@ -125,7 +125,7 @@ class LinkParts(NamedTuple):
 
     def transpose(self) -> LinkParts:
         turn, force, gradient, compliance = self
-        return LinkParts(jnp.swapaxes(turn, -1, -2), gradient, force, compliance)
+        return LinkParts(turn.mT, gradient, force, compliance)
 
 
 class Saddle(NamedTuple):

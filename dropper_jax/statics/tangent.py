@@ -24,7 +24,7 @@ from jax.scipy.linalg import lu_factor, lu_solve
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Geometry, Model, State, state
 from dropper_jax.solvers.dense import LU
-from dropper_jax.solvers.elimination import Elimination, Order, eliminate, elimination_order, solve
+from dropper_jax.solvers.elimination import Elimination, Order, apply, eliminate, elimination_order, solve
 from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale, unbalanced_at
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ class Tangent:
         axes = jnp.eye(3, dtype=x.dtype)
         seeds = picked[:, None, :, None] * axes[None, :, None, :]
         answer = jax.vmap(jax.vmap(linear))(seeds)  # (colours, axes, free, 3)
-        return jnp.swapaxes(answer[colour[column], :, row, :], -1, -2)
+        return answer[colour[column], :, row, :].mT
 
     def dense(self, blocks: jax.Array) -> jax.Array:
         """The map as one matrix (3 free, 3 free)."""
@@ -119,7 +119,7 @@ class Tangent:
 
     def multiply(self, blocks: jax.Array, x: jax.Array) -> jax.Array:
         """The map of these blocks at displacements x (free, 3)."""
-        parts = jnp.sum(blocks * x[self.pattern.column][:, None, :], axis=-1)
+        parts = apply(blocks, x[self.pattern.column])
         return jnp.zeros_like(parts, shape=x.shape).at[self.pattern.row].add(parts)
 
     def apply(self, factor: Elimination, rows: jax.Array, transposed: bool = False) -> jax.Array:

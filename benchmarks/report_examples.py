@@ -9,7 +9,7 @@ from study import Found, command, describe, store
 
 import dropper_jax as dj
 from dropper_jax.report.build import report_run, report_runs
-from dropper_jax.report.record import Settings
+from dropper_jax.report.settings import Settings
 
 RATIOS, STEPS = (1.0, 0.1, 0.0), (0.05, 0.02)
 DURATION, SKIP, BREAKING_LOAD = 100.0, 50.0, 450e3

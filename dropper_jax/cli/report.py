@@ -19,7 +19,7 @@ from dropper_jax.cli.options import (
     read_run,
 )
 from dropper_jax.cli.outputs import Output
-from dropper_jax.report.record import Settings
+from dropper_jax.report.settings import Settings
 
 if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution

@@ -1,68 +1,17 @@
-"""Settings of the report, and the evaluated part of a run: finite, after the transient, line by line."""
+"""The evaluated part of a run: finite, after the transient, line by line."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import limits
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.samples import Samples
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 from dropper_jax.scene.data import point_nodes
-
-
-def _setting(meaning: str, unit: str, default: Any, option: str) -> Any:
-    return dataclasses.field(default=default, metadata={"meaning": meaning, "unit": unit, "option": option})
-
-
-@dataclasses.dataclass(frozen=True)
-class Settings:
-    """Thresholds and curve parameters. `None` is a value relative to the run, given in its meaning."""
-
-    skip: float = _setting("time left out at the start", "s", 0.0, "--skip")
-    slack: float | None = _setting("a link is slack below this tension; none: 0.1 times its mean", "N", None, "--slack")
-    slack_time: float = _setting("minimum time below it", "s", 0.1, "--slack-time")
-    snap: float | None = _setting(
-        "tension above which slack is followed by a snap; none: twice the mean of the link", "N", None, "--snap"
-    )
-    breaking_load: float | None = _setting("breaking load of lines without their own", "N", None, "--breaking-load")
-    safety_factor: float = _setting(
-        "factor on the maximum tension in the utilisation with a factor", "-", 1.67, "--safety-factor"
-    )
-    curve_k: float | None = _setting(
-        "K of the T-N curve N = K (range/breaking load)^-m; without it damage is not computed", "-", None, "--curve-k"
-    )
-    curve_m: float = _setting("m of the T-N curve", "-", 3.0, "--curve-m")
-    contact: float = _setting("a node within this distance of the seabed is on it", "m", 0.01, "--contact")
-    storm: float = _setting("duration of the storm of the extremes", "s", 10800.0, "--storm")
-    confidence: float = _setting("confidence level of the interval of the extremes", "-", 0.9, "--confidence")
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value, option = getattr(self, field.name), field.metadata["option"]
-            if value is None:
-                continue
-            positive = field.name in ("breaking_load", "safety_factor", "curve_k", "curve_m", "storm", "snap")
-            if not math.isfinite(value) or value < 0 or (value == 0 and positive):
-                allowed = limits({**field.metadata, "low": 0.0, "open_low": positive})
-                raise SceneError(f"{option}: {value:g} is out of range; allowed: a number {allowed}")
-        if not 0 < self.confidence < 1:
-            raise SceneError(f"--confidence: {self.confidence:g} is out of range; allowed: above 0 and below 1")
-        if self.slack is not None and self.snap is not None and self.snap <= self.slack:
-            raise SceneError(f"--snap: {self.snap:g} is not above --slack, {self.slack:g} N; allowed: more than that")
-
-    def table(self) -> dict[str, Any]:
-        """Values with meaning and unit, by name."""
-        return {
-            f.name: {"value": getattr(self, f.name), "unit": f.metadata["unit"], "meaning": f.metadata["meaning"]}
-            for f in dataclasses.fields(self)
-        }
 
 
 @dataclasses.dataclass(frozen=True)

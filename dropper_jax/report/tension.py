@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.report.record import Record, Settings, arc, spread
+from dropper_jax.report.record import Record, arc, spread
+from dropper_jax.report.settings import Settings
 from dropper_jax.run.bends import point_load as line_load
 from dropper_jax.run.bends import positions_at
 from dropper_jax.run.growth import end_angles, end_forces

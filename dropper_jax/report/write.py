@@ -19,7 +19,8 @@ from dropper_jax.plots.panels import DASHES, Curve, hides
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.style import force_unit
 from dropper_jax.report.extremes import Gumbel
-from dropper_jax.report.record import Record, Settings, record
+from dropper_jax.report.record import Record, record
+from dropper_jax.report.settings import Settings
 from dropper_jax.report.tension import point_load
 from dropper_jax.report.text import markdown
 from dropper_jax.run.simulate import Solution

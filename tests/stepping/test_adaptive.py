@@ -12,7 +12,8 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.plots.run import readable
-from dropper_jax.report.record import Settings, record
+from dropper_jax.report.record import record
+from dropper_jax.report.settings import Settings
 from dropper_jax.report.tension import line_tensions
 
 #: The rope is taut for some 4 ms, within an interval of 20 ms.

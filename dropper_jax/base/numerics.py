@@ -74,10 +74,7 @@ def dot(a: jax.Array, b: jax.Array) -> jax.Array:
 @trace_once
 def cross(a: jax.Array, b: jax.Array) -> jax.Array:
     """Vector products of 3-vectors (..., 3), written out for the same reason (and half the operations of jnp's)."""
-    x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    y = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    z = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return jnp.stack([x, y, z], axis=-1)
+    return jnp.stack(_cross(components(a), components(b)), axis=-1)
 
 
 def upright(z: jax.Array) -> jax.Array:

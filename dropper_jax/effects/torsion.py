@@ -14,7 +14,7 @@ from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.model import Effect, Geometry, Kinematics, ModelView, sum_of_pieces
+from dropper_jax.model import Effect, Graph, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.scene import SceneData
 
 #: Twist phi (nodes,) [rad] and its rate (nodes,) [rad/s], nodes line after line with both ends of each.
@@ -154,7 +154,7 @@ class Where:
         held, turned, last: of nodes: those whose angle is given, those that `turn` turns, those that `torque` acts on.
     """
 
-    def __init__(self, geometry: Geometry, effect: Torsion) -> None:
+    def __init__(self, geometry: Graph, effect: Torsion) -> None:
         self.node = np.concatenate([np.arange(s.start, s.stop) + i for i, s in enumerate(geometry.spans)])
         nodes = geometry.links + len(geometry.members)
         self.twists, self.held = np.zeros(geometry.links), np.ones(nodes, bool)

@@ -83,8 +83,7 @@ class ThetaProblem(SpeedProblem):
         line, gamma, h = self.model.line, self.gamma, self.h
         node = node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
         stiffness = u.y / line.length
-        both = (stiffness + jnp.concatenate([stiffness[1:], jnp.zeros_like(stiffness[:1])]))[: self.model.free_nodes]
-        geometric = 0.5 * gamma**2 * h * jnp.maximum(both, 0.0)
+        geometric = 0.5 * gamma**2 * h * jnp.maximum(line.at_nodes(stiffness, stiffness), 0.0)
         return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
 
     def condensed_parts(self, u: Unknowns) -> CondensedParts:

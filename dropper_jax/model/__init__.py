@@ -2,8 +2,8 @@
 
 from dropper_jax.model.check_slots import check_slots
 from dropper_jax.model.effect import Effect, HeldMotion, HolonomicConstraint, Law, per_node
-from dropper_jax.model.geometry import Ends, Geometry, Member, Part
-from dropper_jax.model.graph import Graph, Path, gather_links, link_differences
+from dropper_jax.model.geometry import Ends, Member, Part
+from dropper_jax.model.graph import Graph, Path
 from dropper_jax.model.kinematics import Frozen, Kinematics, ModelView
 from dropper_jax.model.line import Failures, Line, Point
 from dropper_jax.model.model import MOVING_ENDS, Forces, Model
@@ -29,7 +29,6 @@ __all__ = [
     "Ends",
     "Failures",
     "Frozen",
-    "Geometry",
     "Graph",
     "HeldMotion",
     "Kinematics",
@@ -53,8 +52,6 @@ __all__ = [
     "at_pieces",
     "book_works",
     "check_slots",
-    "gather_links",
-    "link_differences",
     "per_node",
     "state",
     "sum_of_pieces",

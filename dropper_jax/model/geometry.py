@@ -1,6 +1,4 @@
-"""Connectivity of nodes, links and points: the interface shared by a path and a graph of links.
-
-Distribution of water forces: which part of a link acts on which node, and its submerged fraction.
+"""One line of a graph, its fixed points, and how water forces of links are distributed to nodes.
 
 A link's water forces are distributed to its nodes as its mass is: all to its far node for point-mass links, according
 to the centre of mass for compound ones. A node's part is submerged if the surface is above it, smoothly over the height
@@ -12,12 +10,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from dropper_jax.base.renamed import old_attribute
 
@@ -73,7 +69,7 @@ class PathPart(Part):
 
 
 class Ends(NamedTuple):
-    """Fixed points, in the order of `Geometry.held_points`: positions (held, 3) [m], velocities [m/s] (None: at
+    """Fixed points, in the order of `Graph.held_points`: positions (held, 3) [m], velocities [m/s] (None: at
     rest)."""
 
     positions: jax.Array
@@ -113,126 +109,3 @@ def line_number(line: str | int, names: Sequence[str]) -> int:
     if isinstance(line, int) and 0 <= line < len(names):
         return line
     raise ValueError(f"line: {line!r} is unknown; allowed: {', '.join(names)} or 0 to {len(names) - 1}")
-
-
-class Geometry(ABC):
-    """Static, so that equal ones share compiled programs. Nodal fields are of the free nodes, `held` of fixed points.
-
-    `members` are the lines; `held` tells which points are fixed or follow a prescribed motion: of a graph all points,
-    of a path its two ends.
-    """
-
-    members: tuple[Member, ...]
-    held: tuple[bool, ...]
-    #: Whether it is a system of lines joined at points.
-    branched: ClassVar[bool] = False
-
-    @property
-    def links(self) -> int:
-        return sum(m.links for m in self.members)
-
-    @property
-    def ends(self) -> int:
-        """Number of fixed points."""
-        return sum(self.held)
-
-    @cached_property
-    def held_points(self) -> np.ndarray:
-        """Numbers of the fixed points, in the order of `Ends`."""
-        return np.flatnonzero(np.array(self.held))
-
-    @cached_property
-    def spans(self) -> tuple[slice, ...]:
-        """The links of each line."""
-        ends = np.cumsum([0, *(m.links for m in self.members)])
-        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
-
-    def line_names(self) -> list[str]:
-        """Names of lines as specified, and of the pieces of those that are cut at points."""
-        names = [member.name for member in self.members]
-        stems = [name.rpartition("-")[0] for name in names if name.rpartition("-")[2].isdecimal()]
-        return list(dict.fromkeys(name for name in (*names, *stems) if name))
-
-    def line_links(self, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Numbers of the links of each line as specified; pieces `name-1`, `name-2` of a cut one belong to it."""
-        found: dict[str, list[np.ndarray]] = {name: [] for name in names}
-        for member, span in zip(self.members, self.spans, strict=True):
-            stem, _, piece = member.name.rpartition("-")
-            own = member.name if member.name in found else stem if piece.isdecimal() else member.name
-            if own in found:
-                found[own].append(np.arange(self.links)[span])
-        return {name: np.concatenate(parts) for name, parts in found.items()}
-
-    @cached_property
-    def previous_links(self) -> np.ndarray:
-        """The link before each node inside a line; the one after it is the next."""
-        return np.concatenate([np.arange(s.start, s.stop - 1) for s in self.spans]).astype(int)
-
-    @property
-    @abstractmethod
-    def free(self) -> int:
-        """Number of free nodes."""
-
-    @property
-    @abstractmethod
-    def paths(self) -> tuple[np.ndarray, ...]:
-        """Numbers of each line's nodes (links + 1,), both ends included; numbers of fixed ones are above those of free
-        nodes."""
-
-    @abstractmethod
-    def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
-        """A nodal field on the nodes of all lines, line after line, both ends of each included (n + lines, ...)."""
-
-    @abstractmethod
-    def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
-        """Differences of a nodal field over the links (n, ...); fixed points without values count as zero."""
-
-    @abstractmethod
-    def gather(self, link_force: jax.Array) -> jax.Array:
-        """Sum on the free nodes (free, ...) of the links' tension forces (n, ...): + on their first node, - on their
-        last."""
-
-    @abstractmethod
-    def held_force(self, link_force: jax.Array) -> jax.Array:
-        """The same on the fixed points (held, ...)."""
-
-    @abstractmethod
-    def share_to_nodes(self, value: jax.Array) -> jax.Array:
-        """Values that links have or carry (n,), on the free nodes (free,) that they are assigned to."""
-
-    @abstractmethod
-    def parts(self) -> tuple[Part, ...]:
-        """The same for water forces, as shares (see `effects.buoyancy.wet_share`)."""
-
-    @abstractmethod
-    def link_length(self, length: jax.Array) -> jax.Array:
-        """Length of the links at each free node (free,) [m]."""
-
-    @abstractmethod
-    def without_fixed(self, points: Sequence[int]) -> Geometry:
-        """The same with these points free."""
-
-    @abstractmethod
-    def node_of_point(self, point: int) -> int:
-        """Number of a free point among the free nodes."""
-
-    def name_of_node(self, node: int, points: Sequence[str]) -> str:
-        """A free node by its point or by its line and number, with the names of all points."""
-        return f"node {node + 1}"
-
-    def values_or_zero(self, value: jax.Array | None, like: jax.Array) -> jax.Array:
-        """Values of the fixed points, zero if None, in the form of the nodal field `like`."""
-        return jnp.zeros((self.ends, *like.shape[1:]), like.dtype) if value is None else value
-
-    def node(self, line: str | int, j: int) -> int:
-        """Number among the free nodes of node j of a line, from 0, its first point.
-
-        Raises:
-            ValueError: no such line or node, or the node is fixed.
-        """
-        numbers = self.paths[line_number(line, [m.name for m in self.members])]
-        if not 0 <= j < len(numbers):
-            raise ValueError(f"node: {j} is not a node of line {line!r}; allowed: 0 to {len(numbers) - 1}")
-        if not 0 <= numbers[j] < self.free:
-            raise ValueError(f"node: {j} of line {line!r} is fixed; allowed: a free node")
-        return int(numbers[j])

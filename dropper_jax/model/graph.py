@@ -4,9 +4,7 @@ Numbering of free nodes: the inner nodes of line 0, of line 1, ..., then the fre
 the numbering of all nodes. Links are numbered line by line from each line's first point. Every sum over the links of a
 node is a gather, never a scatter: inner nodes have two links, points a short list.
 
-One line between two points as a path of nodes, each link's mass and forces on its far node.
-
-Node j = 1..n is the far node of link j; free nodes are 1..n, or 1..n - 1 if the end is fixed.
+A single line is a graph with one member (`Path`), in which neighbours are found by shifts.
 """
 
 from __future__ import annotations
@@ -20,77 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.model.geometry import Geometry, Member, Part, PathPart
-
-
-def link_differences(free: jax.Array, held: jax.Array | None, ends: int) -> jax.Array:
-    """Differences over the links (n, ...) of a nodal field, `ends` of whose ends are fixed; without values at zero."""
-    if held is None:
-        held = jnp.zeros((ends, *free.shape[1:]), free.dtype)
-    if ends == 1:
-        return free - jnp.concatenate([held, free[:-1]])
-    return jnp.concatenate([free, held[1:]]) - jnp.concatenate([held[:1], free])
-
-
-def gather_links(link_force: jax.Array, ends: int) -> jax.Array:
-    """Sum on the free nodes (nodes, ...) of the links' tension forces (n, ...): + on their first node, - on their
-    last."""
-    if ends == 2:
-        return link_force[1:] - link_force[:-1]
-    return jnp.concatenate([link_force[1:], jnp.zeros_like(link_force[:1])]) - link_force
-
-
-@dataclass(frozen=True)
-class Path(Geometry):
-    """A single line from a fixed point.
-
-    Attributes:
-        members: the one line.
-        held: whether its two points are fixed; the first is.
-    """
-
-    members: tuple[Member]
-    held: tuple[bool, bool] = (True, True)
-
-    @property
-    def held_points(self) -> np.ndarray:
-        member = self.members[0]
-        return np.array([member.start, member.end])[list(self.held)]
-
-    @property
-    def free(self) -> int:
-        return self.links + 1 - self.ends
-
-    @property
-    def paths(self) -> tuple[np.ndarray, ...]:
-        return (np.arange(-1, self.links),)
-
-    def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
-        return jnp.concatenate([held[:1], free, held[1:]])
-
-    def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
-        return link_differences(free, held, self.ends)
-
-    def gather(self, link_force: jax.Array) -> jax.Array:
-        return gather_links(link_force, self.ends)
-
-    def held_force(self, link_force: jax.Array) -> jax.Array:
-        return jnp.stack([link_force[0], -link_force[-1]][: self.ends])
-
-    def share_to_nodes(self, value: jax.Array) -> jax.Array:
-        return value[: self.free]
-
-    def parts(self) -> tuple[Part, ...]:
-        return (PathPart(1.0, 0, self.free),)
-
-    def link_length(self, length: jax.Array) -> jax.Array:
-        return length[: self.free]
-
-    def without_fixed(self, points: Sequence[int]) -> Path:
-        return replace(self, held=(True, self.held[1] and self.members[0].end not in points))
-
-    def node_of_point(self, point: int) -> int:
-        return self.free - 1
+from dropper_jax.model.geometry import Member, Part, PathPart, line_number
 
 
 class LinkEnd(Part):
@@ -113,16 +41,63 @@ class LinkEnd(Part):
 
 
 @dataclass(frozen=True)
-class Graph(Geometry):
+class Graph:
     """Lines joined at points; each link's mass, weight and forces go in halves to its two ends (lumped, as in MoorDyn).
 
     Those of lines whose members have `far` go to the links' far nodes. Lines have no free ends here: a free end is a
-    free point.
+    free point. Static, so that equal ones share compiled programs. Nodal fields are of the free nodes, `held` of fixed
+    points.
+
+    Attributes:
+        members: the lines.
+        held: of all points, whether they are fixed or follow a prescribed motion.
+        branched: whether it is a system of lines joined at points.
     """
 
     members: tuple[Member, ...]
     held: tuple[bool, ...]
     branched: ClassVar[bool] = True
+
+    @property
+    def links(self) -> int:
+        return sum(m.links for m in self.members)
+
+    @property
+    def ends(self) -> int:
+        """Number of fixed points."""
+        return sum(self.held)
+
+    @cached_property
+    def held_points(self) -> np.ndarray:
+        """Numbers of the fixed points, in the order of `Ends`."""
+        return np.flatnonzero(np.array(self.held))
+
+    @cached_property
+    def spans(self) -> tuple[slice, ...]:
+        """The links of each line."""
+        ends = np.cumsum([0, *(m.links for m in self.members)])
+        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+
+    def line_names(self) -> list[str]:
+        """Names of lines as specified, and of the pieces of those that are cut at points."""
+        names = [member.name for member in self.members]
+        stems = [name.rpartition("-")[0] for name in names if name.rpartition("-")[2].isdecimal()]
+        return list(dict.fromkeys(name for name in (*names, *stems) if name))
+
+    def line_links(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Numbers of the links of each line as specified; pieces `name-1`, `name-2` of a cut one belong to it."""
+        found: dict[str, list[np.ndarray]] = {name: [] for name in names}
+        for member, span in zip(self.members, self.spans, strict=True):
+            stem, _, piece = member.name.rpartition("-")
+            own = member.name if member.name in found else stem if piece.isdecimal() else member.name
+            if own in found:
+                found[own].append(np.arange(self.links)[span])
+        return {name: np.concatenate(parts) for name, parts in found.items()}
+
+    @cached_property
+    def previous_links(self) -> np.ndarray:
+        """The link before each node inside a line; the one after it is the next."""
+        return np.concatenate([np.arange(s.start, s.stop - 1) for s in self.spans]).astype(int)
 
     @cached_property
     def inner(self) -> int:
@@ -195,9 +170,11 @@ class Graph(Geometry):
         return jnp.concatenate([free, self.values_or_zero(held, free)])
 
     def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
+        """A nodal field on the nodes of all lines, line after line, both ends of each included (n + lines, ...)."""
         return self.everywhere(free, held)[np.concatenate(self.paths)]
 
     def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
+        """Differences of a nodal field over the links (n, ...); fixed points without values count as zero."""
         field = self.everywhere(free, held)
         return field[self.last] - field[self.first]
 
@@ -220,9 +197,12 @@ class Graph(Geometry):
         return jnp.concatenate([inner, self._at_points(value, self.arriving)]) if len(self.free_points) else inner
 
     def gather(self, link_force: jax.Array) -> jax.Array:
+        """Sum on the free nodes (free, ...) of the links' tension forces (n, ...): + on their first node, - on their
+        last."""
         return self.from_first(link_force) - self.from_last(link_force)
 
     def held_force(self, link_force: jax.Array) -> jax.Array:
+        """The same on the fixed points (held, ...)."""
         rows = []
         for node in self.point_node[self.held_points]:
             leaving, arriving = np.flatnonzero(self.first == node), np.flatnonzero(self.last == node)
@@ -230,9 +210,11 @@ class Graph(Geometry):
         return jnp.stack(rows) if rows else jnp.zeros((0, 3), link_force.dtype)
 
     def share_to_nodes(self, value: jax.Array) -> jax.Array:
+        """Values that links have or carry (n,), on the free nodes (free,) that they are assigned to."""
         return self.from_first(self.near_share * value) + self.from_last((1.0 - self.near_share) * value)
 
     def parts(self) -> tuple[Part, ...]:
+        """The same for water forces, as shares (see `effects.buoyancy.wet_share`)."""
         return LinkEnd(self, last=True), LinkEnd(self, last=False)
 
     def link_length(self, length: jax.Array) -> jax.Array:
@@ -242,15 +224,80 @@ class Graph(Geometry):
         return links / jnp.maximum(count, 1.0)
 
     def without_fixed(self, points: Sequence[int]) -> Graph:
+        """The same with these points free."""
         return replace(self, held=tuple(held and i not in points for i, held in enumerate(self.held)))
 
     def node_of_point(self, point: int) -> int:
+        """Number of a free point among the free nodes."""
         return int(self.point_node[point])
 
     def name_of_node(self, node: int, points: Sequence[str]) -> str:
+        """A free node by its point or by its line and number, with the names of all points."""
         if node >= self.inner:
             return f"point {points[int(self.free_points[node - self.inner])]!r}"
         for member, path in zip(self.members, self.paths, strict=True):
             if node in path[1:-1]:
                 return f"node {int(np.flatnonzero(path == node)[0])} of line {member.name!r}"
         return f"node {node}"
+
+    def values_or_zero(self, value: jax.Array | None, like: jax.Array) -> jax.Array:
+        """Values of the fixed points, zero if None, in the form of the nodal field `like`."""
+        return jnp.zeros((self.ends, *like.shape[1:]), like.dtype) if value is None else value
+
+    def node(self, line: str | int, j: int) -> int:
+        """Number among the free nodes of node j of a line, from 0, its first point.
+
+        Raises:
+            ValueError: no such line or node, or the node is fixed.
+        """
+        numbers = self.paths[line_number(line, [m.name for m in self.members])]
+        if not 0 <= j < len(numbers):
+            raise ValueError(f"node: {j} is not a node of line {line!r}; allowed: 0 to {len(numbers) - 1}")
+        if not 0 <= numbers[j] < self.free:
+            raise ValueError(f"node: {j} of line {line!r} is fixed; allowed: a free node")
+        return int(numbers[j])
+
+
+@dataclass(frozen=True)
+class Path(Graph):
+    """A single line from a fixed point as a graph with one member; each link's mass and forces are on its far node.
+
+    Its free nodes are the far nodes of links 1..n, or of 1..n - 1 if the end is fixed.
+    """
+
+    branched: ClassVar[bool] = False
+
+    @cached_property
+    def held_points(self) -> np.ndarray:
+        ends = self.members[0].start, self.members[0].end
+        return np.array([point for point in ends if self.held[point]])
+
+    def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
+        return jnp.concatenate([held[:1], free, held[1:]])
+
+    def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
+        held = self.values_or_zero(held, free)
+        if self.ends == 1:
+            return free - jnp.concatenate([held, free[:-1]])
+        return jnp.concatenate([free, held[1:]]) - jnp.concatenate([held[:1], free])
+
+    def gather(self, link_force: jax.Array) -> jax.Array:
+        following = link_force[1:]
+        if self.ends == 2:
+            return following - link_force[:-1]
+        return jnp.concatenate([following, jnp.zeros_like(link_force[:1])]) - link_force
+
+    def share_to_nodes(self, value: jax.Array) -> jax.Array:
+        return value[: self.free]
+
+    def link_length(self, length: jax.Array) -> jax.Array:
+        return length[: self.free]
+
+    def parts(self) -> tuple[Part, ...]:
+        return (PathPart(1.0, 0, self.free),)
+
+    def without_fixed(self, points: Sequence[int]) -> Path:
+        return super().without_fixed([point for point in points if point != self.members[0].start])
+
+    def name_of_node(self, node: int, points: Sequence[str]) -> str:
+        return f"node {node + 1}"

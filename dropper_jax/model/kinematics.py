@@ -10,7 +10,8 @@ import jax
 
 from dropper_jax.base.numerics import cross, safe_norm
 from dropper_jax.base.renamed import old_attribute
-from dropper_jax.model.geometry import Ends, Geometry
+from dropper_jax.model.geometry import Ends
+from dropper_jax.model.graph import Graph
 from dropper_jax.model.line import Line, Point
 from dropper_jax.sea import Sea, Water
 
@@ -25,7 +26,7 @@ class ModelView(Protocol):
         """The links of all lines."""
 
     @property
-    def geometry(self) -> Geometry:
+    def geometry(self) -> Graph:
         """How nodes, links and points belong together."""
 
     @property

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 
 from dropper_jax.axial import AxialLaw, Rigid
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.model.geometry import Geometry, Part, PathPart
+from dropper_jax.model.geometry import Part, PathPart
+from dropper_jax.model.graph import Graph
 
 
 @component
@@ -47,7 +48,7 @@ class Line:
 
     length: jax.Array = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
     mass: jax.Array = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
-    geometry: Geometry = option("how nodes, links and points belong together")
+    geometry: Graph = option("how nodes, links and points belong together")
     centre_of_mass: jax.Array | None = parameter(
         "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, optional=True
     )
@@ -103,10 +104,10 @@ class Line:
         if not self.compound:
             return self.geometry.share_to_nodes(per_link)
         ratio = self.centre_of_mass / self.length
-        return self._at_nodes(per_link * (1 - ratio), per_link * ratio)
+        return self.at_nodes(per_link * (1 - ratio), per_link * ratio)
 
-    def _at_nodes(self, near: jax.Array, far: jax.Array) -> jax.Array:
-        """Sum on the free nodes (free,) of values of compound links at their near and far ends (n,)."""
+    def at_nodes(self, near: jax.Array, far: jax.Array) -> jax.Array:
+        """Sum on the free nodes (free,) of a single line of values of links at their near and far ends (n,)."""
         return (far + jnp.concatenate([near[1:], jnp.zeros_like(near[:1])]))[: self.geometry.free]
 
     @property
@@ -115,7 +116,7 @@ class Line:
         if not self.compound:
             return self.geometry.share_to_nodes(self.mass)
         first, _, last = self.blocks()
-        return self._at_nodes(first, last)
+        return self.at_nodes(first, last)
 
     def parts(self) -> tuple[Part, ...]:
         """Which fraction of the links' water forces acts on which free node (see `effects.buoyancy.wet_share`)."""

@@ -13,7 +13,8 @@ from jax.typing import DTypeLike
 from dropper_jax.base.fields import component
 from dropper_jax.base.renamed import old_attribute
 from dropper_jax.model.effect import Effect, HolonomicConstraint, Law
-from dropper_jax.model.geometry import Ends, Geometry
+from dropper_jax.model.geometry import Ends
+from dropper_jax.model.graph import Graph
 from dropper_jax.model.kinematics import Frozen, Kinematics
 from dropper_jax.model.line import Line, Point
 from dropper_jax.model.slots import (
@@ -56,7 +57,7 @@ class Model:
         return self.lines[0]
 
     @property
-    def geometry(self) -> Geometry:
+    def geometry(self) -> Graph:
         return self.line.geometry
 
     @property

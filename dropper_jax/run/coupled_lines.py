@@ -228,22 +228,11 @@ def half_link_mass(free: Model, points: tuple[int, ...]) -> jax.Array:
 
 def _effect_forces(geometry: Any, free: Model, s: State, positions: jax.Array, velocities: jax.Array) -> jax.Array:
     """The effects' forces (nodes, 3) [N] on the nodes of the freed model."""
-    held = list(geometry.held_points)
-
-    def nodal(field: jax.Array, of_ends: jax.Array) -> jax.Array:
-        if not geometry.branched:
-            return jnp.concatenate([field, of_ends[1:]]) if free.free_nodes > len(field) else field
-        node = geometry.point_node
-        rows = [of_ends[held.index(p)] if p in held else field[node[p]] for p in free.geometry.free_points]
-        return jnp.concatenate([field[: geometry.inner], jnp.stack(rows)])
-
-    return free.force(free.instant(nodal(s.r, positions), nodal(s.v, velocities), s.t))
+    nodes = np.concatenate([np.arange(geometry.inner), geometry.point_node[free.geometry.free_points]])
+    r, v = geometry.everywhere(s.r, positions)[nodes], geometry.everywhere(s.v, velocities)[nodes]
+    return free.force(free.instant(r, v, s.t))
 
 
 def _at(geometry: Any, points: tuple[int, ...], nodal: jax.Array) -> jax.Array:
     """Rows of the points of a field of the freed model (nodes, ...); zero for a point that stays fixed."""
-    if geometry.branched:
-        return nodal[np.array([geometry.point_node[p] for p in points])]
-    free = geometry.ends == 1
-    last = nodal[-1] if free else jnp.zeros_like(nodal[0])
-    return jnp.stack([last if p == geometry.members[0].end else jnp.zeros_like(last) for p in points])
+    return geometry.everywhere(nodal, None)[geometry.point_node[list(points)]]

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.numerics import Components, components, dot_components, inverse_rows
-from dropper_jax.model import Model, gather_links, link_differences
+from dropper_jax.model import Graph, Model
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns
 
 #: Inverses of the node blocks: (nodes,), or three rows of three components (nodes,).
@@ -50,6 +50,7 @@ class ConstraintMatrix(NamedTuple):
 
 
 class _Factor(NamedTuple):
+    geometry: Graph
     inverse: Inverse
     force: Components
     gradient: Components
@@ -66,18 +67,19 @@ def _part(x: Components, where: slice) -> Components:
     return tuple(c[where] for c in x)
 
 
-def _eliminate(inverse: Inverse, force: Components, gradient: Components, compliance: jax.Array) -> _Factor:
+def _eliminate(
+    geometry: Graph, inverse: Inverse, force: Components, gradient: Components, compliance: jax.Array
+) -> _Factor:
     """The matrix that remains for the tensions."""
     matrix = ConstraintMatrix.of(inverse, force, gradient)
-    return _Factor(inverse, force, gradient, matrix._replace(diagonal=matrix.diagonal + compliance))
+    return _Factor(geometry, inverse, force, gradient, matrix._replace(diagonal=matrix.diagonal + compliance))
 
 
 def _solve(f: _Factor, rows: Unknowns) -> Unknowns:
-    ends = rows.y.shape[0] - rows.x.shape[0] + 1
     loose = _times(f.inverse, components(rows.x))
-    moved = tuple(link_differences(c, None, ends) for c in loose)
+    moved = tuple(f.geometry.differences(c, None) for c in loose)
     y = solve_tridiagonal(*f.matrix, dot_components(f.gradient, moved) - rows.y)
-    back = _times(f.inverse, tuple(gather_links(y * p, ends) for p in f.force))
+    back = _times(f.inverse, tuple(f.geometry.gather(y * p) for p in f.force))
     return Unknowns(jnp.stack([a + b for a, b in zip(loose, back, strict=True)], axis=-1), y)
 
 
@@ -111,7 +113,8 @@ class Condensed:
     ) -> tuple[_Factor, CondensedParts]:
         inverse = self.prepare(problem, u) if prepared is None else prepared
         parts = problem.condensed_parts(u)
-        return _eliminate(inverse, components(parts.force), components(parts.gradient), parts.compliance), parts
+        force, gradient = components(parts.force), components(parts.gradient)
+        return _eliminate(problem.model.geometry, inverse, force, gradient, parts.compliance), parts
 
     def apply(self, factor: tuple[_Factor, CondensedParts], rows: Unknowns) -> Unknowns:
         return _solve(factor[0], rows)
@@ -119,4 +122,4 @@ class Condensed:
     def apply_transposed(self, factor: tuple[_Factor, CondensedParts], rows: Unknowns) -> Unknowns:
         f, parts = factor
         inverse = tuple(zip(*f.inverse, strict=True)) if isinstance(f.inverse, tuple) else f.inverse
-        return _solve(_eliminate(inverse, f.gradient, f.force, parts.compliance), rows)
+        return _solve(_eliminate(f.geometry, inverse, f.gradient, f.force, parts.compliance), rows)

@@ -25,17 +25,15 @@ class Dense(Solver[None, LU]):
         return None
 
     def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> LU:
-        flat, unravel = ravel_pytree(u)
-        jacobian = jax.jacfwd(lambda x: ravel_pytree(problem.residual(unravel(x)))[0])(flat)
+        jacobian = residual_matrix(problem, u)
         return lu_factor(jacobian + _sharing(u) if u.z else jacobian)
 
-    def apply(self, factor: LU, rows: Unknowns) -> Unknowns:
+    def apply(self, factor: LU, rows: Unknowns, transposed: bool = False) -> Unknowns:
         flat, unravel = ravel_pytree(rows)
-        return unravel(lu_solve(factor, flat))
+        return unravel(lu_solve(factor, flat, trans=int(transposed)))
 
     def apply_transposed(self, factor: LU, rows: Unknowns) -> Unknowns:
-        flat, unravel = ravel_pytree(rows)
-        return unravel(lu_solve(factor, flat, trans=1))
+        return self.apply(factor, rows, transposed=True)
 
     def size(self, model: Model) -> int:
         """Number of unknowns."""
@@ -52,6 +50,6 @@ def _sharing(u: Unknowns) -> jax.Array:
 
 
 def residual_matrix(problem: StepProblem, u: Unknowns) -> jax.Array:
-    """The dense Jacobian (N, N) of a step's rows, for tests and inspection."""
+    """The dense Jacobian (N, N) of a step's rows."""
     flat, unravel = ravel_pytree(u)
     return jax.jacfwd(lambda x: ravel_pytree(problem.residual(unravel(x)))[0])(jnp.asarray(flat))

@@ -22,7 +22,7 @@ import numpy as np
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.model import Geometry, Model, State, state
+from dropper_jax.model import Graph, Model, State, state
 from dropper_jax.solvers.dense import LU
 from dropper_jax.solvers.elimination import Elimination, Order, apply, eliminate, elimination_order, solve
 from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale, unbalanced_at
@@ -48,7 +48,7 @@ class Pattern(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def pattern(geometry: Geometry, reach: int) -> Pattern:
+def pattern(geometry: Graph, reach: int) -> Pattern:
     """Pattern of forces that couple nodes up to this number of links apart; columns without a common row have the same
     colour."""
     from scipy.sparse import coo_array, eye_array  # noqa: PLC0415
@@ -72,7 +72,7 @@ def pattern(geometry: Geometry, reach: int) -> Pattern:
 
 
 @lru_cache(maxsize=64)
-def _order(geometry: Geometry, reach: int) -> Order:
+def _order(geometry: Graph, reach: int) -> Order:
     near = pattern(geometry, reach)
     return elimination_order(geometry.free, list(zip(near.row.tolist(), near.column.tolist(), strict=True)))
 

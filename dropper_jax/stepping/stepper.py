@@ -99,13 +99,10 @@ def _choose(model: Model, scheme: Implicit) -> str:
 
 
 def _exact(model: Model, scheme: Implicit) -> str:
-    if model.geometry.branched:
-        return "dense" if SOLVERS["network"].refuse(model, scheme) else "network"
+    sparse = next((name for name in ("network", "banded") if SOLVERS[name].refuse(model, scheme) is None), "dense")
     # number of unknowns below which LU of the full Jacobian is faster than block elimination (measured at 3 compound
     # links)
-    if SOLVERS["banded"].refuse(model, scheme) is not None or SOLVERS["dense"].size(model) <= 16:
-        return "dense"
-    return "banded"
+    return "dense" if sparse == "banded" and SOLVERS["dense"].size(model) <= 16 else sparse
 
 
 #: Residual assigned to a step in which nodes moved farther than an effect can follow (`model.LimitsTimeStep`).

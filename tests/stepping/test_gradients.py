@@ -33,7 +33,7 @@ PARAMETERS = {
 
 def model_of(p):
     points = (MODEL.points[0], Point(p["end"], "right", "fixed"))
-    line = Line(p["length"], p["mass"], Path((Member("line", p["length"].shape[-1], 0, 1),)))
+    line = Line(p["length"], p["mass"], Path((Member("line", p["length"].shape[-1], 0, 1),), (True, True)))
     return Model(points, (line,), (Weight(jnp.asarray(9.81)), LinearDamping(p["b_l"]), QuadraticDamping(p["b_q"])))
 
 

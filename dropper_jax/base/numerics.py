@@ -18,6 +18,7 @@ components this took most of the time of a step. Written out, the pair takes 2.4
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import jax
@@ -180,6 +181,27 @@ def _sincos_jvp(primals: tuple[jax.Array], tangents: tuple[jax.Array]) -> tuple[
 # Sums at indices known when a program is traced, as gathers: a scatter prevents a run from becoming one kernel
 
 
+def index_table(lists: Sequence[Sequence[int]], none: int) -> np.ndarray:
+    """Lists of unequal length as columns (most, lists), filled with `none`."""
+    table = np.full((max(map(len, lists), default=0), len(lists)), none)
+    for column, numbers in zip(table.T, lists, strict=True):
+        column[: len(numbers)] = numbers
+    return table
+
+
+def with_zero_row(a: jax.Array) -> jax.Array:
+    """Rows (n + 1, ...), the last one zero."""
+    return jnp.concatenate([a, jnp.zeros_like(a, shape=(1, *a.shape[1:]))])
+
+
+def gather_sums(a: jax.Array, table: np.ndarray) -> jax.Array:
+    """Sums (m, ...) of the rows of a (n, ...) that a static table (most, m) lists; the index n is a zero row."""
+    if not len(table):
+        return jnp.zeros((table.shape[1], *a.shape[1:]), a.dtype)
+    a = with_zero_row(a)
+    return sum((a[row] for row in table[1:]), a[table[0]])
+
+
 def scatter_add(where: np.ndarray, values: jax.Array | np.ndarray, size: int) -> jax.Array:
     """`zeros(size, ...)` with `values` (k, ...) added at the rows `where` (k,)."""
     where = np.asarray(where)
@@ -193,14 +215,7 @@ def scatter_add(where: np.ndarray, values: jax.Array | np.ndarray, size: int) ->
     if len(where) == size and counts.max() == 1:
         return values if (where == np.arange(size)).all() else values[np.argsort(where)]
     order = np.argsort(where, kind="stable")
-    first = np.cumsum(counts) - counts
-    padded = jnp.concatenate([values, jnp.zeros_like(values[:1])])
-    nothing = len(where)
-    terms = []
-    for k in range(counts.max()):
-        there = counts > k
-        terms.append(padded[np.where(there, order[np.where(there, first + k, 0)], nothing)])
-    return sum(terms[1:], terms[0])
+    return gather_sums(values, index_table(np.split(order, np.cumsum(counts)[:-1]), len(where)))
 
 
 def scatter_add_many(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:

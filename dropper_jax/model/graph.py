@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.numerics import gather_sums, index_table
 from dropper_jax.model.geometry import Member, Part, PathPart, line_number
 
 
@@ -150,10 +151,9 @@ class Graph:
         return np.concatenate([path[1:] for path in self.paths])
 
     def _incident(self, node_of_link: np.ndarray) -> np.ndarray:
-        """Links (free points, most) that have the free point on that side; `links` as padding."""
+        """Links (most, free points) that have the free point on that side; `links` as padding."""
         lists = [np.flatnonzero(node_of_link == self.inner + p) for p in range(len(self.free_points))]
-        most = max((len(a) for a in lists), default=0)
-        return np.array([[*a, *[self.links] * (most - len(a))] for a in lists], int).reshape(len(lists), most)
+        return index_table(lists, self.links)
 
     @cached_property
     def leaving(self) -> np.ndarray:
@@ -178,23 +178,17 @@ class Graph:
         field = self.everywhere(free, held)
         return field[self.last] - field[self.first]
 
-    def _at_points(self, value: jax.Array, table: np.ndarray) -> jax.Array:
-        if not table.shape[1]:
-            return jnp.zeros((len(table), *value.shape[1:]), value.dtype)
-        padded = jnp.concatenate([value, jnp.zeros_like(value[:1])])
-        return sum(padded[table[:, i]] for i in range(table.shape[1]))
-
     @partial(jax.jit, static_argnums=0, inline=True)
     def from_first(self, value: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their first nodes."""
         inner = value[self.previous_links + 1]
-        return jnp.concatenate([inner, self._at_points(value, self.leaving)]) if len(self.free_points) else inner
+        return jnp.concatenate([inner, gather_sums(value, self.leaving)]) if len(self.free_points) else inner
 
     @partial(jax.jit, static_argnums=0, inline=True)
     def from_last(self, value: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their last nodes."""
         inner = value[self.previous_links]
-        return jnp.concatenate([inner, self._at_points(value, self.arriving)]) if len(self.free_points) else inner
+        return jnp.concatenate([inner, gather_sums(value, self.arriving)]) if len(self.free_points) else inner
 
     def gather(self, link_force: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of the links' tension forces (n, ...): + on their first node, - on their

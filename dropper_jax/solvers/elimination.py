@@ -24,6 +24,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.numerics import gather_sums, index_table, with_zero_row
+
 Pair = tuple[int, int]
 #: Maximum number of neighbours of nodes in one round if second neighbours are coupled, as by bending. A chain of 200
 #: then
@@ -88,12 +90,10 @@ def elimination_order(
     lists = [_list_blocks(neighbours, degree) for neighbours, degree in taken]
     present = kept | {(i, i) for i in range(count)}
     following: list[list[Pair | None]] = []
-    rests = []
     for (neighbours, _), listed in zip(taken, lists, strict=True):
         rest = {pair for pair in present if neighbours.keys().isdisjoint(pair)}
         following.append(listed + sorted(rest))
-        rests.append(rest | {(a, b) for near in neighbours.values() for a in near for b in near})
-        present = rests[-1]
+        present = rest | {(a, b) for near in neighbours.values() for a in near for b in near}
     rounds = []
     nodes = [i for neighbours, _ in taken for i in neighbours]
     done = 0
@@ -106,7 +106,7 @@ def elimination_order(
     where: dict[Pair, list[int]] = {}
     for number, pair in enumerate(blocks):
         where.setdefault(pair, []).append(number)
-    slot = _table([where.get(pair, []) if pair else [] for pair in (following[0] if taken else [])], len(blocks))
+    slot = index_table([where.get(pair, []) if pair else [] for pair in (following[0] if taken else [])], len(blocks))
     return Order(tuple(rounds), slot, np.array(nodes, int), position)
 
 
@@ -168,17 +168,9 @@ def _round(
         degree=degree,
         neighbours=ends,
         keep=np.array([slot_of.get(pair, len(now)) if pair else len(now) for pair in then], int),
-        change=_table([products.get(pair, []) if pair else [] for pair in then], degree * degree * width),
-        change_rows=_table([rows.get(node, []) for node in later], degree * width),
+        change=index_table([products.get(pair, []) if pair else [] for pair in then], degree * degree * width),
+        change_rows=index_table([rows.get(node, []) for node in later], degree * width),
     )
-
-
-def _table(lists: list[list[int]], none: int) -> np.ndarray:
-    """Lists of unequal length as columns (most, lists), filled with `none`."""
-    table = np.full((max(map(len, lists), default=0), len(lists)), none)
-    for column, numbers in zip(table.T, lists, strict=True):
-        column[: len(numbers)] = numbers
-    return table
 
 
 Tree = TypeVar("Tree")
@@ -235,16 +227,6 @@ class Elimination(NamedTuple):
         return self._replace(rounds=tuple(Eliminated(d.mT, up.mT, low.mT) for d, low, up in self.rounds))
 
 
-def _with_zero(a: jax.Array) -> jax.Array:
-    return jnp.concatenate([a, jnp.zeros_like(a, shape=(1, *a.shape[1:]))])
-
-
-def gather_sums(a: jax.Array, table: np.ndarray) -> jax.Array:
-    """Sums (m, ...) of the rows of a (n, ...) that a static table (most, m) lists; the index n is a zero row."""
-    a = _with_zero(a)
-    return sum((a[row] for row in table[1:]), a[table[0]])
-
-
 def eliminate(order: Order, blocks: jax.Array) -> Elimination:
     """Factor the matrix with blocks (blocks, k, k) in the order given to `elimination_order`."""
     rounds = []
@@ -261,7 +243,7 @@ def _eliminate(table: Round, blocks: jax.Array) -> tuple[Eliminated, jax.Array]:
     width, degree, k = table.width, table.degree, blocks.shape[-1]
     beside = blocks[width : (1 + 2 * degree) * width].reshape(2, degree, width, k, k)
     done = Eliminated(inverse(blocks[:width]), beside[0], beside[1])
-    after = _with_zero(blocks)[table.keep]
+    after = with_zero_row(blocks)[table.keep]
     if table.change.size:
         products = multiply(done.upper[:, None], multiply(done.inverse, done.lower))
         after = after - gather_sums(products.reshape(-1, k, k), table.change)
@@ -280,7 +262,7 @@ def solve(factor: Elimination, rhs: jax.Array) -> jax.Array:
     x = left
     for table, done, own in zip(order.rounds[::-1], factor.rounds[::-1], found[::-1], strict=True):
         if table.degree:
-            own = own - jnp.sum(apply(done.lower, _with_zero(x)[table.neighbours]), axis=0)
+            own = own - jnp.sum(apply(done.lower, with_zero_row(x)[table.neighbours]), axis=0)
         x = jnp.concatenate([apply(done.inverse, own), x])
     return x[order.position]
 

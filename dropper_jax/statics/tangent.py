@@ -22,6 +22,7 @@ import numpy as np
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.numerics import scatter_add_many
 from dropper_jax.model import Graph, Model, State, state
 from dropper_jax.solvers.dense import LU
 from dropper_jax.solvers.elimination import Elimination, Order, apply, eliminate, elimination_order, solve
@@ -119,8 +120,7 @@ class Tangent:
 
     def multiply(self, blocks: jax.Array, x: jax.Array) -> jax.Array:
         """The map of these blocks at displacements x (free, 3)."""
-        parts = apply(blocks, x[self.pattern.column])
-        return jnp.zeros_like(parts, shape=x.shape).at[self.pattern.row].add(parts)
+        return scatter_add_many(self.pattern.row, apply(blocks, x[self.pattern.column]), len(x))
 
     def apply(self, factor: Elimination, rows: jax.Array, transposed: bool = False) -> jax.Array:
         """The displacements for given forces."""

@@ -30,7 +30,7 @@ from fitting.estimate.gauss_newton import continue_windows, fit_starts, fit_wind
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise, mean_by_run
 from fitting.estimate.problem import Problem, Solution
-from fitting.estimate.residual_noise import pose_again, with_residual_noise
+from fitting.estimate.residual_noise import fit_with_noise, pose_again
 from fitting.estimate.sandwich import start_covariances
 from fitting.estimate.shooting import continue_shooting, fit_shooting, solve_to_end
 from fitting.estimate.uncertainty import finer_step, refine
@@ -299,7 +299,7 @@ def estimate(
     )
     if solution.status != "ok":
         return solution
-    own_noise = partial(with_residual_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
+    own_noise = partial(fit_with_noise, claimed=prepared.claimed_windows, floor=prepared.floor, traces=prepared.traces)
     refined = partial(refine, progress=lambda _, text: progress(0.95, text))
     solution = own_noise(solution, again=continue_windows)
     if solution.problem.loss != loss:

@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
-from fitting.estimate.problem import Descent, Problem
+from fitting.estimate.problem import Descent, Problem, Solution
 from fitting.estimate.rest import Rest, held_start
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Piece, Starts, Windows, cut, fill, first_starts
@@ -176,6 +176,10 @@ class Prepared:
         if self.noise is not None or self.first_noise is None:
             return self.windows
         return self.first_noise.apply_to(self.windows, self.traces)
+
+    def claimed_windows(self, point: Solution) -> Windows:
+        """The windows with the noise that the traces claim, and a solution's steps."""
+        return replace(self.windows, substeps=point.windows.substeps)
 
     def noisy(self, noise: Noise | None) -> Prepared:
         """The preparation with the noise estimated by a fit, if any: in the windows and in all that are cut later."""

@@ -14,10 +14,9 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model, initial_state
-from fitting.channels.channel import Data
+from fitting.channels.channel import Data, Series
 from fitting.channels.free import find_free
-from fitting.channels.noise import Evaluation, estimate_noise, first_noise, scale_of
-from fitting.channels.problem import MOST_HALVED, Problem
+from fitting.channels.problem import MOST_HALVED, Evaluation, Problem
 from fitting.channels.reading import read_data
 from fitting.channels.result import Between, ChannelFit, between, errors_of
 from fitting.estimate.gauss_newton import continue_windows, first_solution
@@ -226,23 +225,6 @@ def warnings_of(result: ChannelFit) -> list[str]:
     return found
 
 
-def scales_of(problem: Problem, e: Evaluation) -> tuple[tuple[np.ndarray, ...], ...]:
-    """Scales of the channels' noise."""
-    return tuple(
-        tuple(scale_of(s, shown) for s, shown in zip(problem.data.sensors, run, strict=True)) for run in e.shown
-    )
-
-
-def floors_of(problem: Problem) -> np.ndarray:
-    """Minimum noise of each channel (c,): the rounding of its sensor, `resolution/sqrt(12)`."""
-    fit = problem.scenes[0].fit
-    least = [
-        0.0 if fit is None or sensor.relative else fit.resolution(sensor.channel.kind) / np.sqrt(12)
-        for sensor in problem.data.sensors
-    ]
-    return np.maximum(least, 1e-15)
-
-
 def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
     """The start of the fit.
 
@@ -263,15 +245,12 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
         raise SceneError(
             f"start: the run at the start values fails, {e.failed}. Try a smaller --dt{hint}, or other values"
         )
-    problem = replace(
-        problem, loss=loss, noise=first_noise(problem.data, floors_of(problem)), scales=scales_of(problem, e)
-    )
-    return first_solution(problem, values, problem.with_rows(e))
+    return first_solution(replace(problem, loss=loss), values, e)
 
 
 def settle_noise(point: Solution, iterations: int, progress: Progress = silent) -> Solution:
     """Alternate fit and noise estimate up to their common fixed point."""
-    floors, turn = floors_of(point.problem), 0
+    turn = 0
 
     def descend(point: Solution) -> Solution:
         nonlocal turn
@@ -279,20 +258,16 @@ def settle_noise(point: Solution, iterations: int, progress: Progress = silent) 
         turn += 1
         return continue_windows(point, iterations, say)
 
-    def update_noise(point: Solution) -> tuple[Solution, float]:
-        problem, e, free = point.problem, point.evaluation, ~point.problem.held_mask
-        motion = e._replace(slopes=tuple(tuple(s[..., free] for s in run) for run in e.slopes))
-        scales, information = scales_of(problem, e), point.information[np.ix_(free, free)]
-        noise = estimate_noise(problem.data, motion, problem.noise, scales, information, floors, problem.loss)
-        problem = replace(problem, noise=noise, scales=scales)
-        return pose_again(point, problem, problem.with_rows(e)), noise.max_relative_difference(point.problem.noise)
+    def claimed_series(point: Solution) -> Series:
+        return point.problem.data.series(point.problem.claimed_noise, point.evaluation.shown)
 
     found = descend(point)
     found.iterations += point.iterations
-    if found.status != "ok":
-        return update_noise(found)[0]
+    floor = (point.problem.floor / point.problem.claimed_noise)[:, None]
     # errors of 3 % of the noise of several channels move estimates by 0.02 standard errors relative to each other
-    found = fit_with_noise(found, update_noise, descend, same=0.01)
+    found = fit_with_noise(found, descend, claimed_series, floor, same=0.01)
+    if found.status != "ok":
+        return found
     ended = descend(found)  # no steps if the last noise moves no parameter
     ended.iterations += found.iterations
     return ended

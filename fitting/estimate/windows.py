@@ -81,6 +81,11 @@ class Windows:
         return len(self.begin)
 
     @property
+    def source(self) -> np.ndarray:
+        """Number of the run whose noise a window has (K,)."""
+        return self.run
+
+    @property
     def samples(self) -> int:
         """Total number of measured angles."""
         return int((self.weight > 0).sum())

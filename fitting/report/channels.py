@@ -106,22 +106,23 @@ def picture(result: ChannelFit, run: int, path: str | Path) -> Path:
     most_columns = 6
     problem, e = result.solution.problem, result.solution.evaluation
     panels = []
-    for c, sensor in enumerate(problem.data.sensors):
-        size = problem.noise.size[c] * problem.scales[run][c]
-        for j, name in enumerate(sensor.channel.columns):
-            t, measured, shown = problem.data.runs[run].t[c], problem.data.runs[run].values[c][:, j], e.shown[run][c]
-            label = sensor.channel.name if len(sensor.channel.columns) == 1 else f"{sensor.channel.name}: {name}"
-            panels.append((f"{label} [{sensor.channel.measures}]", t, measured, shown[:, j], size[:, j]))
+    deviations = problem.data.deviations(e.shown)[..., None] * problem.windows.weight
+    for block, (r, c, known, j) in enumerate(problem.data.columns()):
+        channel, t, values = problem.data.sensors[c].channel, problem.data.runs[r].t[c], problem.data.runs[r].values[c]
+        label = channel.name if len(channel.columns) == 1 else f"{channel.name}: {channel.columns[j]}"
+        off = t[known], -deviations[block, : known.sum(), 0]
+        if r == run:
+            panels.append((f"{label} [{channel.measures}]", t, values[:, j], e.shown[r][c][:, j], off))
     left_out = len(panels) - most_columns
     panels = panels[:most_columns]
     with style.plot_style():
         figure = style.new_figure(9.0, 1.0 + 1.7 * len(panels))
         axes = np.atleast_2d(figure.subplots(len(panels), 2, sharex=True, width_ratios=(3, 1), squeeze=False))
-        for (label, t, measured, shown, size), (over, beside) in zip(panels, axes, strict=True):
+        for (label, t, measured, shown, off), (over, beside) in zip(panels, axes, strict=True):
             over.plot(t, measured, ".", ms=2, color=style.SECOND, label="measured")
             over.plot(t, shown, "-", lw=0.9, color=style.DARK, label="fitted")
             over.set_ylabel(label)
-            beside.plot(t, (measured - shown) / size, ".", ms=2, color=style.SECOND)
+            beside.plot(*off, ".", ms=2, color=style.SECOND)
             beside.locator_params(axis="x", nbins=3)
             beside.axhline(0.0, color=style.DARK, lw=0.8)
         axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)

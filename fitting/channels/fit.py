@@ -23,8 +23,8 @@ from fitting.estimate.gauss_newton import continue_windows, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss, loss_of
 from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
-from fitting.estimate.scene_fit import Intervals
-from fitting.estimate.uncertainty import LARGEST_BIAS, refine
+from fitting.estimate.scene_fit import Intervals, common_warnings
+from fitting.estimate.uncertainty import refine
 from fitting.parameters.of_scene import default_free, full_names, rig_priors
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 
@@ -197,14 +197,13 @@ def over_runs(result: ChannelFit) -> tuple[Between, ...]:
 
 def warnings_of(result: ChannelFit) -> list[str]:
     """Warnings, one line each."""
-    found, point, e = [], result.solution, result.errors
-    for p, kind, why, bound in zip(result.parameters, e.determined, e.why, e.at_bound, strict=True):
+    point, e = result.solution, result.errors
+    found = common_warnings(point, e)
+    for p, kind, why in zip(result.parameters, e.determined, e.why, strict=True):
         if kind == "no":
             found.append(f"{p.name}: not determined: {why}")
         elif kind != "yes":
             found.append(f"{p.name}: {kind}: {why}")
-        if bound:
-            found.append(f"{p.name}: at its bound")
     for row in result.channels():
         claimed, estimated = row["noise_claimed"], row["noise"]
         if claimed is not None and not 0.5 < estimated / claimed < 2:
@@ -217,11 +216,6 @@ def warnings_of(result: ChannelFit) -> list[str]:
     grown = growth(point.evaluation)
     if grown > 10.0:  # from the middle of a run to its end
         found.append(f"the motion is chaotic: derivatives grow {grown:.2g} times in half the run. Use shorter runs")
-    bias = None if result.step_bias is None else float(np.nanmax(np.abs(result.step_bias), initial=0.0))
-    if bias is not None and bias > LARGEST_BIAS:
-        found.append(
-            f"the step of {point.problem.dt:g} s shifts the estimates by {bias:.2g} standard errors. Use a smaller dt"
-        )
     return found
 
 

@@ -20,9 +20,9 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import build
 from fitting.calibration.advice import Candidate, Group, groups, joint_information, wide
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
+from fitting.calibration.preparation import LONGEST
 from fitting.calibration.prepared import Prepared, fitted_parts
 from fitting.calibration.result import score_held_out, window_length
-from fitting.estimate.gaps import LONGEST
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.marching import choose_stepper

@@ -15,17 +15,17 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model, initial_state
 from fitting.channels.channel import Data, Series
-from fitting.channels.free import find_free
 from fitting.channels.problem import MOST_HALVED, Evaluation, Problem
 from fitting.channels.reading import read_data
 from fitting.channels.result import Between, ChannelFit, between, errors_of
+from fitting.channels.setup import find_free
 from fitting.estimate.gauss_newton import continue_windows, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss, loss_of
 from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
 from fitting.estimate.scene_fit import Intervals, common_warnings
 from fitting.estimate.uncertainty import refine
-from fitting.parameters.of_scene import default_free, full_names, rig_priors
+from fitting.parameters.of_scene import by_full_path, default_free, full_names, rig_priors
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 
 #: Sections of paths that do not belong to the scene's model.
@@ -70,9 +70,8 @@ def pose(
     if not shared and not split:
         raise SceneError("free: nothing is free; allowed: paths of parameters")
     parameters, known_together = rig_priors(scenes[0], build_model(scenes[0]), shared)
-    given = (("start", start), ("bounds", bounds), ("prior", priors))
-    by_path = [{_path(scenes[0], name, which): v for name, v in one.items()} for which, one in given]
-    every = adjust_parameters([*parameters, *split], *by_path, wider=True)
+    given = by_full_path(scenes[0], start, bounds, priors, OF_DATA)
+    every = adjust_parameters([*parameters, *split], *given, wider=True)
     parameters, split = list(every[: len(shared)]), every[len(shared) :]
     plain, of_run = [], []
     for run in data.runs:
@@ -96,11 +95,6 @@ def pose(
         near=tuple(initial_state(build_model(s), s.start) for s in scenes),
         known=known_together,
     )
-
-
-def _path(scene: Scene, name: str, option: str) -> str:
-    """The full path of a name that may be short."""
-    return name if ScenePath(name).section in OF_DATA else full_names(scene, [name], option)[0]
 
 
 def _check_program(scenes: Sequence[Scene], data: Data) -> None:
@@ -142,7 +136,7 @@ def fit_channels(
     Args:
         data: the data's file (`reading`), the same as plain values, or the result of `read_data`.
         scene: packaged name, TOML file, plain values or a `Scene`; its values are the start values.
-        free: paths (see `free`); default: those listed in the scene's `[fit]`, otherwise its damping.
+        free: paths (see `setup`); default: those listed in the scene's `[fit]`, otherwise its damping.
         own: those of them that each run has separately; their mean and spread over the runs are reported too.
         start, bounds, priors: by name: start value; (low, high); (mean, standard deviation).
         dt: time step [s]; default: the scene's.

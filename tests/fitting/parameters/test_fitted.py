@@ -4,7 +4,7 @@ import numpy as np
 
 import dropper_jax as dj
 from dropper_jax.run.build import build_model
-from fitting.channels.free import find_free
+from fitting.channels.setup import find_free
 from fitting.parameters.of_scene import find_parameters, fitted_scene
 from fitting.parameters.parameter import apply
 

@@ -71,6 +71,12 @@ class Noise:
         """The claimed noise."""
         return cls(np.ones((runs, links)), np.full((runs, links), np.inf), np.zeros(runs))
 
+    @classmethod
+    def of_misfit(cls, residual: np.ndarray, known: np.ndarray, run: np.ndarray, floor: np.ndarray) -> Noise:
+        """White noise as large as each run's residuals (K, S, n), in units of the claimed one; at least `floor` (R, n)."""
+        noise = cls.as_claimed(*floor.shape)
+        return replace(noise, factor=np.maximum(np.sqrt(mean_by_run(residual**2, known, run, len(floor))), floor))
+
     @property
     def kind(self) -> str:
         """`white`, `correlated` or `jitter`."""

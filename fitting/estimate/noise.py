@@ -73,7 +73,7 @@ class Noise:
 
     @classmethod
     def of_misfit(cls, residual: np.ndarray, known: np.ndarray, run: np.ndarray, floor: np.ndarray) -> Noise:
-        """White noise as large as each run's residuals (K, S, n), in units of the claimed one; at least `floor` (R, n)."""
+        """White noise as large as residuals (K, S, n), in units of the claimed noise, and at least `floor` (R, n)."""
         noise = cls.as_claimed(*floor.shape)
         return replace(noise, factor=np.maximum(np.sqrt(mean_by_run(residual**2, known, run, len(floor))), floor))
 

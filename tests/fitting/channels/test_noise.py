@@ -5,11 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fitting import Huber, StudentT
 from fitting.channels.channel import Data, Run, Sensor
 from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.sensors import Angle
 from fitting.estimate.gauss_newton import first_solution
-from fitting.estimate.loss import LEAST_SQUARES, Huber, StudentT
+from fitting.estimate.loss import LEAST_SQUARES
 from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.parameters.parameter import Parameter

@@ -29,8 +29,7 @@ from study import Found, command, describe, say, store, stored
 import dropper_jax as dj
 from fitting import ChannelFit, fit_channels
 from fitting.channels.fit import first_point, pose, settle_noise
-from fitting.channels.noise import Evaluation
-from fitting.channels.problem import Problem
+from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.result import errors_of
 from fitting.channels.sensors import projection
 
@@ -155,7 +154,7 @@ class InLine(Problem):
         move = values - there.values
         pairs = zip(there.evaluation.shown, there.evaluation.slopes, strict=True)
         shown = tuple(tuple(y + x @ move for y, x in zip(*run, strict=True)) for run in pairs)
-        return self.with_rows(there.evaluation._replace(shown=shown))
+        return self.whiten_residuals(there.evaluation._replace(shown=shown))
 
 
 #: Where the linear model is taken.

@@ -194,7 +194,7 @@ def bound(prepared: Prepared, d: Draw, simulator: Simulator) -> np.ndarray:
     decay = -np.log(d.kept) / interval if d.kept else np.inf
     claimed = np.array(prepared.sigma)
     noise = Noise(NOISE / claimed, np.full(claimed.shape, decay), np.array([d.jitter]))
-    point = ResidualNoiseModel(solution, prepared.windows, prepared.traces, prepared.floor).at(noise)
+    point = ResidualNoiseModel(solution, prepared.claimed_windows(solution), prepared.traces, prepared.floor).at(noise)
     step = level_of(point.problem, CLOSED).undamped_step(point.evaluation, point.values, np.inf)
     try:
         return np.sqrt(np.diag(np.linalg.inv(step.information)))[:2]

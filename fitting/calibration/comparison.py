@@ -46,7 +46,7 @@ from fitting.estimate.gauss_newton import continue_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
-from fitting.estimate.residual_noise import with_residual_noise
+from fitting.estimate.residual_noise import fit_with_noise
 from fitting.estimate.shooting import SCHEDULE, JoinedWindows, fit_shooting
 from fitting.estimate.uncertainty import finer_step, refine
 from fitting.estimate.windows import Windows
@@ -160,7 +160,7 @@ def _first_fits(
     say(0.95, f"law {fullest}: noise")
     widest = "dry" in LADDER[fullest]
     first = fit_law(prepared, families[widest], fullest, [], iterations)
-    noisy = partial(with_residual_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
+    noisy = partial(fit_with_noise, claimed=prepared.claimed_windows, floor=prepared.floor, traces=prepared.traces)
     first = refine(noisy(first, again=continue_windows))
     prepared = prepared.noisy(first.problem.noise)
     enough = FAR * first.cost

@@ -28,9 +28,9 @@ from fitting.calibration.prepared import Prepared
 from fitting.estimate.gaps import gaps
 from fitting.estimate.gauss_newton import continue_windows, fit_starts, fit_windows, window_costs
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
-from fitting.estimate.noise import Noise, mean_by_run
+from fitting.estimate.noise import Noise
 from fitting.estimate.problem import Problem, Solution
-from fitting.estimate.residual_noise import pose_again, with_residual_noise
+from fitting.estimate.residual_noise import fit_with_noise, pose_again
 from fitting.estimate.sandwich import start_covariances
 from fitting.estimate.shooting import continue_shooting, fit_shooting, solve_to_end
 from fitting.estimate.uncertainty import finer_step, refine
@@ -261,12 +261,10 @@ def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
     link would have many times the weight of another.
     """
     windows = prepared.windows
-    square = (solution.errors * windows.weight) ** 2
-    square = mean_by_run(square, windows.weight > 0, windows.run, len(prepared.traces))
-    factor = np.sqrt(np.maximum(square, 1.0))
+    floor = np.ones((len(prepared.traces), windows.theta.shape[2]))
+    noise = Noise.of_misfit(solution.errors * windows.weight, windows.weight > 0, windows.run, floor)
     # ratio of two links' misfits, in units of their noise, above which links are weighted by misfit
-    uneven = (factor.max(axis=1) > 3.0 * factor.min(axis=1)).any()
-    return replace(Noise.as_claimed(*factor.shape), factor=factor) if uneven else None
+    return noise if (noise.factor.max(axis=1) > 3.0 * noise.factor.min(axis=1)).any() else None
 
 
 def estimate(
@@ -299,7 +297,7 @@ def estimate(
     )
     if solution.status != "ok":
         return solution
-    own_noise = partial(with_residual_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
+    own_noise = partial(fit_with_noise, claimed=prepared.claimed_windows, floor=prepared.floor, traces=prepared.traces)
     refined = partial(refine, progress=lambda _, text: progress(0.95, text))
     solution = own_noise(solution, again=continue_windows)
     if solution.problem.loss != loss:

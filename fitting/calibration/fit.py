@@ -6,7 +6,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -25,9 +24,8 @@ from fitting.calibration.wrong_files import SUSPECT, name_wrong_file
 from fitting.estimate.gaps import lyapunov
 from fitting.estimate.loss import loss_of
 from fitting.estimate.problem import CHI2_RANGE, CORRELATION_FLOOR, Solution
-from fitting.estimate.sandwich import FEW
-from fitting.estimate.scene_fit import Intervals
-from fitting.estimate.uncertainty import LARGEST_BIAS, Uncertainty, degrees_of_freedom, uncertainty
+from fitting.estimate.scene_fit import Intervals, common_warnings
+from fitting.estimate.uncertainty import Uncertainty, degrees_of_freedom, uncertainty
 from fitting.parameters.parameter import Bounds, Priors, StartValues
 from fitting.traces.trace import convention
 
@@ -47,7 +45,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     """One line each: active bounds, parameters that are not identifiable, correlated residuals, failed steps."""
     values = solution.by_name
     names = list(values)
-    found = [f"{name} is at its bound {values[name]:g}" for name in compress(names, u.at_bound)]
+    found = common_warnings(solution, u)
     found += [
         f"not identifiable from the data: direction ({direction_text(direction)}) in relative changes"
         for direction in u.undetermined
@@ -76,11 +74,6 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
             f"residuals are not noise: neighbours correlate by {u.correlation_1:.2f}; standard errors were multiplied "
             f"by up to {u.inflation:.2g}"
         )
-    if 0 < u.blocks < FEW:
-        found.append(
-            f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW}. Use longer "
-            "traces for more reliable errors"
-        )
     noise = solution.problem.noise
     if noise is not None and noise.kind != "white":
         found.append(NAMED[noise.kind])
@@ -91,12 +84,6 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     elif chi2 < CHI2_RANGE[0] and any(trace.se is not None for trace in prepared.traces):
         found.append(f"chi-square per degree of freedom is {chi2:.3g}: the stated standard errors are too large")
     found += outliers(prepared, solution)
-    if solution.step_bias is not None:
-        found += [
-            f"the time step shifts {name} by {bias:+.2g} standard errors. Use a smaller dt"
-            for name, bias in zip(names, solution.step_bias, strict=True)
-            if abs(bias) > LARGEST_BIAS
-        ]
     failed = int(solution.evaluation.failed.sum())
     if failed:
         found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,23 +12,15 @@ import numpy as np
 from dropper_jax import load_scene
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.run.build import SceneLike, build
-from fitting.calibration.prepared import (
-    STEPS_PER_PERIOD,
-    Prepared,
-    at_frames,
-    check_spans,
-    fitted_parts,
-    fitted_spans,
-    without_held_starts,
-)
+from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared, at_frames, fitted_parts
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
-from fitting.estimate.gaps import SHORTEST_PART, follow_motion, longest_window, lyapunov, transitions
+from fitting.estimate.gaps import lyapunov, transitions
 from fitting.estimate.marching import choose_stepper
 from fitting.estimate.release import release_of
-from fitting.estimate.rest import advice_on_rest, rests
+from fitting.estimate.rest import advice_on_rest, held_start, rests
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import check_step, cut, fewest_frames, fill, first_starts, time_step
-from fitting.parameters.of_scene import default_free, full_names, rig_priors
+from fitting.estimate.windows import Piece, Windows, cut, fewest_frames, fill, first_starts
+from fitting.parameters.of_scene import by_full_path, default_free, full_names, rig_priors
 from fitting.parameters.parameter import Bounds, Priors, StartValues, resolve, with_effects
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar
@@ -87,11 +79,8 @@ def prepare(
     if dt is not None:
         check_step(runs, dt)
     release = release_of(scene, state, names, len(runs), static_start)
-    by_path = [
-        {full_names(scene, [name], which)[0]: value for name, value in (given or {}).items()}
-        for which, given in (("start", start), ("bounds", bounds), ("prior", priors))
-    ]
-    parameters = at_frames(resolve(model, names, *by_path, release=release), runs)
+    changed = by_full_path(scene, start, bounds, priors)
+    parameters = at_frames(resolve(model, names, *changed, release=release), runs)
     parameters, known = rig_priors(scene, model, parameters)
     held_out = check_spans(runs, held_out)
     rest = check_spans(runs, rest, "rest")
@@ -183,3 +172,138 @@ def prepare(
         known=known,
         rest=poses,
     )
+
+
+def check_spans(
+    traces: Sequence[Trace], spans: Sequence[tuple[float, float]], option: str = "held-out"
+) -> tuple[tuple[float, float], ...]:
+    """Sorted spans; messages use the option's name.
+
+    Raises:
+        SceneError: a span is empty, overlaps another or lies outside every trace.
+    """
+    found = sorted((float(low), float(high)) for low, high in spans)
+    for i, (low, high) in enumerate(found):
+        text = f"{option}: {low:g}:{high:g}"
+        if not low < high:
+            raise SceneError(f"{text} is empty; allowed: lo < hi")
+        if i and low < found[i - 1][1] - 1e-9:
+            raise SceneError(f"{text} overlaps {found[i - 1][0]:g}:{found[i - 1][1]:g}. Use separate spans")
+        if not any(len(trace.between(low, high).t) > 2 for trace in traces):
+            raise SceneError(f"{text} contains no samples; allowed: {traces[0].t[0]:g} to {traces[0].t[-1]:g} s")
+    return tuple(found)
+
+
+def fitted_spans(
+    traces: Sequence[Trace], until: float | None, held_out: Sequence[tuple[float, float]]
+) -> list[tuple[int, float, float]]:
+    """(run, from, to) of all samples that may be fitted: before `until`, outside the held-out spans.
+
+    Raises:
+        SceneError: nothing remains.
+    """
+    found = []
+    for i, trace in enumerate(traces):
+        low, last = float(trace.t[0]), min(float(trace.t[-1]) + trace.interval, np.inf if until is None else until)
+        for begin, end in [*held_out, (last, last)]:
+            if low < min(begin, last):
+                found.append((i, low, min(begin, last)))
+            low = max(low, end)
+    if not found:
+        raise SceneError("until, held-out: nothing remains to fit. Use spans that leave part of the trace")
+    return found
+
+
+def without_held_starts(
+    spans: Sequence[tuple[int, float, float]],
+    traces: Sequence[Trace],
+    sigma: Sequence[np.ndarray],
+    slowest: float,
+    pose: Callable[[], np.ndarray],
+) -> tuple[list[tuple[int, float, float]], list[str]]:
+    """The fitted spans of traces without the still stretch before a release, and a note on each stretch left out.
+
+    Args:
+        traces: the samples of every run that may be fitted, the rest missing.
+        sigma: noise of each run's links (n,) [rad].
+        slowest: period [s] of the line as one pendulum.
+        pose: gives the angles (n,) [rad] at rest; only called if a trace starts still.
+    """
+    found, notes = list(spans), []
+    for i, trace in enumerate(traces):
+        if (begin := held_start(trace, sigma[i], slowest, pose)) is not None:
+            found = [(run, max(low, begin) if run == i else low, high) for run, low, high in found]
+            notes.append(
+                f"{trace.name} is held still until {begin:.3g} s, in a pose that its own ends do not hold: the fit "
+                "starts there"
+            )
+    return [(run, low, high) for run, low, high in found if low < high], notes
+
+
+# Windows that are as long as the growth of small errors in the motion allows.
+#
+# Let M_k be the transition of window k, the derivative of its end by its start in units of a gap's scale. Errors grow
+# over windows j to k by at most the largest singular value of M_k ... M_j. The largest Lyapunov exponent is the mean
+# growth rate of the product of all. A whipping motion grows by far more than this mean at some moments. Windows are
+# therefore joined from short ones, up to the length that the growth of their own product allows.
+
+#: Maximum growth of an error over a fit window, in e-folds.
+FIT_GROWTH = 2.0
+#: Shortest windows that are joined, as a fraction of the shortest link's period: links that whip at ten times the rate
+#: of their own swing turn by less than one turn in it.
+SHORTEST_PART = 0.2
+#: Longest automatic window [s], and as a fraction of the trace.
+LONGEST, LONGEST_PART = 10.0, 0.125
+
+
+def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
+    """Longest window [s]: one second per 0.1 m link of a chain; long where chaos is impossible."""
+    chaotic = float(np.sqrt(length / 0.1)) if freedoms > 1 else np.inf  # one angle cannot be chaotic
+    return max(shortest, min(LONGEST, LONGEST_PART * span, chaotic))
+
+
+def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]:
+    """Windows joined from short ones while an error grows by at most `FIT_GROWTH` e-folds over them.
+
+    Args:
+        windows: short ones, each ending on a whole frame.
+        move: their transitions (K, m2, m2).
+        steps: maximum steps of a window.
+    """
+    found: list[Piece] = []
+    one = np.eye(move.shape[1])
+    move = np.where(windows.released[:, None, None], one, move)  # the start of a released window comes from the model
+    product = one
+    for k, matrix in enumerate(move):
+        piece, further = windows.piece(k), matrix @ product
+        total = piece.steps + sum(last.steps for last in found[-1:])
+        grown = np.linalg.norm(further, 2) if np.isfinite(further).all() else np.inf
+        if found and piece.follows and total <= steps and grown <= np.exp(FIT_GROWTH):
+            found[-1], product = found[-1]._replace(steps=total), further
+        else:
+            found.append(piece)
+            product = matrix
+    return found
+
+
+def check_step(traces: Sequence[Trace], dt: float) -> None:
+    """Reject a requested step that is longer than the sampling interval.
+
+    Between steps angles are interpolated. A step that skips samples is probably a mistyped one: the default is shorter
+    than any motion that a camera can follow.
+    """
+    longest = max(trace.interval for trace in traces)
+    if not dt <= longest * (1 + 1e-6):
+        raise SceneError(f"dt: {dt:g} s is longer than the sampling interval; allowed: at most {longest:.4g} s")
+
+
+def time_step(traces: Sequence[Trace], requested: float) -> float:
+    """The step [s] nearest below `requested` that divides the sampling interval, for uniform sampling.
+
+    Times in files are rounded: a step may exceed `requested` by that rounding.
+    """
+    intervals = [round(trace.interval, 12) for trace in traces]
+    if np.ptp(intervals) > 1e-9:
+        return requested
+    # relative change of a step that rounded times of samples may cause
+    return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - 1e-3)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,34 +11,14 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
-from fitting.estimate.problem import Descent, Problem
-from fitting.estimate.rest import Rest, held_start
+from fitting.estimate.problem import Descent, Problem, Solution
+from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Piece, Starts, Windows, cut, fill, first_starts
 from fitting.parameters.of_scene import JointPrior, rig_priors
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.target import LostPlace
 from fitting.traces.trace import Trace
-
-
-def check_spans(
-    traces: Sequence[Trace], spans: Sequence[tuple[float, float]], option: str = "held-out"
-) -> tuple[tuple[float, float], ...]:
-    """Sorted spans; messages use the option's name.
-
-    Raises:
-        SceneError: a span is empty, overlaps another or lies outside every trace.
-    """
-    found = sorted((float(low), float(high)) for low, high in spans)
-    for i, (low, high) in enumerate(found):
-        text = f"{option}: {low:g}:{high:g}"
-        if not low < high:
-            raise SceneError(f"{text} is empty; allowed: lo < hi")
-        if i and low < found[i - 1][1] - 1e-9:
-            raise SceneError(f"{text} overlaps {found[i - 1][0]:g}:{found[i - 1][1]:g}. Use separate spans")
-        if not any(len(trace.between(low, high).t) > 2 for trace in traces):
-            raise SceneError(f"{text} contains no samples; allowed: {traces[0].t[0]:g} to {traces[0].t[-1]:g} s")
-    return tuple(found)
 
 
 def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple[Parameter, ...]:
@@ -59,26 +39,6 @@ def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple
     return tuple(found)
 
 
-def fitted_spans(
-    traces: Sequence[Trace], until: float | None, held_out: Sequence[tuple[float, float]]
-) -> list[tuple[int, float, float]]:
-    """(run, from, to) of all samples that may be fitted: before `until`, outside the held-out spans.
-
-    Raises:
-        SceneError: nothing remains.
-    """
-    found = []
-    for i, trace in enumerate(traces):
-        low, last = float(trace.t[0]), min(float(trace.t[-1]) + trace.interval, np.inf if until is None else until)
-        for begin, end in [*held_out, (last, last)]:
-            if low < min(begin, last):
-                found.append((i, low, min(begin, last)))
-            low = max(low, end)
-    if not found:
-        raise SceneError("until, held-out: nothing remains to fit. Use spans that leave part of the trace")
-    return found
-
-
 def fitted_parts(traces: Sequence[Trace], spans: Sequence[tuple[int, float, float]]) -> list[Trace]:
     """The traces with every sample outside the spans (run, from, to) [s] marked as missing."""
     found = []
@@ -88,32 +48,6 @@ def fitted_parts(traces: Sequence[Trace], spans: Sequence[tuple[int, float, floa
             inside |= (run == i) & (trace.t >= low - 1e-9) & (trace.t < high - 1e-9)
         found.append(replace(trace, theta=np.where(inside[:, None], trace.theta, np.nan)))
     return found
-
-
-def without_held_starts(
-    spans: Sequence[tuple[int, float, float]],
-    traces: Sequence[Trace],
-    sigma: Sequence[np.ndarray],
-    slowest: float,
-    pose: Callable[[], np.ndarray],
-) -> tuple[list[tuple[int, float, float]], list[str]]:
-    """The fitted spans of traces without the still stretch before a release, and a note on each stretch left out.
-
-    Args:
-        traces: the samples of every run that may be fitted, the rest missing.
-        sigma: noise of each run's links (n,) [rad].
-        slowest: period [s] of the line as one pendulum.
-        pose: gives the angles (n,) [rad] at rest; only called if a trace starts still.
-    """
-    found, notes = list(spans), []
-    for i, trace in enumerate(traces):
-        if (begin := held_start(trace, sigma[i], slowest, pose)) is not None:
-            found = [(run, max(low, begin) if run == i else low, high) for run, low, high in found]
-            notes.append(
-                f"{trace.name} is held still until {begin:.3g} s, in a pose that its own ends do not hold: the fit "
-                "starts there"
-            )
-    return [(run, low, high) for run, low, high in found if low < high], notes
 
 
 #: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
@@ -176,6 +110,10 @@ class Prepared:
         if self.noise is not None or self.first_noise is None:
             return self.windows
         return self.first_noise.apply_to(self.windows, self.traces)
+
+    def claimed_windows(self, point: Solution) -> Windows:
+        """The windows with the noise that the traces claim, and a solution's steps."""
+        return replace(self.windows, substeps=point.windows.substeps)
 
     def noisy(self, noise: Noise | None) -> Prepared:
         """The preparation with the noise estimated by a fit, if any: in the windows and in all that are cut later."""

@@ -13,7 +13,6 @@ from dropper_jax.model import Model
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import Law
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.gaps import HELD_GROWTH
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.noise import mean_by_run
 from fitting.estimate.problem import Solution
@@ -42,6 +41,10 @@ def score_held_out(
 def direction_text(direction: Mapping[str, float]) -> str:
     """A direction of parameters in words."""
     return ", ".join(f"{share:+.2g} {name}" for name, share in direction.items())
+
+
+#: Maximum growth of an error over a held-out window, in e-folds: its start must still be found.
+HELD_GROWTH = 6.0
 
 
 def window_length(prepared: Prepared, span: tuple[float, float]) -> float:

@@ -20,13 +20,13 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import build
 from fitting.calibration.advice import Candidate, Group, groups, joint_information, wide
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
+from fitting.calibration.preparation import LONGEST
 from fitting.calibration.prepared import Prepared, fitted_parts
 from fitting.calibration.result import score_held_out, window_length
-from fitting.estimate.gaps import LONGEST
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.marching import choose_stepper
-from fitting.estimate.noise import Noise, lag_one, mean_by_run
+from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import memory_of
 from fitting.estimate.simulator import Simulator
@@ -81,9 +81,8 @@ class Trials:
             run: of these windows (K,).
             memory: number of samples that carry as much information as one of white noise.
         """
-        square = mean_by_run((errors * weight) ** 2, weight > 0, run, len(self.prepared.traces))
-        factor = np.maximum(np.sqrt(square), self.prepared.floor) * np.sqrt(memory)
-        noise = replace(Noise.as_claimed(*factor.shape), factor=factor)
+        noise = Noise.of_misfit(errors * weight, weight > 0, run, self.prepared.floor)
+        noise = replace(noise, factor=noise.factor * np.sqrt(memory))
         self.claimed = self.prepared.windows.pick(self.used)
         self.windows = noise.apply_to(self.claimed, self.prepared.traces)
         self.prepared = replace(self.prepared, noise=noise)
@@ -91,9 +90,7 @@ class Trials:
     def fit(self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts) -> Solution:
         """A short fit of the windows that are not scored."""
         at = self.prepared.with_parameters(parameters, values)
-        problem = replace(at.problem(self.loss), windows=self.windows)
-        if problem.rest is not None:
-            problem = replace(problem, rest=problem.rest.with_noise(at.noise, at.simulator, values))
+        problem = at.problem(self.loss).with_noise(at.noise, self.windows, values)
         # maximum evaluations of a trial, which starts near its end
         return fit_windows(problem, values, starts, iterations=12)
 

@@ -14,19 +14,18 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model, initial_state
-from fitting.channels.channel import Data
-from fitting.channels.free import find_free
-from fitting.channels.noise import Evaluation, estimate_noise, first_noise, scale_of
-from fitting.channels.problem import MOST_HALVED, Problem
+from fitting.channels.channel import Data, Series
+from fitting.channels.problem import MOST_HALVED, Evaluation, Problem
 from fitting.channels.reading import read_data
 from fitting.channels.result import Between, ChannelFit, between, errors_of
+from fitting.channels.setup import find_free
 from fitting.estimate.gauss_newton import continue_windows, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss, loss_of
 from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
-from fitting.estimate.scene_fit import Intervals
-from fitting.estimate.uncertainty import LARGEST_BIAS, refine
-from fitting.parameters.of_scene import default_free, full_names, rig_priors
+from fitting.estimate.scene_fit import Intervals, common_warnings
+from fitting.estimate.uncertainty import refine
+from fitting.parameters.of_scene import by_full_path, default_free, full_names, rig_priors
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 
 #: Sections of paths that do not belong to the scene's model.
@@ -71,9 +70,8 @@ def pose(
     if not shared and not split:
         raise SceneError("free: nothing is free; allowed: paths of parameters")
     parameters, known_together = rig_priors(scenes[0], build_model(scenes[0]), shared)
-    given = (("start", start), ("bounds", bounds), ("prior", priors))
-    by_path = [{_path(scenes[0], name, which): v for name, v in one.items()} for which, one in given]
-    every = adjust_parameters([*parameters, *split], *by_path, wider=True)
+    given = by_full_path(scenes[0], start, bounds, priors, OF_DATA)
+    every = adjust_parameters([*parameters, *split], *given, wider=True)
     parameters, split = list(every[: len(shared)]), every[len(shared) :]
     plain, of_run = [], []
     for run in data.runs:
@@ -97,11 +95,6 @@ def pose(
         near=tuple(initial_state(build_model(s), s.start) for s in scenes),
         known=known_together,
     )
-
-
-def _path(scene: Scene, name: str, option: str) -> str:
-    """The full path of a name that may be short."""
-    return name if ScenePath(name).section in OF_DATA else full_names(scene, [name], option)[0]
 
 
 def _check_program(scenes: Sequence[Scene], data: Data) -> None:
@@ -143,7 +136,7 @@ def fit_channels(
     Args:
         data: the data's file (`reading`), the same as plain values, or the result of `read_data`.
         scene: packaged name, TOML file, plain values or a `Scene`; its values are the start values.
-        free: paths (see `free`); default: those listed in the scene's `[fit]`, otherwise its damping.
+        free: paths (see `setup`); default: those listed in the scene's `[fit]`, otherwise its damping.
         own: those of them that each run has separately; their mean and spread over the runs are reported too.
         start, bounds, priors: by name: start value; (low, high); (mean, standard deviation).
         dt: time step [s]; default: the scene's.
@@ -198,14 +191,13 @@ def over_runs(result: ChannelFit) -> tuple[Between, ...]:
 
 def warnings_of(result: ChannelFit) -> list[str]:
     """Warnings, one line each."""
-    found, point, e = [], result.solution, result.errors
-    for p, kind, why, bound in zip(result.parameters, e.determined, e.why, e.at_bound, strict=True):
+    point, e = result.solution, result.errors
+    found = common_warnings(point, e)
+    for p, kind, why in zip(result.parameters, e.determined, e.why, strict=True):
         if kind == "no":
             found.append(f"{p.name}: not determined: {why}")
         elif kind != "yes":
             found.append(f"{p.name}: {kind}: {why}")
-        if bound:
-            found.append(f"{p.name}: at its bound")
     for row in result.channels():
         claimed, estimated = row["noise_claimed"], row["noise"]
         if claimed is not None and not 0.5 < estimated / claimed < 2:
@@ -218,29 +210,7 @@ def warnings_of(result: ChannelFit) -> list[str]:
     grown = growth(point.evaluation)
     if grown > 10.0:  # from the middle of a run to its end
         found.append(f"the motion is chaotic: derivatives grow {grown:.2g} times in half the run. Use shorter runs")
-    bias = None if result.step_bias is None else float(np.nanmax(np.abs(result.step_bias), initial=0.0))
-    if bias is not None and bias > LARGEST_BIAS:
-        found.append(
-            f"the step of {point.problem.dt:g} s shifts the estimates by {bias:.2g} standard errors. Use a smaller dt"
-        )
     return found
-
-
-def scales_of(problem: Problem, e: Evaluation) -> tuple[tuple[np.ndarray, ...], ...]:
-    """Scales of the channels' noise."""
-    return tuple(
-        tuple(scale_of(s, shown) for s, shown in zip(problem.data.sensors, run, strict=True)) for run in e.shown
-    )
-
-
-def floors_of(problem: Problem) -> np.ndarray:
-    """Minimum noise of each channel (c,): the rounding of its sensor, `resolution/sqrt(12)`."""
-    fit = problem.scenes[0].fit
-    least = [
-        0.0 if fit is None or sensor.relative else fit.resolution(sensor.channel.kind) / np.sqrt(12)
-        for sensor in problem.data.sensors
-    ]
-    return np.maximum(least, 1e-15)
 
 
 def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
@@ -263,15 +233,12 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
         raise SceneError(
             f"start: the run at the start values fails, {e.failed}. Try a smaller --dt{hint}, or other values"
         )
-    problem = replace(
-        problem, loss=loss, noise=first_noise(problem.data, floors_of(problem)), scales=scales_of(problem, e)
-    )
-    return first_solution(problem, values, problem.with_rows(e))
+    return first_solution(replace(problem, loss=loss), values, e)
 
 
 def settle_noise(point: Solution, iterations: int, progress: Progress = silent) -> Solution:
     """Alternate fit and noise estimate up to their common fixed point."""
-    floors, turn = floors_of(point.problem), 0
+    turn = 0
 
     def descend(point: Solution) -> Solution:
         nonlocal turn
@@ -279,20 +246,16 @@ def settle_noise(point: Solution, iterations: int, progress: Progress = silent) 
         turn += 1
         return continue_windows(point, iterations, say)
 
-    def update_noise(point: Solution) -> tuple[Solution, float]:
-        problem, e, free = point.problem, point.evaluation, ~point.problem.held_mask
-        motion = e._replace(slopes=tuple(tuple(s[..., free] for s in run) for run in e.slopes))
-        scales, information = scales_of(problem, e), point.information[np.ix_(free, free)]
-        noise = estimate_noise(problem.data, motion, problem.noise, scales, information, floors, problem.loss)
-        problem = replace(problem, noise=noise, scales=scales)
-        return pose_again(point, problem, problem.with_rows(e)), noise.max_relative_difference(point.problem.noise)
+    def claimed_series(point: Solution) -> Series:
+        return point.problem.data.series(point.problem.claimed_noise, point.evaluation.shown)
 
     found = descend(point)
     found.iterations += point.iterations
-    if found.status != "ok":
-        return update_noise(found)[0]
+    floor = (point.problem.floor / point.problem.claimed_noise)[:, None]
     # errors of 3 % of the noise of several channels move estimates by 0.02 standard errors relative to each other
-    found = fit_with_noise(found, update_noise, descend, same=0.01)
+    found = fit_with_noise(found, descend, claimed_series, floor, same=0.01)
+    if found.status != "ok":
+        return found
     ended = descend(found)  # no steps if the last noise moves no parameter
     ended.iterations += found.iterations
     return ended

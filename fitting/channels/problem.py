@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from functools import cached_property
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +15,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.run.build import build_model, equal_steps
-from fitting.channels.channel import Data
-from fitting.channels.free import SetupPlace, setup_with_directions
-from fitting.channels.motion import Plan, differentiate_channels
-from fitting.channels.noise import Evaluation, Noise, lag_one, rows_of
-from fitting.estimate.noise import correlates
+from fitting.channels.channel import ByChannel, Data, Series
+from fitting.channels.setup import Plan, SetupPlace, differentiate_channels, setup_with_directions
+from fitting.estimate.noise import correlates, lag_one_by_source, whiten
 from fitting.estimate.problem import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
 
@@ -60,9 +59,26 @@ def apply_step(problem: Residuals, values: np.ndarray, step: np.ndarray) -> np.n
     return found
 
 
+class Evaluation(NamedTuple):
+    """Predictions of every run and channel (k, m) [SI], and their derivatives by all parameters (k, m, p).
+
+    `starts` are the runs' starts, from which the next ones are solved. `failed` describes a step that did not solve,
+    or, if `unstable`, derivatives that overflow. Residuals (K, S, 1) and their derivatives (K, S, 1, p) are in units of
+    independent noise; the residuals are infinite if a run failed.
+    """
+
+    shown: ByChannel
+    slopes: ByChannel
+    starts: tuple[State, ...]
+    failed: str = ""
+    unstable: bool = False
+    residual: np.ndarray = np.full((1, 1, 1), np.inf)
+    jacobian: np.ndarray | None = None
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Problem(Residuals):
-    """Whole runs and their channels: one block of residuals without unknowns of its own.
+    """Whole runs and their channels: blocks of residuals (`Series`) without unknowns of their own.
 
     Attributes:
         data: the measured data.
@@ -72,9 +88,8 @@ class Problem(Residuals):
         near: a start of each run from which the next one is solved.
         halved: number of halvings of the scene's step.
         retries: whether steps that do not converge are halved and tried again.
-        noise: of the channels; None before the first run.
-        scales: scales of the noise, by run and channel, constant while the parameters change; otherwise large values
-            would be avoided.
+        windows: the samples; None: with the claimed noise. Their noise is constant while the parameters change, because
+            otherwise large values would be avoided.
     """
 
     freedoms: ClassVar[int] = 0
@@ -87,23 +102,37 @@ class Problem(Residuals):
     near: tuple[State, ...]
     halved: int = 0
     retries: bool = False
-    noise: Noise | None = None
-    scales: tuple[tuple[np.ndarray, ...], ...] = ()
+    windows: Series | None = None
+
+    def __post_init__(self) -> None:
+        if self.windows is None:
+            measured = [run.values for run in self.data.runs]
+            object.__setattr__(self, "windows", self.data.series(self.claimed_noise, measured))
 
     @property
     def dt(self) -> float:
         """The step [s]."""
         return self.scenes[0].run.dt * 0.5**self.halved
 
-    @property
-    def samples(self) -> int:
-        """Total number of measured values."""
-        return sum(int(np.isfinite(y).sum()) for run in self.data.runs for y in run.values)
+    @cached_property
+    def floor(self) -> np.ndarray:
+        """Minimum noise of each channel (c,): the rounding of its sensor, `resolution/sqrt(12)`."""
+        fit = self.scenes[0].fit
+        least = [
+            0.0 if fit is None or sensor.relative else fit.resolution(sensor.channel.kind) / np.sqrt(12)
+            for sensor in self.data.sensors
+        ]
+        return np.maximum(least, 1e-15)
+
+    @cached_property
+    def claimed_noise(self) -> np.ndarray:
+        """Noise of each channel (c,) [SI, or fractions of the value], before any is estimated."""
+        return np.maximum(self.data.first_noise(), self.floor)
 
     @property
-    def sample_mask(self) -> np.ndarray:
-        """Ones: there are no rows of missing samples (1, N, 1)."""
-        return np.ones((1, self.samples, 1), bool)
+    def noise_size(self) -> np.ndarray:
+        """The estimated noise of each channel (c,)."""
+        return self.claimed_noise * (1.0 if self.noise is None else self.noise.factor[:, 0])
 
     @property
     def order(self) -> int:
@@ -135,32 +164,33 @@ class Problem(Residuals):
     def timing(self) -> Timing:
         """Times of the samples of all channels."""
         ends = np.array([(min(t[0] for t in run.t), max(t[-1] for t in run.t)) for run in self.data.runs])
-        rows = [
-            (run.t[c][known], np.full(int(known.sum()), number))
-            for number, run in enumerate(self.data.runs)
-            for c, y in enumerate(run.values)
-            for known in np.isfinite(y).T
-        ]
-        t, run = (np.concatenate(part)[None] for part in zip(*rows, strict=True))
+        run = np.broadcast_to(self.windows.run[:, None], self.windows.t.shape)
         # the last sample belongs to the previous piece
         duration = float(np.diff(ends).sum()) * (1 + 1e-6)
-        return Timing(t, run, np.ones_like(run, bool), ends[:, 0], duration, len(ends))
+        return Timing(self.windows.t, run, self.sample_mask[..., 0], ends[:, 0], duration, len(ends))
 
     def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
         """Correlation of neighbours in each channel (c,); whether any of them is significant."""
-        force = (point.weights * point.evaluation.residual).ravel()
-        rho, sure = np.array([lag_one(point.evaluation.rows, c, force) for c in range(len(self.data.sensors))]).T
+        residual = point.weights * point.evaluation.residual
+        rho, sure = (a[:, 0] for a in lag_one_by_source(self.windows, residual, len(self.data.sensors)))
         return rho, correlates(np.abs(rho), sure)
 
     def failure(self, evaluation: Evaluation) -> str:
         """The step that did not converge."""
         return evaluation.failed
 
-    def with_rows(self, e: Evaluation) -> Evaluation:
-        """The evaluation with its residuals in units of the noise."""
-        if e.failed or self.noise is None:
-            return e
-        return e._replace(rows=rows_of(self.data, e, self.noise, self.scales))
+    def raw_evaluation(self, point: Solution, claimed: Series) -> Evaluation:
+        """The evaluation in units of the claimed noise."""
+        return self._residuals(point.evaluation, claimed)
+
+    def _residuals(self, e: Evaluation, windows: Series) -> Evaluation:
+        """The evaluation with its residuals in units of the samples' noise, not whitened."""
+        slopes = self.data.in_blocks(e.slopes)[:, :, None] * windows.weight[..., None]
+        return e._replace(residual=self.data.deviations(e.shown)[..., None] * windows.weight, jacobian=slopes)
+
+    def whiten_residuals(self, e: Evaluation) -> Evaluation:
+        """The evaluation with its residuals in units of independent noise."""
+        return e if e.failed else whiten(self.windows, self._residuals(e, self.windows))
 
     @property
     def values(self) -> np.ndarray:
@@ -218,7 +248,7 @@ class Problem(Residuals):
             shown.append(tuple(np.asarray(y)[:n] for y, n in zip(motion, counts, strict=True)))
             slopes.append(tuple(self._spread(np.asarray(s)[:n], mine) for s, n in zip(slope, counts, strict=True)))
             started.append(start)
-        return self.with_rows(Evaluation(tuple(shown), tuple(slopes), tuple(started), failed, unstable))
+        return self.whiten_residuals(Evaluation(tuple(shown), tuple(slopes), tuple(started), failed, unstable))
 
     def _pad_stamps(self, run: int, dtype: jnp.dtype) -> tuple[jax.Array, ...]:
         """Stamps of a run's channels, the last one repeated up to the longest run's count."""

@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 
 from dropper_jax.base.toml_text import SCHEMA, jsonable
 from dropper_jax.load.scene import Scene
-from fitting.channels.free import setup_with_directions
+from fitting.channels.setup import setup_with_directions
 from fitting.estimate.problem import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
@@ -119,7 +119,7 @@ def _sensitivity(point: Solution) -> np.ndarray:
         slope = np.concatenate([run[c] for run in e.slopes])
         about = 0.0 if sensor.channel.of_tension else shown.mean(axis=0)
         size = np.sqrt(np.mean((shown - about) ** 2))
-        size = max(float(size), float(point.problem.noise.size[c]) if not sensor.relative else 0.0, 1e-300)
+        size = max(float(size), float(point.problem.noise_size[c]) if not sensor.relative else 0.0, 1e-300)
         found[:, c] = np.sqrt(np.mean(slope**2, axis=(0, 1))) * np.abs(point.values) / size
     return found
 
@@ -184,14 +184,11 @@ class ChannelFit(SceneFit):
 
     def channels(self) -> list[dict[str, Any]]:
         """Of every channel: kind, unit, samples, RMS of the residuals, estimated noise, remaining correlation."""
-        point, found = self.solution, []
-        for c, sensor in enumerate(point.problem.data.sensors):
-            runs = zip(point.problem.data.runs, point.evaluation.shown, strict=True)
-            off = np.concatenate([(shown[c] - run.values[c]).ravel() for run, shown in runs])
-            off = off[np.isfinite(off)]
-            if sensor.channel.turns:
-                off = off - 2 * np.pi * np.round(off / (2 * np.pi))
-            interval = float(np.median(np.concatenate([np.diff(run.t[c]) for run in point.problem.data.runs])))
+        problem, found = self.solution.problem, []
+        deviations = problem.data.deviations(self.solution.evaluation.shown)
+        for c, sensor in enumerate(problem.data.sensors):
+            off = deviations[(problem.windows.weight[..., 0] > 0) & (problem.windows.source == c)[:, None]]
+            interval = float(np.median(np.concatenate([np.diff(run.t[c]) for run in problem.data.runs])))
             found.append(
                 {
                     "name": sensor.channel.name,
@@ -199,12 +196,10 @@ class ChannelFit(SceneFit):
                     "unit": sensor.channel.measures,
                     "samples": int(off.size),
                     "rms": float(np.sqrt(np.mean(off**2))),
-                    "noise": float(point.problem.noise.size[c]),
+                    "noise": float(problem.noise_size[c]),
                     "noise_unit": "-" if sensor.relative else sensor.channel.measures,
                     "noise_claimed": sensor.noise,
-                    "kept": float(
-                        point.problem.noise.lag_correlation(np.full(len(point.problem.noise.size), interval))[c]
-                    ),
+                    "kept": float(np.exp(-problem.noise.decay[c, 0] * interval)),
                     "correlation": float(self.errors.correlation_1[c]),
                 }
             )

@@ -226,8 +226,7 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
         raise SceneError(f"DATA: {len(args.traces)} files; allowed: one TOML file, which lists its runs")
 
     from fitting.channels.fit import fit_channels
-    from fitting.report.channels import between_rows, channel_rows, summary, write_channel_report
-    from fitting.report.tables import interval_rows, parameter_rows
+    from fitting.report.tables import between_rows, channel_rows, channel_summary, interval_rows, parameter_rows
 
     result = fit_channels(
         args.traces[0],
@@ -238,10 +237,12 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
         progress=progress(args.quiet),
     )
     if args.report:
+        from fitting.report.report import write_channel_report
+
         write_channel_report(result, args.report)
     print_warnings(result.warnings)
     tables = (parameter_rows(result), interval_rows(result), between_rows(result), channel_rows(result))
-    parts = [*(table(rows) for rows in tables if len(rows) > 1), listing(summary(result)), result.outcome]
+    parts = [*(table(rows) for rows in tables if len(rows) > 1), listing(channel_summary(result)), result.outcome]
     return deliver(args.json, result.to_json(), "\n\n".join(parts), out_file(args.out), failure_of(result))
 
 

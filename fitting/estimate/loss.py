@@ -18,9 +18,8 @@ class Loss(Protocol):
     def redescends(self) -> bool:
         """Whether its slope returns to zero, so that outliers lose their weight."""
 
-    @property
-    def spread(self) -> float:
-        """Mean square of the slope over standard normal residuals: it makes a robust scale consistent."""
+    def squares(self, residual: np.ndarray) -> np.ndarray:
+        """Contributions to the variance of the noise, of the residuals' shape: of mean 1 for standard normal ones."""
 
     def cost(self, residual: np.ndarray) -> float:
         """The sum over all residuals."""
@@ -35,8 +34,10 @@ class Loss(Protocol):
 class LeastSquares:
     """`r^2/2`: for normal noise."""
 
-    spread = 1.0
     redescends = False
+
+    def squares(self, residual: np.ndarray) -> np.ndarray:
+        return residual**2
 
     def cost(self, residual: np.ndarray) -> float:
         return 0.5 * float(np.sum(residual**2))
@@ -57,11 +58,11 @@ class Huber:
     threshold: float = 3.0
     redescends: ClassVar[bool] = False
 
-    @property
-    def spread(self) -> float:
+    def squares(self, residual: np.ndarray) -> np.ndarray:
         c = self.threshold
         density = np.exp(-0.5 * c**2) / np.sqrt(2 * np.pi)
-        return float(2 * ndtr(c) - 1 - 2 * c * density + 2 * c**2 * ndtr(-c))
+        normal = 2 * ndtr(c) - 1 - 2 * c * density + 2 * c**2 * ndtr(-c)  # mean square of the slope
+        return np.minimum(np.abs(residual), c) ** 2 / normal
 
     def cost(self, residual: np.ndarray) -> float:
         size, c = np.abs(residual), self.threshold
@@ -84,10 +85,12 @@ class StudentT:
     freedom: float = 4.0
     redescends: ClassVar[bool] = True
 
-    @property
-    def spread(self) -> float:
+    def squares(self, residual: np.ndarray) -> np.ndarray:
+        """Weight times square. The square of the slope returns to zero and would not determine the variance: a smaller
+        assumed noise would leave a smaller sum."""
         nodes, weights = np.polynomial.hermite_e.hermegauss(80)
-        return float(weights @ (self.weights(nodes) * nodes) ** 2 / weights.sum())
+        normal = weights @ (self.weights(nodes) * nodes**2) / weights.sum()
+        return self.weights(residual) * residual**2 / normal
 
     def cost(self, residual: np.ndarray) -> float:
         return 0.5 * self.freedom * float(np.sum(np.log1p(residual**2 / self.freedom)))

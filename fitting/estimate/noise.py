@@ -21,6 +21,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
+from typing import Protocol
 
 import numpy as np
 
@@ -29,12 +31,33 @@ from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace, smooth
 
 
-@dataclass(frozen=True)
-class Noise:
-    """The noise of R runs of n links.
+class Samples(Protocol):
+    """Where the residuals of K blocks, S slots and n channels were sampled, and their noise.
 
     Attributes:
-        factor: ratio of the standard deviation to the one that the traces claim (R, n).
+        source: number of the run, or of the sensor, whose noise a block has (K,).
+        follows: whether a block continues the previous one (K,).
+        weight: 1/sigma (K, S, n), 0 where there is no sample.
+        decay: decay rate of the noise's autocorrelation (K, n) [1/s]; None if it is white.
+        jitter: see `Windows`; None: none.
+    """
+
+    source: np.ndarray
+    follows: np.ndarray
+    weight: np.ndarray
+    decay: np.ndarray | None
+    jitter: np.ndarray | None
+
+    def times(self) -> np.ndarray:
+        """Times of all slots (K, S) [s]."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The noise of R runs of n links, or of R sensors (n = 1).
+
+    Attributes:
+        factor: ratio of the standard deviation to the claimed one (R, n).
         decay: decay rate of its autocorrelation (R, n) [1/s]; infinite for white noise.
         delay: standard deviation of the frames' delays (R,) [s].
     """
@@ -45,22 +68,28 @@ class Noise:
 
     @classmethod
     def as_claimed(cls, runs: int, links: int) -> Noise:
-        """The noise claimed by the traces."""
+        """The claimed noise."""
         return cls(np.ones((runs, links)), np.full((runs, links), np.inf), np.zeros(runs))
+
+    @classmethod
+    def of_misfit(cls, residual: np.ndarray, known: np.ndarray, run: np.ndarray, floor: np.ndarray) -> Noise:
+        """White noise as large as residuals (K, S, n), in units of the claimed noise, and at least `floor` (R, n)."""
+        noise = cls.as_claimed(*floor.shape)
+        return replace(noise, factor=np.maximum(np.sqrt(mean_by_run(residual**2, known, run, len(floor))), floor))
 
     @property
     def kind(self) -> str:
         """`white`, `correlated` or `jitter`."""
         return "correlated" if np.isfinite(self.decay).any() else "jitter" if self.delay.any() else "white"
 
-    def apply_to(self, windows: Windows, traces: Sequence[Trace]) -> Windows:
-        """Windows of the claimed noise with this noise."""
-        run = windows.run
-        weight = windows.weight / self.factor[run][:, None, :]
-        decay = self.decay[run] if np.isfinite(self.decay).any() else None
+    def apply_to(self, windows: Samples, traces: Sequence[Trace] = ()) -> Samples:
+        """Samples of the claimed noise with this noise; frames with delays need the traces."""
+        source = windows.source
+        weight = windows.weight / self.factor[source][:, None, :]
+        decay = self.decay[source] if np.isfinite(self.decay).any() else None
         if not self.delay.any():
             return replace(windows, weight=weight, decay=decay)
-        delay, (rate, acceleration) = self.delay[run][:, None, None], motion(windows, traces)
+        delay, (rate, acceleration) = self.delay[source][:, None, None], motion(windows, traces)
         theta = windows.theta - 0.5 * delay**2 * acceleration
         return replace(windows, theta=theta, weight=weight, decay=decay, jitter=weight * delay * rate)
 
@@ -92,7 +121,14 @@ def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
     return np.where(windows.weight > 0, found, 0.0)
 
 
-def whiten(windows: Windows, e: Evaluation) -> Evaluation:
+def in_units(evaluation: Evaluation, old: Samples, new: Samples) -> Evaluation:
+    """An evaluation in units of the old samples' noise, in those of the new ones."""
+    ratio = np.where(new.weight > 0, new.weight / np.where(old.weight > 0, old.weight, 1.0), 0.0)
+    residual, jacobian = evaluation.residual * ratio, evaluation.jacobian * ratio[..., None]
+    return evaluation._replace(residual=residual, jacobian=jacobian)
+
+
+def whiten(windows: Samples, e: Evaluation) -> Evaluation:
     """The evaluation with residuals and derivatives of unit and independent noise."""
     if windows.decay is not None:
         before, phi, size = _memory(windows)
@@ -108,7 +144,7 @@ def whiten(windows: Windows, e: Evaluation) -> Evaluation:
     return e
 
 
-def log_volume(windows: Windows) -> float:
+def log_volume(windows: Samples) -> float:
     """Logarithm of the determinant of the noise's covariance, over all samples [log rad^2]."""
     known = windows.weight > 0
     total = -2 * float(np.sum(np.log(windows.weight[known])))
@@ -119,7 +155,7 @@ def log_volume(windows: Windows) -> float:
     return total
 
 
-def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _memory(windows: Samples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For every sample (K, S, n): the previous sample of its channel (-1: none), phi, and the remaining size."""
     known = windows.weight > 0
     slots = np.arange(known.shape[1])[None, :, None]
@@ -129,7 +165,7 @@ def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     apart = t - np.take_along_axis(t, np.maximum(before, 0), 1)
     decay = windows.decay[:, None, :]
     first = before < 0
-    phi = np.where(first, 0.0, np.exp(-decay * np.maximum(apart, 0.0)))
+    phi = np.where(first, 0.0, np.exp(-decay * np.maximum(apart, 1e-300)))
     step = np.median(np.diff(windows.times(), axis=1)[known.all(2)[:, 1:]]) if known.all(2)[:, 1:].any() else windows.dt
     kept = np.exp(-decay * step)
     continued = np.where(windows.follows[:, None, None], np.sqrt((1 - kept) / (1 + kept)), 1.0)
@@ -155,27 +191,22 @@ def mean_by_run(values: np.ndarray, mask: np.ndarray, run: np.ndarray, runs: int
 WHITE = 0.15
 
 
-def lag_one(residual: np.ndarray, known: np.ndarray, follows: np.ndarray | None = None) -> tuple[float, float]:
-    """Correlation of neighbouring residuals (K, S, n), where both are known, and its standard error for white noise.
-
-    Args:
-        follows: whether samples after the first belong to the previous samples' series (K, S - 1, n); default: all.
-    """
-    both = known[:, 1:] & known[:, :-1] & (True if follows is None else follows)
+def lag_one(residual: np.ndarray, known: np.ndarray) -> tuple[float, float]:
+    """Correlation of neighbouring residuals (K, S, n), where both are known, and its standard error for white noise."""
+    both = known[:, 1:] & known[:, :-1]
     product = np.where(both, residual[:, 1:] * residual[:, :-1], 0.0)
     square = np.where(known, residual**2, 0.0).sum() / max(known.sum(), 1)
     return float(product.sum() / max(both.sum(), 1) / max(square, 1e-300)), 1 / np.sqrt(max(both.sum(), 1))
 
 
-def innovations(values: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Innovations of AR(1) noise: `(v_i - phi_i v_(i-1))/sqrt(1 - phi_i^2)`, the first sample unchanged.
-
-    Args:
-        values: residuals or their derivatives (N, ...).
-        share: phi, the correlation of neighbouring samples (N - 1,).
-    """
-    share = share.reshape(-1, *[1] * (values.ndim - 1))
-    return np.concatenate([values[:1], (values[1:] - share * values[:-1]) / np.sqrt(1 - share**2)])
+def lag_one_by_source(windows: Samples, residual: np.ndarray, sources: int) -> tuple[np.ndarray, np.ndarray]:
+    """`lag_one` of every run and link, or of every sensor: correlations and standard errors (R, n)."""
+    known = windows.weight > 0
+    found = np.zeros((2, sources, known.shape[2]))
+    for r, j in product(np.unique(windows.source), range(known.shape[2])):
+        pick = windows.source == r, slice(None), slice(j, j + 1)
+        found[:, r, j] = lag_one(residual[pick], known[pick])
+    return found[0], found[1]
 
 
 def correlates(correlation: np.ndarray, error: np.ndarray, deviations: float = 5.0, floor: float = 0.1) -> bool:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.noise import Noise, correlates, lag_one, whiten
+from fitting.estimate.noise import Noise, Samples, correlates, in_units, lag_one, whiten
 from fitting.estimate.normal_equations import Evaluation, Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
@@ -59,6 +59,8 @@ class Residuals(ABC):
             the remaining step is small compared with the correspondingly larger errors.
         known: joint prior knowledge of several parameters, or of none that is free.
         descent: how the parameters move; None for Gauss-Newton steps.
+        windows: the samples and their noise.
+        noise: its origin, if it was estimated.
     """
 
     #: Minimum variance of residuals, in units of the noise, for the computation of errors.
@@ -70,6 +72,8 @@ class Residuals(ABC):
     memory: float = 1.0
     known: JointPrior = JointPrior()
     descent: Descent | None = None
+    windows: Samples
+    noise: Noise | None = None
 
     @property
     @abstractmethod
@@ -77,14 +81,14 @@ class Residuals(ABC):
         """Number m2 of a block's own unknowns."""
 
     @property
-    @abstractmethod
     def samples(self) -> int:
         """Residuals in all."""
+        return int(self.sample_mask.sum())
 
     @property
-    @abstractmethod
     def sample_mask(self) -> np.ndarray:
         """Which residuals exist (K, S, n) bool."""
+        return self.windows.weight > 0
 
     @property
     @abstractmethod
@@ -109,12 +113,20 @@ class Residuals(ABC):
         """The problem with half the time step."""
 
     @abstractmethod
+    def raw_evaluation(self, point: Solution, claimed: Samples) -> Evaluation:
+        """The evaluation of a solution in units of the claimed noise, without whitening."""
+
+    @abstractmethod
     def timing(self) -> Timing:
         """Times of the samples."""
 
     @abstractmethod
     def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
         """Correlation of neighbouring weighted residuals, of all or by channel; whether it is significant."""
+
+    def with_noise(self, noise: Noise, windows: Samples, values: np.ndarray) -> Residuals:
+        """The problem with this noise, which its samples have; `values` (k,) are those of the parameters."""
+        return replace(self, windows=windows, noise=noise)
 
     def failure(self, evaluation: Evaluation) -> str:
         """Why an evaluation has no finite residuals, if known."""
@@ -174,28 +186,16 @@ class Problem(Residuals):
 
     Attributes:
         rest: information from poses at rest (`rest.Rest`).
-        noise: origin of the windows' weights, if it was estimated (`noise.Noise`).
     """
 
     simulator: Simulator
     windows: Windows
-    noise: Noise | None = None
     rest: Rest | None = None
 
     @property
     def freedoms(self) -> int:
         """Numbers of a window's start."""
         return self.simulator.freedoms
-
-    @property
-    def samples(self) -> int:
-        """Total number of measured angles."""
-        return self.windows.samples
-
-    @property
-    def sample_mask(self) -> np.ndarray:
-        """Which angles were measured (K, S, n) bool."""
-        return self.windows.weight > 0
 
     @property
     def order(self) -> int:
@@ -242,6 +242,17 @@ class Problem(Residuals):
     def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:
         """All windows at parameter values (k,) and starts, residuals and derivatives in units of independent noise."""
         return whiten(self.windows, self.simulator(values, starts, self.windows))
+
+    def raw_evaluation(self, point: Solution, claimed: Windows) -> Evaluation:
+        """The evaluation in units of the claimed noise; windows with memory or delays are simulated again."""
+        if self.windows.decay is None and self.windows.jitter is None:
+            return in_units(point.evaluation, self.windows, claimed)
+        return self.simulator(point.values, point.starts, claimed)
+
+    def with_noise(self, noise: Noise, windows: Windows, values: np.ndarray) -> Problem:
+        """The problem with this noise, also in the poses at rest."""
+        rest = self.rest and self.rest.with_noise(noise, self.simulator, values)
+        return replace(self, windows=windows, noise=noise, rest=rest)
 
     def prior(self, values: np.ndarray) -> Prior:
         """Contribution of the priors and the poses at rest."""

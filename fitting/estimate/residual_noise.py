@@ -1,4 +1,4 @@
-"""Size and kind of the noise of a trace, estimated from the residuals of a fit: restricted maximum likelihood.
+"""Size and kind of the noise of samples, estimated from the residuals of a fit: restricted maximum likelihood.
 
 With r the residuals, X their derivatives by all starts and parameters, V the noise's covariance (Patterson and Thompson
 1971):
@@ -12,23 +12,33 @@ point, the residual sum over the remaining degrees of freedom,
 
 Memory (AR(1)) or a delay common to a frame's links is used if it raises L enough and its innovations are white. Smooth
 misfits, which differ from noise, leave innovations that are equally smooth. There the noise stays white, and standard
-errors come from blocks of scores (`uncertainty`).
+errors come from blocks of scores (`uncertainty`). The links of traces are seen by one camera and share a memory unless
+they differ clearly; the sensors of a run have one each.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
-from fitting.estimate.noise import WHITE, Noise, correlates, lag_one, log_volume, motion, whiten
+from fitting.estimate.noise import (
+    WHITE,
+    Noise,
+    Samples,
+    correlates,
+    in_units,
+    lag_one,
+    lag_one_by_source,
+    log_volume,
+    motion,
+    whiten,
+)
 from fitting.estimate.normal_equations import Evaluation
-from fitting.estimate.problem import Problem, Solution
+from fitting.estimate.problem import Residuals, Solution
 from fitting.estimate.sandwich import leverage, start_covariances
 from fitting.estimate.shooting import level_of
-from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
 
 #: Maximum memory of the noise that is used.
@@ -39,28 +49,28 @@ class ResidualNoiseModel:
     """The residuals of a solution, in units of the claimed noise, and the noise models that they support.
 
     Args:
-        solution: end of a fit, with any noise in its problem's windows.
-        claimed: the same windows with the noise that the traces claim.
-        floor: minimum standard deviation of each run's links (R, n) relative to the claimed one.
+        solution: end of a fit, with any noise in its problem's samples.
+        claimed: the same samples with the claimed noise.
+        traces: of windows; none for sensors, whose samples have no common delays.
+        floor: minimum standard deviation of each run's links, or of each sensor (R, n), relative to the claimed one.
     """
 
-    def __init__(self, solution: Solution, claimed: Windows, traces: Sequence[Trace], floor: np.ndarray) -> None:
-        self.solution, self.traces, self.floor = solution, traces, floor
-        problem, old = solution.problem, solution.windows
-        self.claimed = replace(claimed, substeps=old.substeps)
-        self.raw = _in_units(solution.evaluation, old, claimed)
-        if old.decay is not None or old.jitter is not None:
-            self.raw = problem.simulator(solution.values, solution.starts, self.claimed)
+    def __init__(self, solution: Solution, claimed: Samples, traces: Sequence[Trace], floor: np.ndarray) -> None:
+        self.solution, self.claimed, self.traces, self.floor = solution, claimed, traces, floor
+        self.raw = solution.problem.raw_evaluation(solution, claimed)
+        times, known = claimed.times(), (claimed.weight > 0).any(axis=2)
+        both = known[:, 1:] & known[:, :-1]
+        apart = [np.diff(times)[both & (claimed.source == r)[:, None]] for r in range(len(floor))]
+        self.interval = np.array([[np.median(steps) if len(steps) else 1.0] for steps in apart])
 
     def at(self, noise: Noise) -> Solution:
         """The solution in units of this noise, with recomputed normal equations."""
         windows = noise.apply_to(self.claimed, self.traces)
-        e = _in_units(self.raw, self.claimed, windows)
-        shift = windows.weight * (self.claimed.theta - windows.theta)  # of the samples, by delays
-        problem = replace(self.solution.problem, windows=windows, noise=noise)
-        if problem.rest is not None:
-            problem = replace(problem, rest=problem.rest.with_noise(noise, problem.simulator, self.solution.values))
-        return pose_again(self.solution, problem, whiten(windows, e._replace(residual=e.residual + shift)))
+        e = in_units(self.raw, self.claimed, windows)
+        if noise.delay.any():  # which move the samples
+            e = e._replace(residual=e.residual + windows.weight * (self.claimed.theta - windows.theta))
+        problem = self.solution.problem.with_noise(noise, windows, self.solution.values)
+        return pose_again(self.solution, problem, whiten(windows, e))
 
     def fixed_point(self, noise: Noise, rounds: int = 3) -> tuple[Noise, Solution]:
         """The noise with its sizes at their fixed point, or near it."""
@@ -73,13 +83,11 @@ class ResidualNoiseModel:
 
     def _grow(self, point: Solution) -> np.ndarray:
         """Standard deviation of the residuals relative to the assumed one (R, n), with degrees of freedom counted."""
-        residual, run = point.evaluation.residual, point.windows.run
-        slope = point.problem.loss.weights(residual) * residual
-        unused = (point.windows.weight > 0) - leverage(point)
+        source, unused = point.windows.source, (point.windows.weight > 0) - leverage(point)
+        squares = point.problem.loss.squares(point.evaluation.residual)
         found = np.ones_like(self.floor)
-        for r in np.unique(run):
-            square = np.sum(slope[run == r] ** 2, axis=(0, 1)) / point.problem.loss.spread
-            left = unused[run == r].sum(axis=(0, 1))
+        for r in np.unique(source):
+            square, left = (part[source == r].sum(axis=(0, 1)) for part in (squares, unused))
             every = np.sqrt(square.sum() / max(left.sum(), 1.0))
             # minimum number of remaining samples for the noise of a channel
             found[r] = np.where(left > 10, np.sqrt(square / np.maximum(left, 1.0)), every)
@@ -88,50 +96,46 @@ class ResidualNoiseModel:
     def estimate(self, noise: Noise) -> tuple[Noise, Solution]:
         """The noise estimated from these residuals, starting from another one."""
         white = replace(noise, decay=np.full_like(noise.decay, np.inf), delay=np.zeros_like(noise.delay))
-        white, point = self.fixed_point(white)
-        best, found = minus_two_log(point), (white, point)
-        for tried in (self._with_memory(white, point), self._with_delay(white, point)):
-            # minimum gain in log likelihood for a more complex noise model
-            if tried is not None and minus_two_log(tried[1]) < best - 2 * 6.0:
-                best, found = minus_two_log(tried[1]), tried
-        return found
+        found = white = self.fixed_point(white)
+        sensors = np.arange(len(self.floor))[:, None]
+        for mine in [np.ones_like(self.floor, bool)] if self.traces else [sensors == c for c in sensors[:, 0]]:
+            found = self._likelier(found, self._with_memory(*found, mine))
+        return self._likelier(found, self._with_delay(*white)) if self.traces else found
 
-    def _with_memory(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
-        """AR(1) noise, at first with a common memory; None if the residuals do not support it."""
-        kept, sure = self._neighbours(point)
-        if not correlates(kept, sure):
+    def _likelier(self, found: tuple[Noise, Solution], tried: tuple[Noise, Solution] | None) -> tuple[Noise, Solution]:
+        """A more complex noise model, if there is one and its log likelihood is higher by 6 at least."""
+        if tried is None or not minus_two_log(tried[1]) < minus_two_log(found[1]) - 2 * 6.0:
+            return found
+        return tried
+
+    def _with_memory(self, noise: Noise, point: Solution, mine: np.ndarray) -> tuple[Noise, Solution] | None:
+        """AR(1) noise of some channels (R, n), at first with a common memory; None if residuals do not support it."""
+        kept, sure = lag_one_by_source(point.windows, point.evaluation.residual, len(self.floor))
+        if not correlates(kept[mine], sure[mine]):
             return None
-        interval = np.array([trace.interval for trace in self.traces])[:, None]
-        decay = lambda rho: -np.log(np.clip(rho, 1e-6, MAX_CORRELATION)) / interval  # noqa: E731
+
+        def remembers(rho: np.ndarray | float) -> Noise:
+            decay = -np.log(np.clip(rho, 1e-6, MAX_CORRELATION)) / self.interval
+            return replace(noise, decay=np.where(mine, decay, noise.decay))
+
         # fitted starts remove some of the memory and never add to it
-        if not -WHITE < self._innovations(replace(white, decay=decay(kept))) < 2 * WHITE:
+        if not -WHITE < self._innovations(remembers(kept), mine) < 2 * WHITE:
             return None
-        shape = np.ones_like(white.factor)
         from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import, and white noise needs none
 
-        cost = lambda rho: minus_two_log(self.fixed_point(replace(white, decay=decay(rho * shape)), 2)[1])  # noqa: E731
+        cost = lambda rho: minus_two_log(self.fixed_point(remembers(rho), 2)[1])  # noqa: E731
         rho = float(minimize_scalar(cost, bounds=(0.02, MAX_CORRELATION), method="bounded", options={"xatol": 4e-3}).x)
-        each = np.clip(
-            rho + np.where(np.abs(kept - kept.mean()) > 3 * sure, kept - kept.mean(), 0.0), 0.02, MAX_CORRELATION
-        )
-        noise, point = self.fixed_point(replace(white, decay=decay(each)))
-        return (noise, point) if abs(self._innovations(noise)) < WHITE else None
+        off = kept - kept[mine].mean()
+        each = np.clip(rho + np.where(np.abs(off) > 3 * sure, off, 0.0), 0.02, MAX_CORRELATION)
+        found = self.fixed_point(remembers(each))
+        return found if abs(self._innovations(found[0], mine)) < WHITE else None
 
-    def _innovations(self, noise: Noise) -> float:
-        """Correlation of neighbours in the residuals after a fit with correlated noise."""
+    def _innovations(self, noise: Noise, mine: np.ndarray) -> float:
+        """Correlation of neighbours in the residuals of some channels after a fit with correlated noise."""
         windows = noise.apply_to(self.claimed, self.traces)
         nothing = np.zeros((*windows.weight.shape, 0))
-        left = whiten(windows, _in_units(self.raw._replace(jacobian=nothing), self.claimed, windows)).residual
-        return lag_one(left, windows.weight > 0)[0]
-
-    def _neighbours(self, point: Solution) -> tuple[np.ndarray, np.ndarray]:
-        """Correlation of neighbouring residuals of every run and link (R, n), and its error for white noise."""
-        known, run = point.windows.weight > 0, point.windows.run
-        found = np.zeros((2, *self.floor.shape))
-        for r, j in product(np.unique(run), range(found.shape[2])):
-            pick = run == r, slice(None), slice(j, j + 1)
-            found[:, r, j] = lag_one(point.evaluation.residual[pick], known[pick])
-        return found[0], found[1]
+        left = whiten(windows, in_units(self.raw._replace(jacobian=nothing), self.claimed, windows)).residual
+        return lag_one(left, (windows.weight > 0) & mine[windows.source][:, None])[0]
 
     def _with_delay(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
         """A delay of every frame; None if the residuals do not support it, or the delays are not random."""
@@ -155,7 +159,7 @@ class ResidualNoiseModel:
         return self.fixed_point(replace(white, delay=delay * np.exp(size)))
 
 
-def pose_again(solution: Solution, problem: Problem, evaluation: Evaluation) -> Solution:
+def pose_again(solution: Solution, problem: Residuals, evaluation: Evaluation) -> Solution:
     """The same point as a solution of another problem of the same motion, with new cost and normal equations."""
     level = level_of(problem, solution.gap_weight)
     known = level.undamped_step(evaluation, solution.values, 0.0) or solution
@@ -182,17 +186,10 @@ def minus_two_log(point: Solution) -> float:
     return 2 * (point.cost - step.predicted) + start_covariances(point)[1] + shared + log_volume(point.windows)
 
 
-def _in_units(evaluation: Evaluation, old: Windows, new: Windows) -> Evaluation:
-    """An evaluation in units of the old windows' noise, in those of the new ones."""
-    ratio = np.where(new.weight > 0, new.weight / np.where(old.weight > 0, old.weight, 1.0), 0.0)
-    residual, jacobian = evaluation.residual * ratio, evaluation.jacobian * ratio[..., None]
-    return evaluation._replace(residual=residual, jacobian=jacobian)
-
-
 def memory_of(point: Solution) -> float:
     """Number of samples equivalent to one of white noise, `(1 + rho)/(1 - rho)` by the correlation of neighbours."""
     rho, sure = lag_one(point.evaluation.residual, point.windows.weight > 0)
-    longest = max(1.0, point.windows.theta.shape[1] / 2)
+    longest = max(1.0, point.windows.weight.shape[1] / 2)
     return min((1 + rho) / max(1 - rho, 1e-9), longest) if correlates(rho, sure) else 1.0
 
 
@@ -201,47 +198,29 @@ def memory_of(point: Solution) -> float:
 ROUNDS, SAME = 3, 0.05
 
 
-def with_residual_noise(
-    solution: Solution,
-    claimed: Windows,
-    traces: Sequence[Trace],
-    floor: np.ndarray,
-    again: Callable[[Solution], Solution],
-) -> Solution:
-    """The fit with the noise estimated from its own residuals, and this noise, at their common fixed point.
-
-    Args:
-        solution: a converged fit.
-        claimed: its windows with the noise that the traces claim.
-        floor: as for `ResidualNoiseModel`.
-        again: continues from a solution whose noise has changed.
-    """
-
-    def estimate_noise(point: Solution) -> tuple[Solution, float]:
-        before = point.problem.noise or Noise.as_claimed(*floor.shape)
-        noise, point = ResidualNoiseModel(point, claimed, traces, floor).estimate(before)
-        point.problem = replace(point.problem, memory=memory_of(point))
-        return point, noise.max_relative_difference(before)
-
-    return fit_with_noise(solution, estimate_noise, again)
-
-
 def fit_with_noise(
     solution: Solution,
-    estimate_noise: Callable[[Solution], tuple[Solution, float]],
     again: Callable[[Solution], Solution],
+    claimed: Callable[[Solution], Samples],
+    floor: np.ndarray,
+    traces: Sequence[Trace] = (),
     same: float = SAME,
 ) -> Solution:
-    """Alternate fit and noise estimate from a converged fit, up to their common fixed point.
+    """Alternate noise estimate and fit, up to their common fixed point; the noise alone of a fit that failed.
 
     Args:
-        estimate_noise: the solution in units of the noise from its residuals, and the relative change of this noise.
+        solution: the end of a fit.
         again: continues from a solution whose noise has changed.
+        claimed: the samples of a solution with the claimed noise.
+        floor, traces: as for `ResidualNoiseModel`.
         same: change of the noise below which another fit would change nothing.
     """
     for _ in range(ROUNDS):
-        solution, change = estimate_noise(solution)
-        if change < same:
+        before = solution.problem.noise or Noise.as_claimed(*floor.shape)
+        noise, solution = ResidualNoiseModel(solution, claimed(solution), traces, floor).estimate(before)
+        if traces:  # sensors of different kinds have no common memory
+            solution.problem = replace(solution.problem, memory=memory_of(solution))
+        if noise.max_relative_difference(before) < same or solution.status != "ok":
             break
         further = again(solution)
         if further.status != "ok":

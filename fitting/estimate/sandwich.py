@@ -124,9 +124,9 @@ def memory(series: np.ndarray, run: np.ndarray) -> float:
     non-positive sum of a pair of neighbouring lags (Geyer 1992); two correlation times for an exponential decay."""
     series = series - series.mean()
     size = max(float(series @ series), 1e-300)
-    lags = range(1, max(2, len(series) // 2))
-    rho = [1.0, *(float(series[lag:] @ (series[:-lag] * (run[lag:] == run[:-lag]))) / size for lag in lags)]
-    pairs = (first + second for first, second in zip(rho[::2], rho[1::2], strict=False))
+    count = len(series)
+    rho = lambda lag: float(series[lag:] @ (series[: count - lag] * (run[lag:] == run[: count - lag]))) / size  # noqa: E731
+    pairs = (rho(lag) + rho(lag + 1) for lag in range(0, max(2, count // 2) - 1, 2))
     return max(1.0, 2 * sum(takewhile(lambda pair: pair > 0, pairs)) - 1)
 
 

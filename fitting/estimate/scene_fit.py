@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,9 @@ from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.nuts import nuts
 from fitting.estimate.posterior import Posterior, importance
 from fitting.estimate.problem import Solution
+from fitting.estimate.sandwich import FEW
 from fitting.estimate.shooting import level_of
-from fitting.estimate.uncertainty import Uncertainty, bootstrap, degrees_of_freedom
+from fitting.estimate.uncertainty import LARGEST_BIAS, Uncertainty, bootstrap, degrees_of_freedom
 from fitting.parameters.of_scene import full_names
 from fitting.parameters.parameter import Parameter
 
@@ -102,6 +104,23 @@ def _crossing(at: np.ndarray, growth: np.ndarray, best: float, limit: float, sid
     if root[-1] < np.sqrt(limit):
         return best + side * float(distance[-1])
     return best + side * float(np.interp(np.sqrt(limit), np.maximum.accumulate(root), distance))
+
+
+def common_warnings(solution: Solution, u: Uncertainty) -> list[str]:
+    """One line each of any fit: active bounds, few blocks of time behind the errors, shifts by the time step."""
+    values = solution.by_name
+    found = [f"{name} is at its bound {values[name]:g}" for name in compress(values, u.at_bound)]
+    if 0 < u.blocks < FEW:
+        found.append(
+            f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW}. Use longer "
+            "traces for more reliable errors"
+        )
+    biases = zip(values, () if solution.step_bias is None else solution.step_bias, strict=False)
+    return found + [
+        f"the time step shifts {name} by {bias:+.2g} standard errors. Use a smaller dt"
+        for name, bias in biases
+        if abs(bias) > LARGEST_BIAS
+    ]
 
 
 SAMPLERS = {"importance": importance, "nuts": nuts}

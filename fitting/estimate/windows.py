@@ -16,7 +16,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.traces import planar
-from fitting.traces.trace import Trace, local_motion, without_spikes
+from fitting.traces.trace import DEGREE, Trace, without_spikes
 
 #: Deviation from whole steps [steps] below which samples count as lying on the time grid.
 ON_GRID = 1e-6
@@ -79,6 +79,11 @@ class Windows:
     @property
     def count(self) -> int:
         return len(self.begin)
+
+    @property
+    def source(self) -> np.ndarray:
+        """Number of the run whose noise a window has (K,)."""
+        return self.run
 
     @property
     def samples(self) -> int:
@@ -152,29 +157,6 @@ class Windows:
         """The windows without some (K,) bool; those after them follow none."""
         follows = self.follows & ~np.concatenate([[False], which[:-1]])
         return replace(self.pick(~which), follows=follows[~which])
-
-
-def check_step(traces: Sequence[Trace], dt: float) -> None:
-    """Reject a requested step that is longer than the sampling interval.
-
-    Between steps angles are interpolated. A step that skips samples is probably a mistyped one: the default is shorter
-    than any motion that a camera can follow.
-    """
-    longest = max(trace.interval for trace in traces)
-    if not dt <= longest * (1 + 1e-6):
-        raise SceneError(f"dt: {dt:g} s is longer than the sampling interval; allowed: at most {longest:.4g} s")
-
-
-def time_step(traces: Sequence[Trace], requested: float) -> float:
-    """The step [s] nearest below `requested` that divides the sampling interval, for uniform sampling.
-
-    Times in files are rounded: a step may exceed `requested` by that rounding.
-    """
-    intervals = [round(trace.interval, 12) for trace in traces]
-    if np.ptp(intervals) > 1e-9:
-        return requested
-    # relative change of a step that rounded times of samples may cause
-    return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - 1e-3)))
 
 
 #: Minimum number of frames of a window: a start can fit fewer samples exactly.
@@ -268,3 +250,33 @@ def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma:
 
 
 _close = jax.jit(jax.vmap(planar.close_chain, in_axes=(None, 0, 0)))
+
+
+def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray, longest: float) -> np.ndarray:
+    """Angle and rate (n, 2) of every link at `at` [s], from the least-squares cubics through the samples around it.
+
+    Each cubic has the largest reach of at least five samples, at most `longest` [s], at which it misses the samples by
+    no more than the noise `sigma` (n,). On uniform samples this is the smoother of Savitzky and Golay (1964). Missing
+    samples (NaN) are skipped.
+    """
+    found = np.full((theta.shape[1], 2), np.nan)
+    by_frames: dict[bytes, list[int]] = {}  # links that were seen in the same frames
+    for j, known in enumerate(np.isfinite(theta).T):
+        by_frames.setdefault(known.tobytes(), []).append(j)
+    for columns in map(np.array, by_frames.values()):
+        frames = np.flatnonzero(np.isfinite(theta[:, columns[0]]))
+        x = t[frames] - at
+        distance = np.sort(np.abs(x))
+        shortest = distance[min(DEGREE + 1, len(x) - 1)] * (1 + 1e-9)
+        reach = max(longest, shortest)
+        while len(columns):  # those links whose cubic may still need a smaller reach
+            near = np.abs(x) <= reach
+            degree = min(DEGREE, int(near.sum()) - 1)
+            basis, y = np.vander(x[near] / reach, degree + 1, increasing=True), theta[np.ix_(frames[near], columns)]
+            c = np.linalg.lstsq(basis, y, rcond=None)[0]
+            left, freedom = np.sum((basis @ c - y) ** 2, axis=0) / sigma[columns] ** 2, near.sum() - degree - 1
+            # standard deviations of chi-square by which a polynomial may miss its samples and still count as noise
+            fits = (left <= freedom + 2.0 * np.sqrt(2 * freedom)) | (reach <= shortest)
+            found[columns[fits], 0], found[columns[fits], 1] = c[0, fits], c[1, fits] / reach if degree else 0.0
+            columns, reach = columns[~fits], max(reach / 1.3, shortest)
+    return found

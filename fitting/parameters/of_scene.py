@@ -21,7 +21,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model, model_slopes
 from dropper_jax.scene import PriorSpec
-from fitting.parameters.parameter import Parameter, check_once, paths, resolve
+from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, check_once, paths, resolve
 from fitting.parameters.target import Direction, ModelPlace
 
 #: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
@@ -152,6 +152,15 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
     names = [name.strip() for name in names]
     known = None if all(_is_full(name) for name in names) else paths(build_model(scene))
     return [name if _is_full(name) else _full(name, known, option) for name in names]
+
+
+def by_full_path(
+    scene: Scene, start: StartValues | None, bounds: Bounds | None, priors: Priors | None, of_data: Sequence[str] = ()
+) -> list[dict[str, Any]]:
+    """Start values, bounds and priors by full paths; names of the sections `of_data` are full already."""
+    full = lambda name, option: name if ScenePath(name).section in of_data else full_names(scene, [name], option)[0]  # noqa: E731
+    given = (("start", start), ("bounds", bounds), ("prior", priors))
+    return [{full(name, option): value for name, value in (values or {}).items()} for option, values in given]
 
 
 def _is_full(name: str) -> bool:

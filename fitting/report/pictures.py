@@ -16,6 +16,7 @@ from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.base.renamed import old_names
 from dropper_jax.plots import style
 from fitting.calibration.result import FitResult, HeldOut
+from fitting.channels.result import ChannelFit
 from fitting.traces.planar import wrap
 
 #: Maximum number of links in one picture; the title reports how many are left out.
@@ -168,6 +169,40 @@ def descent(result: FitResult, _: int) -> Figure:
 
 
 PICTURES = {"traces": traces, "residuals": residuals, "spectra": spectra, "phase_space": phase_space}
+
+
+@style.plot_style()
+def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
+    """Measured samples, the fitted run, and residuals in units of the noise, of a run's first columns."""
+    # maximum number of columns drawn in one picture
+    most_columns = 6
+    problem, e = result.solution.problem, result.solution.evaluation
+    panels = []
+    deviations = problem.data.deviations(e.shown)[..., None] * problem.windows.weight
+    for block, (r, c, known, j) in enumerate(problem.data.columns()):
+        channel, t, values = problem.data.sensors[c].channel, problem.data.runs[r].t[c], problem.data.runs[r].values[c]
+        label = channel.name if len(channel.columns) == 1 else f"{channel.name}: {channel.columns[j]}"
+        off = t[known], -deviations[block, : known.sum(), 0]
+        if r == run:
+            panels.append((f"{label} [{channel.measures}]", t, values[:, j], e.shown[r][c][:, j], off))
+    left_out = len(panels) - most_columns
+    panels = panels[:most_columns]
+    figure = style.new_figure(9.0, 1.0 + 1.7 * len(panels))
+    axes = np.atleast_2d(figure.subplots(len(panels), 2, sharex=True, width_ratios=(3, 1), squeeze=False))
+    for (label, t, measured, shown, off), (over, beside) in zip(panels, axes, strict=True):
+        over.plot(t, measured, ".", ms=2, color=style.SECOND, label="measured")
+        over.plot(t, shown, "-", lw=0.9, color=style.DARK, label="fitted")
+        over.set_ylabel(label)
+        beside.plot(*off, ".", ms=2, color=style.SECOND)
+        beside.locator_params(axis="x", nbins=3)
+        beside.axhline(0.0, color=style.DARK, lw=0.8)
+    axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    more = f" ({left_out} further columns are not drawn)" if left_out > 0 else ""
+    axes[0, 0].set_title(f"{problem.data.runs[run].name}{more}", loc="left")
+    axes[0, 1].set_title("residual / noise", loc="left")
+    for low in axes[-1]:
+        low.set_xlabel("t [s]")
+    return style.save(figure, path)
 
 
 __getattr__ = old_names(__name__)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,9 +20,22 @@ from fitting.calibration.decision import verdict
 from fitting.calibration.fit import fit
 from fitting.calibration.one_run import OneRun, check_energy, one_run
 from fitting.calibration.result import FitResult, direction_text
+from fitting.channels.result import ChannelFit
+from fitting.estimate.scene_fit import SceneFit
 from fitting.parameters.of_scene import fitted_scene
-from fitting.report.pictures import PICTURES, descent, fit_over_trace, link_panels
-from fitting.report.tables import advice_rows, comparison_rows, interval_rows, named_rows, parameter_rows, summary
+from fitting.report.pictures import PICTURES, channel_picture, descent, fit_over_trace, link_panels
+from fitting.report.tables import (
+    advice_rows,
+    between_rows,
+    channel_rows,
+    channel_summary,
+    comparison_rows,
+    interval_rows,
+    named_rows,
+    parameter_rows,
+    sensitivity_rows,
+    summary,
+)
 from fitting.traces.synthetic import Camera, synthetic_traces
 from fitting.traces.trace import Trace, write_trace
 
@@ -65,13 +78,8 @@ def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> 
     """The Markdown text; `full_runs` are uninterrupted runs by the number of their trace."""
     energy = check_energy(result)
     parts = [
-        f"# Fit of {literal(result.scene.name)}",
-        f"Method `{result.method}`; status **{result.status}**{': ' + result.message if result.message else ''}.",
-        "## Parameters",
-        markdown_table(parameter_rows(result)),
-        *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown_table(rows)]),
-        "## Quality",
-        "\n".join(f"- {name}: {value}" for name, value in summary(result)),
+        *_first_parts(result, f"Method `{result.method}`; status"),
+        *_quality(summary(result)),
         *([] if energy is None else ["## Energy", f"Without any simulation: {energy.text} (1: the law is right)."]),
         "## Errors along the trace",
         "RMS of measured minus fitted angles [rad], window by window, each with its own start.",
@@ -83,8 +91,7 @@ def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> 
         "## What was not identifiable",
         "\n".join(f"- {direction_text(direction)}" for direction in result.uncertainty.undetermined)
         or "Every direction is determined to better than its own size.",
-        "## Warnings",
-        "\n".join(f"- {literal(warning)}" for warning in result.warnings) or "None.",
+        *_warnings(result),
     ]
     if result.descent:
         parts += ["## Descent", "Loss and parameters from step to step.", "![descent](descent.png)"]
@@ -103,6 +110,57 @@ def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> 
             text = full_runs[run].text
             parts += [f"{text[0].upper()}{text[1:]}.", f"![one run](one_run_{run + 1}.png)"]
     return "\n\n".join(parts) + "\n"
+
+
+def _first_parts(result: SceneFit, status: str) -> list[str]:
+    """Title, status and parameters of any fit."""
+    return [
+        f"# Fit of {literal(result.scene.name)}",
+        f"{status} **{result.status}**{': ' + result.message if result.message else ''}.",
+        "## Parameters",
+        markdown_table(parameter_rows(result)),
+        *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown_table(rows)]),
+    ]
+
+
+def _quality(facts: Sequence[tuple[str, str]]) -> list[str]:
+    return ["## Quality", "\n".join(f"- {name}: {value}" for name, value in facts)]
+
+
+def _warnings(result: SceneFit) -> list[str]:
+    return ["## Warnings", "\n".join(f"- {literal(warning)}" for warning in result.warnings) or "None."]
+
+
+def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
+    """Write `report.md`, a picture of every run, and `fitted.toml`, the scene with the fitted values; if runs have
+    separate values, one scene each, `fitted_RUN.toml`."""
+    folder = folder_without(folder, "report.md")
+    runs = result.solution.problem.data.runs
+    files = [channel_picture(result, i, folder / f"channels_{i + 1}.png") for i in range(len(runs))]
+    files += write_scenes(result, folder)
+    parts = [
+        *_first_parts(result, "Status"),
+        *(["## Over the runs", markdown_table(between_rows(result))] if result.between else []),
+        "## Channels",
+        markdown_table(channel_rows(result)),
+        "## Sensitivity",
+        "The percentage by which a channel changes for a change of a parameter by 1 %: for tensions relative to their "
+        "root mean square, for other channels relative to their standard deviation.",
+        markdown_table(sensitivity_rows(result)),
+        *_quality(channel_summary(result)),
+        *_warnings(result),
+        *(f"## {literal(run.name)}\n\n![{literal(run.name)}](channels_{i + 1}.png)" for i, run in enumerate(runs)),
+    ]
+    files.append(atomic_write(folder / "report.md", "\n\n".join(parts) + "\n"))
+    return files
+
+
+def write_scenes(result: ChannelFit, folder: Path) -> list[Path]:
+    """The fitted scenes as TOML."""
+    scenes = {f"fitted_{run.name}.toml": i for i, run in enumerate(result.solution.problem.data.runs)}
+    if not result.between and not any(run.own for run in result.solution.problem.data.runs):
+        scenes = {"fitted.toml": 0}
+    return [atomic_write(folder / name, as_toml(result.fitted_scene(i).as_written())) for name, i in scenes.items()]
 
 
 def _modes(result: FitResult) -> str:

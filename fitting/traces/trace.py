@@ -207,38 +207,8 @@ def check_trace(trace: Trace) -> None:
         raise SceneError(f"{trace.name}: se: {np.nanmin(trace.se):g} is not positive; allowed: standard errors > 0")
 
 
-#: Degree of the polynomial through a start's samples.
+#: Degree of the polynomials through samples that give angles and rates.
 DEGREE = 3
-
-
-def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray, longest: float) -> np.ndarray:
-    """Angle and rate (n, 2) of every link at `at` [s], from the least-squares cubics through the samples around it.
-
-    Each cubic has the largest reach of at least five samples, at most `longest` [s], at which it misses the samples by
-    no more than the noise `sigma` (n,). On uniform samples this is the smoother of Savitzky and Golay (1964). Missing
-    samples (NaN) are skipped.
-    """
-    found = np.full((theta.shape[1], 2), np.nan)
-    by_frames: dict[bytes, list[int]] = {}  # links that were seen in the same frames
-    for j, known in enumerate(np.isfinite(theta).T):
-        by_frames.setdefault(known.tobytes(), []).append(j)
-    for columns in map(np.array, by_frames.values()):
-        frames = np.flatnonzero(np.isfinite(theta[:, columns[0]]))
-        x = t[frames] - at
-        distance = np.sort(np.abs(x))
-        shortest = distance[min(DEGREE + 1, len(x) - 1)] * (1 + 1e-9)
-        reach = max(longest, shortest)
-        while len(columns):  # those links whose cubic may still need a smaller reach
-            near = np.abs(x) <= reach
-            degree = min(DEGREE, int(near.sum()) - 1)
-            basis, y = np.vander(x[near] / reach, degree + 1, increasing=True), theta[np.ix_(frames[near], columns)]
-            c = np.linalg.lstsq(basis, y, rcond=None)[0]
-            left, freedom = np.sum((basis @ c - y) ** 2, axis=0) / sigma[columns] ** 2, near.sum() - degree - 1
-            # standard deviations of chi-square by which a polynomial may miss its samples and still count as noise
-            fits = (left <= freedom + 2.0 * np.sqrt(2 * freedom)) | (reach <= shortest)
-            found[columns[fits], 0], found[columns[fits], 1] = c[0, fits], c[1, fits] / reach if degree else 0.0
-            columns, reach = columns[~fits], max(reach / 1.3, shortest)
-    return found
 
 
 def smoothers(width: int, step: float) -> tuple[np.ndarray, np.ndarray]:

@@ -14,9 +14,8 @@ from dropper_jax import SceneError, as_toml
 from dropper_jax.cli import main
 from fitting import fit_channels
 from fitting.channels.fit import growth, pose
-from fitting.channels.free import setup_with_directions
-from fitting.channels.motion import differentiate_channels, observe_channels, shift_setup
 from fitting.channels.sensors import projection
+from fitting.channels.setup import differentiate_channels, observe_channels, setup_with_directions, shift_setup
 from fitting.estimate.scene_fit import Intervals
 
 MASS, LENGTH, DAMPING, DELAY, START = 0.2, 0.5, 0.04, 0.021, 0.8

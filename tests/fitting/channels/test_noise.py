@@ -1,13 +1,20 @@
-"""Noise told by residuals, against noises that were put in."""
+"""Noise estimated from residuals, against noises that were put in."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fitting import Huber, StudentT
 from fitting.channels.channel import Data, Run, Sensor
-from fitting.channels.noise import Evaluation, Noise, estimate_noise, first_noise, lag_one, rows_of
+from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.sensors import Angle
+from fitting.estimate.gauss_newton import first_solution
 from fitting.estimate.loss import LEAST_SQUARES
+from fitting.estimate.noise import Noise, lag_one
+from fitting.estimate.residual_noise import ResidualNoiseModel
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.target import Direction
 
 N = 4000
 T = np.arange(N) * 0.1
@@ -15,30 +22,40 @@ T = np.arange(N) * 0.1
 
 def measured(y):
     channel = Angle("a", ("a",), "rad")
-    return Data((Sensor(channel),), (), (Run("r", (T,), (y[:, None],)),))
+    return Data((Sensor(channel),), (), (Run("r", (T[: len(y)],), (y[:, None],)),))
 
 
-def shown(y, slopes):
-    return Evaluation(((y[:, None],),), ((slopes[:, None, :],),), ())
+def estimate_size(y, slopes, size=1.0, loss=LEAST_SQUARES, rounds=3):
+    """Size, memory (1/s), correlation of neighbours and derivatives, whitened, of samples (N,) of a sensor at rest.
+
+    Args:
+        slopes: derivatives (N, p) by the parameters of a fit whose residuals the samples are.
+        size: of the noise to start from.
+    """
+    parameters = [Parameter(str(i), Direction({}, 0.0, linear=True), 0.0, -np.inf) for i in range(slopes.shape[1])]
+    problem = Problem(
+        data=measured(y), scenes=(SimpleNamespace(fit=None),), parameters=tuple(parameters), of_run=(), plain=(),
+        near=(), loss=loss,
+    )  # fmt: skip
+    still = Evaluation(((np.zeros((len(y), 1)),),), ((slopes[:, None, :],),), ())
+    point = first_solution(problem, np.zeros(len(parameters)), problem.whiten_residuals(still))
+    noise = Noise(np.full((1, 1), size / problem.claimed_noise[0]), np.full((1, 1), np.inf), np.zeros(1))
+    model = ResidualNoiseModel(point, problem.windows, (), np.array([[1e-9]]))
+    for _ in range(rounds):
+        noise, point = model.estimate(noise)
+    rho = lag_one(point.evaluation.residual, point.windows.weight > 0)[0]
+    return float(point.problem.noise_size[0]), float(noise.decay[0, 0]), rho, point.evaluation.jacobian[0, :, 0]
 
 
-def told_of(noise, loss=LEAST_SQUARES):
-    slopes = np.stack([np.ones(N), T], 1)
-    data, e = measured(noise), shown(np.zeros(N), slopes)
-    ones = ((np.ones((N, 1)),),)
-    at = Noise(np.array([1.0]), np.full(1, np.inf))
-    for _ in range(40):
-        rows = rows_of(data, e, at, ones)
-        at = estimate_noise(data, e, at, ones, rows.jacobian.T @ rows.jacobian, np.array([1e-9]), loss)
-    return at, rows_of(data, e, at, ones)
+def of_line(y, loss=LEAST_SQUARES, rounds=3):
+    return estimate_size(y, np.stack([np.ones(N), T], 1), loss=loss, rounds=rounds)
 
 
 def test_the_size_of_white_noise_is_told():
-    rng = np.random.default_rng(0)
-    at, rows = told_of(0.02 * rng.normal(size=N))
-    assert at.size[0] == pytest.approx(0.02, rel=0.04)
-    assert np.isinf(at.decay[0])
-    assert abs(lag_one(rows, 0, rows.residual)[0]) < 0.06
+    size, decay, rho, _ = of_line(0.02 * np.random.default_rng(0).normal(size=N))
+    assert size == pytest.approx(0.02, rel=0.04)
+    assert np.isinf(decay)
+    assert abs(rho) < 0.06
 
 
 def test_degrees_of_freedom_that_a_fit_takes_are_counted():
@@ -47,12 +64,7 @@ def test_degrees_of_freedom_that_a_fit_takes_are_counted():
     for _ in range(300):
         x, y = rng.normal(size=(8, 4)), rng.normal(size=8)
         rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
-        data = Data((Sensor(Angle("a", ("a",), "rad")),), (), (Run("r", (T[:8],), (rest[:, None],)),))
-        e = Evaluation(((np.zeros((8, 1)),),), ((x[:, None, :],),), ())
-        one = Noise(np.ones(1), np.full(1, np.inf))
-        rows = rows_of(data, e, one, ((np.ones((8, 1)),),))
-        found = estimate_noise(data, e, one, ((np.ones((8, 1)),),), rows.jacobian.T @ rows.jacobian, np.array([1e-9]))
-        sizes.append(found.size[0] ** 2)
+        sizes.append(estimate_size(rest, x, rounds=1)[0] ** 2)
     # mean of chi-square over its degrees of freedom, 4: 1 +- 0.04
     assert np.mean(sizes) == pytest.approx(1.0, abs=0.12)
 
@@ -62,8 +74,7 @@ def test_robust_losses_tell_the_noise_of_what_does_not_stand_out(loss):
     """From a size that is fifty times too large; 2 % of the samples are a hundred deviations off."""
     rng = np.random.default_rng(5)
     wild = np.where(rng.random(N) < 0.02, 2.0, 0.0)
-    at, _ = told_of(0.02 * rng.normal(size=N) + wild, loss)
-    assert at.size[0] == pytest.approx(0.02, rel=0.15)
+    assert of_line(0.02 * rng.normal(size=N) + wild, loss, 14)[0] == pytest.approx(0.02, rel=0.15)
 
 
 def test_memory_is_told_and_taken_out():
@@ -71,20 +82,39 @@ def test_memory_is_told_and_taken_out():
     r = np.zeros(N)
     for i in range(1, N):
         r[i] = 0.9 * r[i - 1] + np.sqrt(1 - 0.81) * rng.normal()
-    at, rows = told_of(0.05 * r)
-    assert at.lag_correlation(np.array([0.1]))[0] == pytest.approx(0.9, abs=0.02)
-    assert at.size[0] == pytest.approx(0.05, rel=0.15)
-    assert abs(lag_one(rows, 0, rows.residual)[0]) < 0.06
+    size, decay, rho, slopes = of_line(0.05 * r)
+    assert np.exp(-0.1 * decay) == pytest.approx(0.9, abs=0.02)
+    assert size == pytest.approx(0.05, rel=0.15)
+    assert abs(rho) < 0.06
     # whitened derivatives of an offset tell as little as so few independent samples: (1 - phi)/(1 + phi) of them
-    assert np.sum(rows.jacobian[:, 0] ** 2) * at.size[0] ** 2 == pytest.approx(N / 19, rel=0.25)
+    assert np.sum(slopes[:, 0] ** 2) * size**2 == pytest.approx(N / 19, rel=0.25)
 
 
 def test_a_smooth_misfit_is_no_noise():
-    at, rows = told_of(0.05 * np.sin(0.3 * T) + 1e-4 * np.random.default_rng(3).normal(size=N))
-    assert np.isinf(at.decay[0])
-    assert lag_one(rows, 0, rows.residual)[0] > 0.9
+    _, decay, rho, _ = of_line(0.05 * np.sin(0.3 * T) + 1e-4 * np.random.default_rng(3).normal(size=N))
+    assert np.isinf(decay)
+    assert rho > 0.9
 
 
 def test_what_samples_say_of_their_noise_on_a_smooth_motion():
     y = np.sin(T) + 0.01 * np.random.default_rng(4).normal(size=N)
-    assert first_noise(measured(y), np.zeros(1)).size[0] == pytest.approx(0.01, rel=0.15)
+    assert measured(y).first_noise()[0] == pytest.approx(0.01, rel=0.15)
+
+
+def test_each_sensor_has_a_memory_of_its_own():
+    """A sensor with memory and one without, in two runs: each has its own size and memory, and no other is assumed."""
+    rng = np.random.default_rng(6)
+    white, kept = rng.normal(size=(2, N)), rng.normal(size=(2, N))
+    for i in range(1, N):
+        kept[:, i] = 0.8 * kept[:, i - 1] + 0.6 * kept[:, i]
+    sensors = tuple(Sensor(Angle(name, (name,), "rad"), noise=1.0) for name in ("a", "b"))
+    runs = tuple(Run(str(i), (T, T), (0.02 * white[i][:, None], 0.5 * kept[i][:, None])) for i in range(2))
+    problem = Problem(
+        data=Data(sensors, (), runs), scenes=(SimpleNamespace(fit=None),), parameters=(), of_run=(), plain=(), near=()
+    )
+    shown = [[np.zeros((N, 1))] * 2] * 2
+    e = problem.whiten_residuals(Evaluation(shown, [[np.zeros((N, 1, 0))] * 2] * 2, ()))
+    model = ResidualNoiseModel(first_solution(problem, np.zeros(0), e), problem.windows, (), np.full((2, 1), 1e-9))
+    noise, _ = model.estimate(Noise.as_claimed(2, 1))
+    np.testing.assert_allclose(noise.factor[:, 0], [0.02, 0.5], rtol=0.08)
+    np.testing.assert_allclose(np.exp(-0.1 * noise.decay[:, 0]), [0.0, 0.8], atol=0.03)

@@ -58,10 +58,10 @@ def test_students_loss_is_the_log_density_of_t_with_its_freedom():
     assert abs(slope[-1]) < abs(slope[-2])  # the farthest pulls least
 
 
-def test_spread_is_the_mean_square_of_the_slope_over_normal_noise():
+def test_squares_give_the_variance_of_normal_noise():
     draws = np.random.default_rng(0).standard_normal(400_000)
-    for loss in (Huber(1.5), StudentT()):
-        assert loss.spread == pytest.approx(np.mean((loss.weights(draws) * draws) ** 2), rel=0.01)
+    for loss in (LEAST_SQUARES, Huber(1.0), Huber(1.5), Huber(3.0), StudentT()):
+        assert np.mean(loss.squares(draws)) == pytest.approx(1.0, rel=0.01)
 
 
 def test_a_loss_of_several_minima_begins_with_one_of_a_single_minimum():

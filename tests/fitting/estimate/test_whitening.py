@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fitting import Huber, Trace
-from fitting.estimate.loss import LeastSquares
+from fitting import Trace
 from fitting.estimate.noise import Noise, log_volume, whiten
 from fitting.estimate.normal_equations import Evaluation, Factor
 from fitting.estimate.sandwich import Pieces, memory, resample
@@ -126,12 +125,6 @@ def test_the_diagonal_of_a_block_tridiagonal_inverse_is_that_of_the_dense_one():
     blocks = lambda a: np.array([a[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(5)])  # noqa: E731
     found = Factor(blocks(dense), below).inverse_diagonal()
     np.testing.assert_allclose(found, blocks(np.linalg.inv(dense)), atol=1e-14)
-
-
-@pytest.mark.parametrize("loss", [LeastSquares(), Huber(1.0), Huber(3.0)])
-def test_the_spread_of_a_loss_is_the_mean_square_of_its_slope_over_normal_residuals(loss):
-    z = np.random.default_rng(5).standard_normal(400_000)
-    assert loss.spread == pytest.approx(np.mean((loss.weights(z) * z) ** 2), rel=0.01)
 
 
 def test_the_error_of_a_solution_is_in_radians_whatever_the_noise(windows):

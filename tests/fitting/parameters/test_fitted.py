@@ -5,7 +5,7 @@ import numpy as np
 import dropper_jax as dj
 from dropper_jax import build_model
 from fitting import fitted_scene
-from fitting.channels.free import find_free
+from fitting.channels.setup import find_free
 from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import apply
 

@@ -15,15 +15,16 @@ import one_thread  # noqa: F401 - before JAX
 # isort: split
 
 import copy
+import re
 import tempfile
-import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from moordyn_runs import SAMPLE, Looks, Ours, Rows, case, rows_of, theirs
 from moordyn_speed import HARD, RAMP, SMOOTH, SPAN, driven, driven_chain
-from study import Found, collect, command, describe, say, versions
+from study import Found, collect, command, describe, say, timed, versions
 
 from dropper_jax import Scene
 from dropper_jax.moordyn.writing.writer import write_moordyn
@@ -38,8 +39,6 @@ LIMITS = {"mean": 2e-3, "std": 1e-2}
 CABLEDYN = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.001)
 MOORDYN = (0.0015, 0.001, 0.0007, 0.0005, 0.0003, 0.0001)
 OURS = (1, 2, 5, 10, 20, 40, 160)  # steps in 0.1 s
-#: What CableDyn's options are called.
-OPTION_NAMES = {"rho": "rhoW"}
 
 
 def chain(motion: tuple[float, float, float]) -> Scene:
@@ -74,7 +73,7 @@ def bridle() -> Scene:
         leg.update(length=40.0 / LINKS, mass=10.91 * 40.0 / LINKS)
     float_ = {"name": "float", "position": [14.0, 0.0, -12.0], "kind": "free", "mass": 100.0, "volume": 0.5}
     sides = (("a", -12.0), ("b", 12.0))
-    anchors = [{"name": f"anchor-{side}", "position": [-10.0, y, -30.0], "kind": "fixed"} for side, y in sides]
+    anchors = [{"name": f"anchor-{side}", "position": [-10.0, y, -30.0]} for side, y in sides]
     table["point"] = [*anchors, float_, table["point"][1]]
     table["line"] = [top, *legs]
     return Scene.from_dict({**table, "name": "bridle"})
@@ -95,11 +94,8 @@ def cabledyn_deck(scene: Scene, folder: Path, dt: float) -> Path:
     deck = folder / "mooring.txt"
     write_moordyn(scene, deck, dt=dt, options={"TMax": SPAN})
     lines = ["--------------------- CableDyn Input File ---------------------", *deck.read_text().splitlines()[1:]]
-    for i, line in enumerate(lines):
-        value, _, name = line.partition(" ")
-        if name in OPTION_NAMES:
-            lines[i] = f"{value} {OPTION_NAMES[name]}"
-    deck.write_text("\n".join(line for line in lines if not line.endswith(" dtOut")) + "\n")
+    named = (re.sub(" rho$", " rhoW", line) for line in lines if not line.endswith(" dtOut"))
+    deck.write_text("\n".join(named) + "\n")
     return deck
 
 
@@ -112,27 +108,24 @@ def in_cabledyn(scene: Scene, place: Callable[[float], np.ndarray], dt: float) -
 
     h = 1e-3
     with tempfile.TemporaryDirectory() as folder, CableDyn(cabledyn_deck(scene, Path(folder), dt)) as model:
-        start, _, _ = model.get_coupled_motion()
+        q = model.get_coupled_motion()[0].copy()
+        v, a = np.zeros_like(q), np.zeros_like(q)
         kinds = [kind for _, kind in model.coupled_layout()]
-        first = 3 * kinds.index("coupled")
-        top = slice(first, first + 3)
+        top = 3 * kinds.index("coupled") + np.arange(3)
         ends = ["AnchTen1", "FairTen1"]
         if "free" in kinds:  # from a free point to a driven one CableDyn counts the first end as the fairlead
             ends.reverse()
         rest = np.array(model.channels(ends))
         rows, cpu = [], 0.0
-        q, v, a = start.copy(), np.zeros_like(start), np.zeros_like(start)
         for i in range(round(SPAN / dt)):
             t = (i + 1) * dt
             q[top] = place(t)
             v[top] = (place(t + h) - place(t - h)) / (2 * h)
             a[top] = (place(t + h) - 2 * place(t) + place(t - h)) / h**2
-            begun = time.process_time()
-            model.step(dt, q, v, a)
-            cpu += time.process_time() - begun
+            cpu += timed(partial(model.step, dt, q, v, a))[1]["processor_s"]
             rows.append(model.channels(ends))
     t = np.round(dt * np.arange(1, len(rows) + 1), 9)
-    seen = Looks(t, np.array(rows), np.zeros((len(rows), 1, 3)), cpu, cpu, "ok")
+    seen = Looks(t, np.array(rows), np.zeros((len(rows), 1, 3)), cpu, "ok")
     return rest, rows_of(seen, max(1, round(SAMPLE / dt)))
 
 

@@ -147,7 +147,7 @@ def _march(
         start = (carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
         carry, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
         _, s, alive, _ = carry
-        place = model.geometry.everywhere(s.r, model.ends(s.t).positions)[model.geometry.last[0]]
+        place = model.geometry.everywhere(s.r, model.ends(s.t).positions)[model.geometry.last[links - 1]]
         return carry, (total / every, square / every, least, most, place, alive)
 
     carry = (adaptive, first.state, jnp.array(True), jnp.zeros((), jnp.int32))

@@ -96,9 +96,8 @@ def _three(values: dict[str, float] | None) -> tuple[str, ...]:
 def table7_edulis(found: Found) -> Rows:
     """Edulis in both codes."""
 
-    def number(row: Found, value: float | None) -> str:
-        force = row["mean"]["here"] > 100.0
-        return "-" if value is None else f"{value:.0f}" if force else f"{value:.2f}"
+    def number(row: Found, value: float) -> str:
+        return f"{value:.0f}" if row["mean"]["here"] > 100.0 else f"{value:.2f}"
 
     def here(row: Found, what: str) -> str:
         one = row[what]

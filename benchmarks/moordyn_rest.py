@@ -96,7 +96,7 @@ def largest_step(scene: Scene) -> float | None:
 def there(
     folder: Path, file: str, held: list[float], span: float = SPAN
 ) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Links (lines,), end tensions (lines, 2) [N] in MoorDyn after `span` [s], its largest speed [m/s] and height [m]."""
+    """Links (lines,), end tensions (lines, 2) [N] in MoorDyn after `span` [s]; largest speed [m/s], height [m]."""
     import moordyn
 
     still = [0.0] * len(held)

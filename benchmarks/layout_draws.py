@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
 #: How long checks run [s], at which step.
 DURATION, STEP = 240.0, 0.05
@@ -16,32 +17,20 @@ class Bed:
     KNOTS = 5
 
     def __init__(self, draw: np.random.Generator, depth: float, reach: float, flat: bool) -> None:
-        self.flat, self.depth = flat, depth
-        self.x = np.linspace(-reach, reach, self.KNOTS)
+        knots = np.linspace(-reach, reach, self.KNOTS)
         slope, course = draw.uniform(0.0, 0.2), draw.uniform(0.0, 2 * np.pi)
         hills = draw.choice([0.0, 0.15]) * depth
-        x, y = np.meshgrid(self.x, self.x, indexing="ij")
+        x, y = np.meshgrid(knots, knots, indexing="ij")
         depths = depth + slope * (x * np.cos(course) + y * np.sin(course)) + hills * draw.uniform(-1, 1, x.shape)
         self.depths = np.maximum(depths, 0.4 * depth)
+        self.effect: Scene = {"bed_x": knots.tolist(), "bed_y": knots.tolist()}
+        self.effect["bed_depth"] = self.depths.ravel().tolist()
+        if flat:
+            self.depths, self.effect = np.full_like(depths, depth), {"depth": depth}
+        self.between = RegularGridInterpolator((knots, knots), self.depths, bounds_error=False, fill_value=None)
 
     def height(self, x: float, y: float) -> float:
-        if self.flat:
-            return -self.depth
-        i, j = (int(np.clip(np.searchsorted(self.x, v) - 1, 0, self.KNOTS - 2)) for v in (x, y))
-        a, b = (float((v - self.x[k]) / (self.x[k + 1] - self.x[k])) for v, k in ((x, i), (y, j)))
-        d = self.depths
-        low, high = (1 - b) * d[i, j] + b * d[i, j + 1], (1 - b) * d[i + 1, j] + b * d[i + 1, j + 1]
-        return -float((1 - a) * low + a * high)
-
-    @property
-    def deepest(self) -> float:
-        return self.depth if self.flat else float(np.max(self.depths))
-
-    def effect(self) -> Scene:
-        if self.flat:
-            return {"depth": self.depth}
-        knots = self.x.tolist()
-        return {"bed_x": knots, "bed_y": knots, "bed_depth": self.depths.ravel().tolist()}
+        return -float(self.between((x, y)))
 
 
 class Layout:
@@ -134,13 +123,16 @@ class Layout:
             "point": self.points,
             "line": self.lines,
             **({"buoy": self.buoys} if self.buoys else {}),
-            "sea": {"depth": self.bed.deepest, "current": current | {"exponent": float(draw.choice([0.0, 1.0 / 7.0]))}},
+            "sea": {
+                "depth": float(np.max(self.bed.depths)),
+                "current": current | {"exponent": float(draw.choice([0.0, 1.0 / 7.0]))},
+            },
             "effects": {
                 "weight": {},
                 "buoyancy": {},
                 "morison_drag": {},
                 "morison_inertia": {},
-                "seabed": self.bed.effect(),
+                "seabed": self.bed.effect,
             },
         }
 

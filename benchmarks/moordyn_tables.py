@@ -4,6 +4,8 @@ from study import Found, Rows, columns, joined, kilo, milli, table_of
 
 #: The step of ours that the speed table shows where none is as exact as MoorDyn [s].
 USUAL = 0.02
+#: Names of scenes in a cell.
+FEW = 4
 CODES = (("ours", "here"), ("moordyn", "MoorDyn v2"))
 
 
@@ -191,16 +193,19 @@ def _errors(errors: dict[str, float]) -> str:
 @table_of("moordyn_rest")
 def moordyn_rest(found: Found) -> Rows:
     """End tensions of packaged scenes at rest against MoorDyn's on their decks, or why they are not compared."""
-    other: dict[str, list[str]] = {}
-    shared: dict[str, list[str]] = {}
-    for row in found["rows"]:
-        if row["status"] != "ok":
-            other.setdefault(row["status"], []).append(row["scene"])
-        elif "same_deck_as" in row:
-            shared.setdefault(row["same_deck_as"], []).append(row["scene"])
+    good = [row for row in found["rows"] if row["status"] == "ok"]
+    reasons = dict.fromkeys(row["status"] for row in found["rows"] if row["status"] != "ok")
+
+    def scenes(row: Found) -> str:
+        return ", ".join(one["scene"] for one in good if one.get("same_deck_as", one["scene"]) == row["scene"])
+
+    def left_out(reason: str) -> str:
+        names = [row["scene"] for row in found["rows"] if row["status"] == reason]
+        return ", ".join(names) if len(names) <= FEW else f"{len(names)} scenes"
+
     rows = columns(
-        (row for row in found["rows"] if row["status"] == "ok" and "same_deck_as" not in row),
-        ("scenes", lambda r: ", ".join([r["scene"], *shared.get(r["scene"], [])])),
+        (row for row in good if "same_deck_as" not in row),
+        ("scenes", scenes),
         ("lines", "{lines}"),
         ("largest tension [N]", "{largest_n:.0f}"),
         ("scene against MoorDyn", lambda r: f"{100 * r['scene_difference']:.2g} %"),
@@ -211,9 +216,7 @@ def moordyn_rest(found: Found) -> Rows:
         ),
         ("MoorDyn's nodes, at most [mm/s]", lambda r: f"{1e3 * r['speed']:.1g}"),
     )
-    few = 4  # names in a cell
-    names = {reason: ", ".join(s) if len(s) <= few else f"{len(s)} scenes" for reason, s in other.items()}
-    return rows + [(scenes, reason, *[""] * (len(rows[0]) - 2)) for reason, scenes in names.items()]
+    return rows + [(left_out(reason), reason, *[""] * (len(rows[0]) - 2)) for reason in reasons]
 
 
 @table_of("cabledyn")

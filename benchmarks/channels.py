@@ -33,53 +33,54 @@ from fitting.channels.noise import Evaluation
 from fitting.channels.problem import Problem
 from fitting.channels.result import errors_of
 from fitting.channels.sensors import projection
+from fitting.estimate.problem import Solution
 
 
 class Tally:
-    """Estimates, errors and intervals of draws, by parameter."""
+    """Estimates, errors, intervals and verdicts of draws, by parameter."""
 
     def __init__(self, truth: Mapping[str, float]) -> None:
         self.truth = dict(truth)
-        self.rows: dict[str, list[tuple[float, float, float, float]]] = {name: [] for name in truth}
-        self.notes: list[dict[str, str]] = []
+        self.rows: dict[str, list[tuple]] = {name: [] for name in truth}
         self.failed = 0
         self.begun = time.perf_counter()
 
     def add(self, found, silent: bool = False) -> None:
         """One fit, printed unless `silent`."""
-        names = [p.name for p in found.parameters]
         e = found.errors
+        each = zip(found.values, e.std_error, e.low, e.high, e.determined, strict=True)
+        own = dict(zip((p.name for p in found.parameters), each, strict=True))
         if not silent:
-            off = {n: round((found[n] - v) / e.std_error[names.index(n)], 2) for n, v in self.truth.items()}
+            off = {name: round(float((own[name][0] - v) / own[name][1]), 2) for name, v in self.truth.items()}
             say({"status": found.outcome, "seconds": round(found.seconds, 1), "off": off, "warnings": found.warnings})
         if found.status != "ok":
             self.failed += 1
             return
-        self.notes.append(dict(zip(names, e.determined, strict=True)))
         for name, rows in self.rows.items():
-            i = names.index(name)
-            rows.append((float(found.values[i]), float(e.std_error[i]), float(e.low[i]), float(e.high[i])))
+            rows.append(own[name])
 
     def table(self, **more) -> Found:
         """The rows of the result."""
-        table = {}
-        for name, rows in self.rows.items():
-            if not rows:
-                continue
-            truth, (v, s, low, high) = self.truth[name], np.array(rows).T
-            table[name] = {
-                "truth": truth,
-                "cover": int(np.sum((low <= truth) & (truth <= high))),
-                "rms_of_error_over_std_error": float(np.sqrt(np.mean(((v - truth) / s) ** 2))),
-                "mean_of_error_over_std_error": float(np.mean((v - truth) / s)),
-                "median_std_error": float(np.median(s)),
-                "median_relative_error": float(np.median(s) / abs(truth)) if truth else None,
-                "not_determined": sum(note.get(name) == "no" for note in self.notes),
-                "upper_bound": sum(note.get(name) == "upper bound" for note in self.notes),
-            }
+        table = {name: judge(self.truth[name], rows) for name, rows in self.rows.items() if rows}
         draws = len(next(iter(self.rows.values())))
         spent = time.perf_counter() - self.begun
         return {"draws": draws, "not_converged": self.failed, "seconds": round(spent, 1), **more, "parameters": table}
+
+
+def judge(truth: float, rows: list[tuple]) -> Found:
+    """A parameter's estimates, standard errors, ends of intervals and verdicts against its truth."""
+    *numbers, verdicts = zip(*rows, strict=True)
+    v, s, low, high = np.array(numbers, float)
+    return {
+        "truth": truth,
+        "cover": int(np.sum((low <= truth) & (truth <= high))),
+        "rms_of_error_over_std_error": float(np.sqrt(np.mean(((v - truth) / s) ** 2))),
+        "mean_of_error_over_std_error": float(np.mean((v - truth) / s)),
+        "median_std_error": float(np.median(s)),
+        "median_relative_error": float(np.median(s) / abs(truth)) if truth else None,
+        "not_determined": verdicts.count("no"),
+        "upper_bound": verdicts.count("upper bound"),
+    }
 
 
 def sea(draws: int) -> Found:
@@ -103,34 +104,33 @@ def _sea(kind: str, draws: int) -> Found:
         "east": CubicSpline(true.t_tension, true.tension[:, last])(t),
         **{p: CubicSpline(true.t, -true.point_path(p)[:, 2])(t) for p in ("w", "m", "e")},
     }
+    noise = {"west": 0.01 * clean["west"], "east": 0.01 * clean["east"], "w": 0.02, "m": 0.02, "e": 0.02}
     place = dj.load_scene(scene)
     truth = {name: place.value(name) for name in (STIFFNESS, DRAG, CURRENT)}
     rng, whole, linear = np.random.default_rng(1), Tally(truth), Tally(truth)
-    for draw in range(draws):
-        noisy = {"t": t}
-        for name, y in clean.items():
-            noise = rng.normal(size=len(t))
-            noisy[name] = y * (1 + 0.01 * noise) if name in ("west", "east") else y + 0.02 * noise
+
+    def drawn() -> tuple[Found, Found]:
+        """Noisy data, and what a fit is given: starts two times off, and the current as it is known."""
+        noisy = {name: y + noise[name] * rng.normal(size=len(t)) for name, y in clean.items()}
         known = truth[CURRENT] * (1 + 0.02 * rng.normal())
-        given = {
-            "start": {STIFFNESS: off * truth[STIFFNESS], DRAG: 0.5 * truth[DRAG], CURRENT: known},
-            "priors": {CURRENT: (known, 0.02 * truth[CURRENT])},
-        }
-        data = _sea_data(noisy)
-        if draw == 0:  # from two times off, by runs of its own; all draws in the linear model where it ends
-            first = fit_channels(data, scene, list(truth), check_step=kind != "slack", **given)
-            whole.add(first)
-        again = _in_line(first, data, place, given)
-        linear.add(again, silent=True)
-        if draw == 0:
-            apart = float(np.max(np.abs(again.values - first.values) / first.errors.std_error))
+        start = {STIFFNESS: off * truth[STIFFNESS], DRAG: 0.5 * truth[DRAG], CURRENT: known}
+        return _sea_data({"t": t, **noisy}), {"start": start, "priors": {CURRENT: (known, 0.02 * truth[CURRENT])}}
+
+    every = [drawn() for _ in range(draws)]
+    data, given = every[0]
+    # the first one by runs of its own; all draws in the linear model where it ends
+    first = fit_channels(data, scene, list(truth), check_step=kind != "slack", **given)
+    whole.add(first)
+    again = [_in_line(first, data, place, given) for data, given in every]
+    for found in again:
+        linear.add(found, silent=True)
     names = [p.name for p in first.parameters]
     table = linear.table(
         sensitivity=dict(zip(names, first.errors.sensitivity.tolist(), strict=True)),
         step_s=first.solution.problem.dt,
         step_bias=None if first.step_bias is None else dict(zip(names, first.step_bias.tolist(), strict=True)),
         said=list(first.errors.why),
-        linear_from_whole_std_errors=[apart],
+        linear_from_whole_std_errors=[float(np.max(np.abs(again[0].values - first.values) / first.errors.std_error))],
     )
     return {**table, "whole": whole.table()}
 
@@ -147,25 +147,26 @@ def _sea_data(columns: dict[str, np.ndarray]) -> Found:
     }
 
 
+@dataclasses.dataclass(frozen=True)
 class InLine(Problem):
     """A problem whose motion is the linear one where a fit ended; noise, priors, errors are those of the fit."""
 
+    there: Solution | None = None
+
     def evaluate(self, values: np.ndarray, starts=None) -> Evaluation:
-        there = LINEAR[0]
-        move = values - there.values
-        pairs = zip(there.evaluation.shown, there.evaluation.slopes, strict=True)
-        shown = tuple(tuple(y + x @ move for y, x in zip(*run, strict=True)) for run in pairs)
-        return self.with_rows(there.evaluation._replace(shown=shown))
-
-
-#: Where the linear model is taken.
-LINEAR: list = []
+        ahead = self.there.evaluation
+        move = values - self.there.values
+        shown = (
+            tuple(y + x @ move for y, x in zip(*run, strict=True))
+            for run in zip(ahead.shown, ahead.slopes, strict=True)
+        )
+        return self.with_rows(ahead._replace(shown=tuple(shown)))
 
 
 def _in_line(first, data: Found, scene, given: Found):
-    LINEAR[:] = [first.solution]
     problem = pose(data, scene, list(given["start"]), [], given["start"], {}, given["priors"])
-    problem = InLine(**{f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)})
+    fields = {f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)}
+    problem = InLine(**fields, there=first.solution)
     point = settle_noise(first_point(problem), 40)
     return ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
 

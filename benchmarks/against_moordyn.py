@@ -32,7 +32,7 @@ import jax.numpy as jnp
 import numpy as np
 from moordyn_runs import GRID, SAMPLE, TABLE_7, Ours, case, theirs
 from moordyn_speed import PEAKS, SMOOTH, driven_chain, errors, peaks, speed
-from study import Found, collect, command, describe, renew, versions
+from study import Found, collect, command, describe, versions
 
 from dropper_jax import Kinematics, Scene, build, component, equilibrium, integrate, load_scene, make_stepper
 from dropper_jax.effects.spar_buoys import Around, SparBuoys
@@ -204,4 +204,4 @@ def main(given) -> None:
     head = {"schema": 1, "machine": describe(), "versions": packages, "table_7": TABLE_7}
     collect("moordyn", parts, given.only, **head)
     if given.only in (None, "peaks"):
-        renew("moordyn", "peaks", peaks(given.peaks), "name", **head)
+        collect("moordyn", {"peaks": peaks(given.peaks)}, by="name", **head)

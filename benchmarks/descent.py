@@ -17,7 +17,7 @@ import matplotlib.style
 import numpy as np
 from random_droppers import NAMES
 from random_droppers import draw as draw_rig
-from study import Found, collect, command, describe, renew, stored, timed
+from study import Found, collect, command, describe, stored, timed
 
 import dropper_jax as dj
 from dropper_jax.plots import style
@@ -143,9 +143,9 @@ def main(args):
     if args.droppers:
         seeds = range(*map(int, args.droppers.split(":")))
         labels = list(METHODS)[1 : 3 if args.adam else 2]
-        renew("descent", "droppers", (dropper(seed, labels) for seed in seeds), "seed")
+        collect("descent", {"droppers": (dropper(seed, labels) for seed in seeds)}, by="seed")
         return
     if not args.picture:
         trace, wrong, head = lab_trace(TIMES_OFF)
-        renew("descent", "rows", measure(trace, wrong, args.only), "method", **head)
+        collect("descent", {"rows": measure(trace, wrong, args.only)}, by="method", **head)
     draw(stored("descent"))

@@ -17,7 +17,7 @@ from functools import partial
 from unittest.mock import patch
 
 import numpy as np
-from study import RESULTS, Found, command, renew, say, store, stored, timed
+from study import RESULTS, Found, collect, command, say, store, stored, timed
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
@@ -187,7 +187,7 @@ def main(args) -> None:
                 found, times = {"left_out": str(error)}, {"processor_s": 0.0}
             yield {"scene": name, **found, "seconds": round(times["processor_s"], 1), "links": links[name]}
 
-    renew(args.out, "scenes", rows(), "scene")
+    collect(args.out, {"scenes": rows()}, by="scene")
     found = stored(args.out)
     found |= summary(found["scenes"])
     store(args.out, found)

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from study import Found, command, renew, versions
+from study import Found, collect, command, versions
 
 from dropper_jax import Scene, SceneError, equilibrium, load_scene, scene_names
 from dropper_jax.moordyn.writing.differences import moved_points
@@ -195,4 +195,4 @@ def main(args) -> None:
         rows[deck] = compare(name)
         return rows[deck]
 
-    renew("moordyn_rest", "rows", map(row, args.scenes), "scene", versions=versions("moordyn", "dropper-jax"))
+    collect("moordyn_rest", {"rows": map(row, args.scenes)}, by="scene", versions=versions("moordyn", "dropper-jax"))

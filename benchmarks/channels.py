@@ -243,7 +243,7 @@ def runs(draws: int) -> Found:
         base = chain_scene(np.array([0.5, 0.4, 0.3]))
         found = fit_channels(data, base, ["b_q"], own=["b_l"], check_step=False)
         b = found.between[0]
-        tally.rows[path].append((b.mean, b.std_error, b.low, b.high))
+        tally.rows[path].append((b.mean, b.std_error, b.low, b.high, "yes"))
         tally.failed += found.status != "ok"
         spreads.append(b.spread / mean)
         say({"status": found.outcome, "off": round((b.mean - mean) / b.std_error, 2)})

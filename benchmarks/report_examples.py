@@ -52,10 +52,8 @@ def storm() -> Found:
         keys = ("most_probable", "mean", "percentile_90")
         numbers = {key: [one[key], *one[f"{key}_interval"]] for key in keys}
         rows.append({"what": name, "maxima": [min(one["maxima"]), max(one["maxima"])], **numbers})
-    largest = 0.0
-    for seed in FURTHER:
-        report = report_run(in_storm(seed), Settings(skip=LEFT_OUT))
-        largest = max(largest, report["tension"][0]["largest"]["n"])
+    further = (report_run(in_storm(seed), Settings(skip=LEFT_OUT)) for seed in FURTHER)
+    largest = max(report["tension"][0]["largest"]["n"] for report in further)
     retried = max(run.retried_steps for run in runs.values())
     return {"rows": rows, "retried": retried, "further_seeds": len(FURTHER), "further_largest_n": largest}
 

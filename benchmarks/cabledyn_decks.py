@@ -14,7 +14,6 @@ import one_thread  # noqa: F401 - before JAX
 
 # isort: split
 
-import copy
 import re
 import tempfile
 from collections.abc import Callable
@@ -41,23 +40,10 @@ MOORDYN = (0.0015, 0.001, 0.0007, 0.0005, 0.0003, 0.0001)
 OURS = (1, 2, 5, 10, 20, 40, 160)  # steps in 0.1 s
 
 
-def chain(motion: tuple[float, float, float]) -> Scene:
-    """The driven chain, from rest."""
-    return driven_chain(case(1), motion).with_values({"effects.end_motion.ramp": RAMP})
-
-
-def hanging() -> Scene:
-    """The chain far above the seabed."""
-    table = chain(SMOOTH).to_dict()
-    table["sea"]["depth"] = 100.0
-    return Scene.from_dict({**table, "name": "hanging-chain"})
-
-
-def in_current() -> Scene:
-    """The surging chain in a current of 1 m/s across its plane."""
-    table = chain(SURGE).to_dict()
-    table["sea"]["current"] = {"kind": "uniform", "speed": 1.0, "direction": 0.5 * np.pi}
-    return Scene.from_dict({**table, "name": "chain-in-current"})
+def chain(motion: tuple[float, float, float], **sea) -> Scene:
+    """The driven chain, from rest, with other values of the sea."""
+    table = driven_chain(case(1), motion).with_values({"effects.end_motion.ramp": RAMP}).to_dict()
+    return Scene.from_dict({**table, "sea": table["sea"] | sea})
 
 
 def bridle() -> Scene:
@@ -66,25 +52,27 @@ def bridle() -> Scene:
     for values in table["effects"].values():  # one number for the links of all lines
         lists = [key for key, value in values.items() if isinstance(value, list) and len(value) == LINKS]
         values.update({key: values[key][0] for key in lists})
-    top = table["line"][0]
-    top.update({"name": "pennant", "from": "float", "length": 20.0 / LINKS, "mass": 10.91 * 20.0 / LINKS})
-    legs = [copy.deepcopy(top) | {"name": f"leg-{side}", "from": f"anchor-{side}", "to": "float"} for side in "ab"]
-    for leg in legs:
-        leg.update(length=40.0 / LINKS, mass=10.91 * 40.0 / LINKS)
+    (chain_,) = table["line"]
+
+    def line(name: str, start: str, length: float, **more) -> Found:
+        return {**chain_, "name": name, "from": start, "length": length / LINKS, "mass": 10.91 * length / LINKS, **more}
+
+    legs = [line(f"leg-{side}", f"anchor-{side}", 40.0, to="float") for side in "ab"]
     float_ = {"name": "float", "position": [14.0, 0.0, -12.0], "kind": "free", "mass": 100.0, "volume": 0.5}
-    sides = (("a", -12.0), ("b", 12.0))
-    anchors = [{"name": f"anchor-{side}", "position": [-10.0, y, -30.0]} for side, y in sides]
+    anchors = [{"name": f"anchor-{side}", "position": [-10.0, y, -30.0]} for side, y in (("a", -12.0), ("b", 12.0))]
     table["point"] = [*anchors, float_, table["point"][1]]
-    table["line"] = [top, *legs]
+    table["line"] = [line("pennant", "float", 20.0), *legs]
     return Scene.from_dict({**table, "name": "bridle"})
 
 
+#: Across the chain's plane.
+CURRENT = {"kind": "uniform", "speed": 1.0, "direction": 0.5 * np.pi}
 DECKS: dict[str, tuple[Callable[[], Scene], tuple[float, float, float]]] = {
-    "chain on the seabed, smooth": (lambda: chain(SMOOTH), SMOOTH),
-    "chain on the seabed, surging": (lambda: chain(SURGE), SURGE),
-    "chain on the seabed, snapping": (lambda: chain(HARD), HARD),
-    "chain hanging free": (hanging, SMOOTH),
-    "chain in a current": (in_current, SURGE),
+    "chain on the seabed, smooth": (partial(chain, SMOOTH), SMOOTH),
+    "chain on the seabed, surging": (partial(chain, SURGE), SURGE),
+    "chain on the seabed, snapping": (partial(chain, HARD), HARD),
+    "chain hanging free": (partial(chain, SMOOTH, depth=100.0), SMOOTH),
+    "chain in a current": (partial(chain, SURGE, current=CURRENT), SURGE),
     "bridle with a float": (bridle, SMOOTH),
 }
 

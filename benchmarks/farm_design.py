@@ -91,9 +91,7 @@ class Farm:
 
     def moved(self, variable, change):
         """The design with one variable, by number, changed by so much."""
-        x = self.x.copy()
-        x[variable] += change
-        return x
+        return self.x + change * np.eye(len(self.x))[variable]
 
     def at_rest(self, x, calm=True):
         """Model and pose of a design; `calm`: with damped ropes, as windows have it."""

@@ -30,7 +30,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from moordyn_runs import GRID, SAMPLE, TABLE_7, Ours, case, theirs
+from moordyn_runs import GRID, SAMPLE, STEPS, TABLE_7, Ours, case, theirs
 from moordyn_speed import PEAKS, SMOOTH, driven_chain, errors, peaks, speed
 from study import Found, collect, command, describe, versions
 
@@ -40,12 +40,9 @@ from dropper_jax.run.build import build_model
 from dropper_jax.stepping.integrate import observe
 
 SPAN, SETTLED = 150.0, 50.0  # [s]: the whole run, and from where on it counts as settled
-RATIOS = (1.0, 0.1, 0.0)
 EVERY = 5  # our steps in 0.1 s: dt = 0.02 s
 #: Our steps in 0.1 s for the comparison of step sizes: dt = 0.05, 0.02, 0.01 and, as reference, 0.001 s.
 STEP_COUNTS = (2, 5, 10, 100)
-#: MoorDyn's step [s] for each internal damping ratio: stronger dampers need smaller ones.
-STEPS = {1.0: 0.0001, 0.1: 0.0005, 0.0: 0.0005}
 #: Numbers of links for the chain that reaches above the water.
 FINER = (24, 96)
 #: Schemes: runs of the driven chain and of the released one [s].
@@ -194,10 +191,10 @@ def main(given) -> None:
     parts = {
         "case_4": conventions(),
         "cases": (
-            both(number, ratio) for number, ratio in [*((1, ratio) for ratio in RATIOS), (2, 0.1), (3, 0.1), (5, 0.1)]
+            both(number, ratio) for number, ratio in [*((1, ratio) for ratio in STEPS), (2, 0.1), (3, 0.1), (5, 0.1)]
         ),
-        "step_sizes": (row for ratio in RATIOS for row in step_sizes(ratio)),
-        "schemes": (make() for make in (*(partial(scheme_row, ratio) for ratio in RATIOS), released)),
+        "step_sizes": (row for ratio in STEPS for row in step_sizes(ratio)),
+        "schemes": (make() for make in (*(partial(scheme_row, ratio) for ratio in STEPS), released)),
         "speed": speed(),
     }
     packages = versions("moordyn", "jax", "dropper-jax", "numpy")

@@ -163,4 +163,4 @@ def compare(name: str) -> Found:
 def main(given) -> None:
     rows = (compare(name) for name in DECKS if given.only in (None, name))
     packages = versions("cabledyn", "moordyn", "jax", "dropper-jax", "numpy")
-    collect("cabledyn", {"decks": rows}, schema=1, machine=describe(), versions=packages, limits=LIMITS)
+    collect("cabledyn", {"decks": rows}, by="name", schema=1, machine=describe(), versions=packages, limits=LIMITS)

@@ -27,6 +27,8 @@ from dropper_jax.study.peers.moordyn_run import quiet
 SAMPLE = 0.1
 #: Time between the tables of a wave grid [s], and its least and largest y [m] around a single line.
 GRID_STEP, GRID = 0.1, (-60, 60)
+#: MoorDyn's step [s] for each internal damping ratio: stronger dampers need smaller ones.
+STEPS = {1.0: 0.0001, 0.1: 0.0005, 0.0: 0.0005}
 
 #: The paper's Table 7: anchor tension [N], least, mean and largest, of OrcaFlex and of its adapted MoorDyn.
 TABLE_7 = {

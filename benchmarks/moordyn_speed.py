@@ -20,7 +20,7 @@ from itertools import takewhile
 import numpy as np
 from moordyn_runs import GRID, SAMPLE, Ours, Rows, case, theirs
 from study import Found, say
-from table7_edulis import turned
+from table7 import turned
 
 from dropper_jax import Scene
 

@@ -19,8 +19,8 @@ from study import Found, collect, command
 
 from dropper_jax.run.wakes import Elements, solve_wakes
 
-#: Farm: extents along and across the current [m], blocks along and across, longlines of a block, their pitch [m].
-LONG, WIDE, ALONG, ACROSS, LINES, PITCH = 2450.0, 650.0, 10, 2, 11.5, 20.0
+#: Farm: extents along and across the current [m], blocks along and across, pitch of longlines [m].
+LONG, WIDE, ALONG, ACROSS, PITCH = 2450.0, 650.0, 10, 2, 20.0
 #: Length of a longline [m], depth of loops, width of ropes, depth of the water [m], C_D, current [m/s].
 BACKBONE, LOOPS, ROPE, DEPTH, DRAG, SPEED = 200.0, 8.0, 0.2, 11.0, 1.3, 0.1
 #: Width of a piece of longline that is one element [m].

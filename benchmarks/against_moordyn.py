@@ -34,9 +34,18 @@ from moordyn_runs import GRID, SAMPLE, STEPS, TABLE_7, Ours, case, theirs
 from moordyn_speed import PEAKS, SMOOTH, driven_chain, errors, peaks, speed
 from study import Found, collect, command, describe, versions
 
-from dropper_jax import Kinematics, Scene, build, component, equilibrium, integrate, load_scene, make_stepper
+from dropper_jax import (
+    Kinematics,
+    Scene,
+    build,
+    build_model,
+    component,
+    equilibrium,
+    integrate,
+    load_scene,
+    make_stepper,
+)
 from dropper_jax.effects.spar_buoys import Around, SparBuoys
-from dropper_jax.run.build import build_model
 from dropper_jax.stepping.integrate import observe
 
 SPAN, SETTLED = 150.0, 50.0  # [s]: the whole run, and from where on it counts as settled

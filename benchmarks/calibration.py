@@ -14,13 +14,11 @@ import numpy as np
 from study import Found, command, say, store, stored
 
 from dropper_jax import Scene, load_scene
-from fitting import FitResult, prepare
+from fitting import Camera, FitResult, Trace, observe, prepare, simulate_truth
 from fitting.calibration.fit import estimate, summarise
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.shooting import fit_shooting, level_of
 from fitting.estimate.windows import Windows, cut, first_starts
-from fitting.traces.synthetic import Camera, observe, simulate_truth
-from fitting.traces.trace import Trace
 
 SCENE, DURATION, NOISE = "dropper-release-a", 48.0, 0.005
 FREE = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")

@@ -21,13 +21,11 @@ from study import Found, collect, command, describe, stored, timed
 
 import dropper_jax as dj
 from dropper_jax.plots import style
-from fitting import fit, prepare
+from fitting import Camera, Trace, fit, observe, prepare, simulate_truth
 from fitting.calibration.estimating import estimate
 from fitting.estimate.nuts import nuts
 from fitting.estimate.posterior import importance
 from fitting.estimate.uncertainty import uncertainty
-from fitting.traces.synthetic import Camera, observe, simulate_truth
-from fitting.traces.trace import Trace
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "descent.png"
 SCENE, DURATION, NOISE, TIMES_OFF = "dropper-release-a", 16.0, 0.005, 10.0

@@ -17,8 +17,7 @@ import numpy as np
 from study import RESULTS, Found, command, say, show, store, stored, timed
 
 import dropper_jax as dj
-from fitting import Convention, Trace, prepare
-from fitting.calibration.comparison import compare
+from fitting import Convention, Trace, compare, prepare
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import LADDER, PARTS
 

@@ -20,12 +20,8 @@ import numpy as np
 from study import RESULTS, Found, collect, command, say, store, stored, timed
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.packaged import scene_names
-from dropper_jax.load.scene import Scene
 from dropper_jax.run import chunks, step_check
 from dropper_jax.run.samples import TOO_LONG
-from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import whole_lines
 
 FACTORS = (0.5, 1, 3, 10, 30)
@@ -53,7 +49,7 @@ TUNED_ON = (
 )
 
 
-def observed_period(run: Solution) -> float | None:
+def observed_period(run: dj.Solution) -> float | None:
     """Mean period [s] of the node that travels farthest, by crossings of its mean; None of fewer than three."""
     node = int(np.argmax(np.linalg.norm(np.ptp(run.positions, axis=0), axis=1)))
     path = run.positions[:, node] - run.positions[:, node].mean(axis=0)
@@ -62,7 +58,7 @@ def observed_period(run: Solution) -> float | None:
     return None if len(crossed) < 3 else 2.0 * float(np.mean(np.diff(run.t[crossed])))
 
 
-def errors(run: Solution, truth: Solution, until: float, window: float) -> dict[str, float]:
+def errors(run: dj.Solution, truth: dj.Solution, until: float, window: float) -> dict[str, float]:
     """Errors of a run up to a time [s]; both have saved times in common."""
     steps = run.t[1] - run.t[0], truth.t[1] - truth.t[0]
     common = max(steps)
@@ -79,7 +75,7 @@ def errors(run: Solution, truth: Solution, until: float, window: float) -> dict[
     return found
 
 
-def _loads(run: Solution, until: float, window: float) -> list[np.ndarray]:
+def _loads(run: dj.Solution, until: float, window: float) -> list[np.ndarray]:
     """Mean tension, mean of window maxima and mean size of the tension of each line."""
     rows = slice(1, int(np.searchsorted(run.t, until * (1 + 1e-9), side="right")))
     part = np.minimum((run.t[rows] - 1e-9) / window, until / window - 0.5).astype(int)
@@ -117,7 +113,7 @@ def judge(name: str) -> Found:
     return {"dt": dt, "period": period, "runs": rows}
 
 
-def checked(scene: Scene, dt: float, until: float) -> tuple[Solution, Found]:
+def checked(scene: dj.Scene, dt: float, until: float) -> tuple[dj.Solution, Found]:
     """A run with its checks, as a whole and by stretches."""
     row: Found = {"dt": dt, "duration": until}
     ways = {
@@ -132,7 +128,7 @@ def checked(scene: Scene, dt: float, until: float) -> tuple[Solution, Found]:
     return run, row | {"status": run.status}
 
 
-def _truth(scene: Scene, span: float, parts: int) -> Solution:
+def _truth(scene: dj.Scene, span: float, parts: int) -> dj.Solution:
     """A run at a part of the packaged step, at whole packaged steps."""
     many = sum(line.links for line in scene.lines) > MANY_LINKS
     saved, kernel = (parts, chunks.WORTH_ONE_KERNEL) if many else (1, LONGEST * parts)
@@ -175,15 +171,15 @@ def summary(scenes: list[Found]) -> Found:
     }
 
 
-@command(scenes=list(scene_names()), out=RESULTS / "long_steps.json")
+@command(scenes=list(dj.scene_names()), out=RESULTS / "long_steps.json")
 def main(args) -> None:
-    links = {name: sum(line.links for line in dj.load_scene(name).lines) for name in scene_names()}
+    links = {name: sum(line.links for line in dj.load_scene(name).lines) for name in dj.scene_names()}
 
     def rows() -> Iterator[Found]:
         for name in sorted(args.scenes, key=links.__getitem__):
             try:
                 found, times = timed(partial(judge, name))
-            except SceneError as error:
+            except dj.SceneError as error:
                 found, times = {"left_out": str(error)}, {"processor_s": 0.0}
             yield {"scene": name, **found, "seconds": round(times["processor_s"], 1), "links": links[name]}
 

@@ -19,8 +19,7 @@ import numpy as np
 from study import command, say, store, stored
 
 from dropper_jax import load_scene
-from fitting import fit, prepare, read_trace
-from fitting.calibration.comparison import compare
+from fitting import compare, fit, prepare, read_trace
 from fitting.calibration.fit import estimate, summarise
 from fitting.traces.trace import convention
 

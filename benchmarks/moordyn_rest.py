@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 from study import Found, collect, command, versions
 
-from dropper_jax import Scene, SceneError, equilibrium, load_scene, scene_names
+from dropper_jax import Scene, SceneError, equilibrium, load_scene, scene_names, write_moordyn
 from dropper_jax.moordyn.writing.differences import moved_points
-from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.scene.data import point_nodes
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.study.peers.moordyn_run import quiet

@@ -13,9 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from study import Found, timed
 
-from dropper_jax import Scene, load_scene, step
-from dropper_jax.model import Model, State
-from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax import Model, Scene, State, load_scene, step, write_moordyn
 from dropper_jax.run.build import build, stepper_of
 from dropper_jax.sea.make import make_sea
 from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively

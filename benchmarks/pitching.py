@@ -15,8 +15,6 @@ from study import Found, collect, command, spread
 
 import dropper_jax as dj
 from dropper_jax.load.packaged import packaged_scene, pitching
-from dropper_jax.run.build import build_model
-from dropper_jax.statics.modes import natural_modes
 
 CASES = ("paper-case-1", "paper-case-2", "paper-case-3")
 #: Heights of the centre of gravity above the base [m]; the last one is that of a homogeneous spar.
@@ -56,11 +54,11 @@ def pitch_period(scene: dj.Scene) -> float | None:
     calm["sea"] = {"depth": scene.sea.depth, "density": scene.sea.density, "gravity": scene.sea.gravity}
     still = dj.load_scene(calm)
     pose = dj.equilibrium(still)
-    model = build_model(still)
+    model = dj.build_model(still)
     axes = model.constraints[0].pose(model, pose.state.r)[1]
     if axes[0, 2, 2] < np.cos(0.5):
         return None  # it rests on its side
-    modes = natural_modes(model, pose.state, 12)
+    modes = dj.natural_modes(model, pose.state, 12)
     pitch = np.abs(modes.bodies[:, 0, 4])
     size = np.linalg.norm(modes.bodies[:, 0, :3], axis=1) / scene.bodies[0].extent + pitch
     share = np.where(pitch < 0.2 * np.max(pitch), 0.0, pitch / np.maximum(size, 1e-12))

@@ -16,13 +16,9 @@ from typing import Any
 import numpy as np
 from study import RESULTS, Found, collect, command, timed
 
-from dropper_jax import load_scene
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.scene import Scene
-from fitting import fit
+from dropper_jax import Scene, SceneError, load_scene
+from fitting import Camera, Trace, fit, observe, simulate_truth
 from fitting.estimate.uncertainty import degrees_of_freedom
-from fitting.traces.synthetic import Camera, observe, simulate_truth
-from fitting.traces.trace import Trace
 
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 GRAVITY = 9.81

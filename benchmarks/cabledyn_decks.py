@@ -25,9 +25,8 @@ from moordyn_runs import SAMPLE, Looks, Ours, Rows, case, rows_of, theirs
 from moordyn_speed import HARD, RAMP, SMOOTH, SPAN, driven, driven_chain
 from study import Found, collect, command, describe, say, timed, versions
 
-from dropper_jax import Scene, write_moordyn
+from dropper_jax import Scene, equilibrium, write_moordyn
 from dropper_jax.run.growth import end_forces
-from dropper_jax.statics.static_pose import equilibrium
 
 SETTLED = 20.0  # [s]
 LINKS = 12

@@ -183,33 +183,25 @@ def _cable(stiffness: float, markers: Sequence[int], draws: int) -> Found:
     t = np.arange(0.0, 6.0, 1 / 30)
     fine = np.arange(0.0, 6.3, 0.01)
     true = cable_truth(t, stiffness)
-    moved = [shaken(place, i) for i, place in enumerate((np.zeros(3), np.array([CABLE["span"], 0.0, 0.1])))]
-    ends = {
-        f"{end}_{axis}": np.array([1e3 * path(x)[i] for x in fine])
-        for end, path in zip(("low", "high"), moved, strict=True)
-        for i, axis in enumerate("xyz")
+    places = {"low": np.zeros(3), "high": np.array([CABLE["span"], 0.0, 0.1])}
+    moved = {name: np.array([shaken(place, i)(x)[:3] for x in fine]) for i, (name, place) in enumerate(places.items())}
+    ends = {f"{name}_{axis}": 1e3 * path[:, i] for name, path in moved.items() for i, axis in enumerate("xyz")}
+    marker = {"kind": "position", "unit": "mm", "noise": NOISE_3D}
+    shown = {
+        "channel": [
+            {"name": f"marker {j}", "columns": [f"{axis}{j}" for axis in "xyz"], "node": j, **marker} for j in markers
+        ],
+        "motion": [{"point": p, "columns": [f"{p}_{axis}" for axis in "xyz"], "unit": "mm"} for p in places],
     }
-    ends = {"t": fine, **ends}
     truth = {"effects.bending.EI": stiffness, "effects.linear_damping.b_l": CABLE["b_l"]}
-    rng, tally, bias = np.random.default_rng(2), Tally(truth), None
+    rng, tally = np.random.default_rng(2), Tally(truth)
     for _ in range(draws):
         seen = 1e3 * true + NOISE_3D * rng.normal(size=true.shape)
         columns = {f"{axis}{j}": seen[:, j, i] for j in markers for i, axis in enumerate("xyz")}
-        marker = {"kind": "position", "unit": "mm", "noise": NOISE_3D}
-        data = {
-            "run": [{"file": [{"t": t, **columns}, ends]}],
-            "channel": [
-                {"name": f"marker {j}", "columns": [f"{axis}{j}" for axis in "xyz"], "node": j, **marker}
-                for j in markers
-            ],
-            "motion": [
-                {"point": p, "columns": [f"{p}_{axis}" for axis in "xyz"], "unit": "mm"} for p in ("low", "high")
-            ],
-        }  # fmt: skip
+        data = {"run": [{"file": [{"t": t, **columns}, {"t": fine, **ends}]}], **shown}
         found = fit_channels(data, cable_scene(stiffness), list(truth))
         tally.add(found)
-        bias = found.step_bias.tolist() if bias is None else bias
-    return tally.table(step_bias=bias)
+    return tally.table(step_bias=found.step_bias.tolist())
 
 
 #: Noise of markers in space [mm], of angles [rad], of places in pictures [px].
@@ -219,29 +211,23 @@ NOISE_3D, NOISE_ANGLE, NOISE_PIXEL = 3.0, 3e-3, 0.7
 def runs(draws: int) -> Found:
     """Five releases whose damping differs."""
     mean, spread, count = CHAIN["b_l"], 0.05, 5
-    path = "effects.linear_damping.b_l"
+    path, pose = "effects.linear_damping.b_l", np.array([0.5, 0.4, 0.3])
     rng, tally, spreads = np.random.default_rng(3), Tally({path: mean}), []
     t = np.arange(0.0, 8.0, 1 / 30)
+    angle = {"kind": "angle", "unit": "rad", "zero": "down"}
+    channels = [{"name": f"link {j}", "column": f"theta_{j}", "link": j, **angle} for j in (1, 2, 3)]
+
+    def release(number: int) -> Found:
+        scene = chain_scene(pose * (1 - 0.1 * number))
+        d = np.diff(chain_truth(t, scene, mean * (1 + spread * rng.normal()), CHAIN["b_q"]), axis=1)
+        angles = np.arctan2(d[..., 0], -d[..., 2]) + NOISE_ANGLE * rng.normal(size=d.shape[:2])
+        columns = {"t": t, **{f"theta_{j + 1}": angles[:, j] for j in range(3)}}
+        own = {"start.positions": scene["start"]["positions"]}
+        return {"file": columns, "name": f"release {number + 1}", "scene": own}
+
     for _ in range(draws):
-        tables = []
-        for number in range(count):
-            scene = chain_scene(np.array([0.5, 0.4, 0.3]) * (1 - 0.1 * number))
-            nodes = chain_truth(t, scene, mean * (1 + spread * rng.normal()), CHAIN["b_q"])
-            d = np.diff(nodes, axis=1)
-            angles = np.arctan2(d[..., 0], -d[..., 2]) + NOISE_ANGLE * rng.normal(size=d.shape[:2])
-            columns = {"t": t, **{f"theta_{j + 1}": angles[:, j] for j in range(3)}}
-            own = {"start.positions": scene["start"]["positions"]}
-            tables.append({"file": columns, "name": f"release {number + 1}", "scene": own})
-        links = range(1, 4)
-        data = {
-            "run": tables,
-            "channel": [
-                {"name": f"link {j}", "kind": "angle", "column": f"theta_{j}", "unit": "rad", "link": j, "zero": "down"}
-                for j in links
-            ],
-        }
-        base = chain_scene(np.array([0.5, 0.4, 0.3]))
-        found = fit_channels(data, base, ["b_q"], own=["b_l"], check_step=False)
+        data = {"run": [release(number) for number in range(count)], "channel": channels}
+        found = fit_channels(data, chain_scene(pose), ["b_q"], own=["b_l"], check_step=False)
         b = found.between[0]
         tally.rows[path].append((b.mean, b.std_error, b.low, b.high, "yes"))
         tally.failed += found.status != "ok"
@@ -254,18 +240,28 @@ def cameras(draws: int) -> Found:
     """The kicked chain in two cameras that are not started together."""
     delay, rate, kick = 0.013, 59.94 / 60.0, 0.15
     scene = chain_scene(np.array([0.5, 0.4, 0.3]), kick)
-    views = {"left": np.array([0.4, -2.0, -0.4]), "right": np.array([2.0, -0.5, -0.3])}
-    spec = {"look_at": [0.0, 0.0, -0.45], "focal": 1400.0, "centre": [960.0, 540.0]}
     stamps = np.arange(1.0, 480.0) / 60.0
-    when = {"left": stamps, "right": rate * stamps - delay}
-    true = {
-        name: chain_truth(np.concatenate([[0.0], x]), scene, CHAIN["b_l"], CHAIN["b_q"])[1:] for name, x in when.items()
+    spec = {"look_at": [0.0, 0.0, -0.45], "focal": 1400.0, "centre": [960.0, 540.0]}
+    # place and times of each camera
+    views = {"left": ([0.4, -2.0, -0.4], stamps), "right": ([2.0, -0.5, -0.3], rate * stamps - delay)}
+
+    def picture(place: list[float], when: np.ndarray) -> np.ndarray:
+        """Places (times, 4, 2) [px] of the nodes."""
+        nodes = chain_truth(np.concatenate([[0.0], when]), scene, CHAIN["b_l"], CHAIN["b_q"])[1:]
+        matrix = projection(np.array(place), np.array(spec["look_at"]), spec["focal"], np.array(spec["centre"]))
+        seen = nodes @ matrix[:, :3].T + matrix[:, 3]
+        return seen[..., :2] / seen[..., 2:]
+
+    clean = {name: picture(*view) for name, view in views.items()}
+    pixel = {"kind": "pixel", "unit": "px"}
+    shown = {
+        "channel": [
+            {"name": f"{c} node {j}", "camera": c, "node": j, "columns": [f"{c}_u{j}", f"{c}_v{j}"], **pixel}
+            for c in views
+            for j in (1, 2, 3)
+        ],
+        "camera": [{"name": name, "position": place, **spec} for name, (place, _) in views.items()],
     }
-    clean = {}
-    for name, place in views.items():
-        matrix = projection(place, np.array(spec["look_at"]), spec["focal"], np.array(spec["centre"]))
-        seen = true[name] @ matrix[:, :3].T + matrix[:, 3]
-        clean[name] = seen[..., :2] / seen[..., 2:]
     truth = {
         "effects.linear_damping.b_l": CHAIN["b_l"],
         "effects.quadratic_damping.b_q": CHAIN["b_q"],
@@ -273,27 +269,15 @@ def cameras(draws: int) -> Found:
         "camera.right.delay": delay,
         "camera.right.rate": rate,
     }
-    start = {"start.velocities.3.1": 0.0}
     rng, tally = np.random.default_rng(4), Tally(truth)
     for _ in range(draws):
-        files, channels = [], []
-        for name, places in clean.items():
-            noisy = places + NOISE_PIXEL * rng.normal(size=places.shape)
-            axes = [(f"{name}_{axis}{j}", noisy[:, j, i]) for j in (1, 2, 3) for i, axis in enumerate("uv")]
-            files.append({"t": stamps, **dict(axes)})
-            channels += [
-                {
-                    "name": f"{name} node {j}", "kind": "pixel", "camera": name, "unit": "px", "node": j,
-                    "columns": [f"{name}_u{j}", f"{name}_v{j}"],
-                }
-                for j in (1, 2, 3)
-            ]  # fmt: skip
-        data = {
-            "run": [{"file": files}],
-            "channel": channels,
-            "camera": [{"name": name, "position": place.tolist(), **spec} for name, place in views.items()],
-        }
-        tally.add(fit_channels(data, scene, list(truth), start=start))
+        noisy = {name: places + NOISE_PIXEL * rng.normal(size=places.shape) for name, places in clean.items()}
+        files = [
+            {"t": stamps, **{f"{name}_{axis}{j}": x[:, j, i] for j in (1, 2, 3) for i, axis in enumerate("uv")}}
+            for name, x in noisy.items()
+        ]
+        data = {"run": [{"file": files}], **shown}
+        tally.add(fit_channels(data, scene, list(truth), start={"start.velocities.3.1": 0.0}))
     return tally.table()
 
 

@@ -55,7 +55,7 @@ def judged(seed: int) -> Scene:
         pose, times = timed(partial(dj.equilibrium, scene))
     except dj.SceneError as error:
         return found | {"ok": False, "why": f"refused: {error}"}
-    model, s = rest(dj.run.build.build_model(scene)), pose.state
+    model, s = rest(dj.build_model(scene)), pose.state
     weight = 9.81 * np.asarray(model.line.mass)
     values = np.linalg.eigvals(stiffness(model, s, jnp.zeros_like(s.r)).toarray())
     found |= {
@@ -78,7 +78,7 @@ def checked(seed: int) -> Scene:
     """Misfits of a pose and the end of a damped run that begins beside it."""
     scene = dj.load_scene(layout(seed))
     pose = dj.equilibrium(scene)
-    model = dj.run.build.build_model(scene)
+    model = dj.build_model(scene)
     damping = dj.effects.LinearDamping(b_l=DAMPING * model.node_mass)
     model = replace(model, effects=(*model.effects, damping))
     size = float(np.max(np.ptp(pose.positions, axis=0)))

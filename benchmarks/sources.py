@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 from study import command, show, store
 
 import dropper_jax as dj
-from dropper_jax.statics.static_pose import equilibrium, nodal_loads
+from dropper_jax.statics import nodal_loads
 from dropper_jax.study.sea_facts import tidal_cycle
 
 DATA = resources.files("dropper_jax") / "data"
@@ -284,7 +284,7 @@ def misfit(model: dj.Model, node: int, target: np.ndarray) -> float:
     """
 
     def pose(force: np.ndarray) -> dj.State:
-        return equilibrium(model, nodal_loads(model, [node], [[force[0], 0.0, force[1]]])).state
+        return dj.equilibrium(model, nodal_loads(model, [node], [[force[0], 0.0, force[1]]])).state
 
     @jax.jit
     def slope(force: jax.Array, near: dj.State) -> jax.Array:

@@ -1,6 +1,6 @@
 """Tables of MoorDyn's runs compared with those of this package."""
 
-from study import Found, Rows, columns, joined, kilo, milli, table_of
+from study import Found, Rows, columns, joined, kilo, milli, percent, table_of
 
 #: The step of ours that the speed table shows where none is as exact as MoorDyn [s].
 USUAL = 0.02
@@ -64,14 +64,23 @@ def moordyn_conventions(found: Found) -> Rows:
 def moordyn_steps(found: Found) -> Rows:
     """Mean anchor tension of case 1 by damping ratio and step, and its difference from that at the smallest step."""
     sizes = sorted({row["dt_s"] for row in found["step_sizes"]}, reverse=True)
-    by_place = {(row["damping_ratio"], row["dt_s"]): row for row in found["step_sizes"]}
-    rows = [("damping ratio", *(f"dt {dt:g}" for dt in sizes), "steps retried, at most")]
-    for ratio in dict.fromkeys(row["damping_ratio"] for row in found["step_sizes"]):
-        own = [by_place[ratio, dt] for dt in sizes]
-        cells = [f"{row['anchor']['mean']:.0f} N ({row['mean_against_smallest_step']:+.1%})" for row in own[:-1]]
-        cells += [f"{own[-1]['anchor']['mean']:.0f} N", f"{max(row['retried'] for row in own):.1%}"]
-        rows.append((f"{ratio:g}", *(cell.replace("%", " %") for cell in cells)))
-    return rows
+
+    def own(ratio: float) -> Found:
+        return {row["dt_s"]: row for row in found["step_sizes"] if row["damping_ratio"] == ratio}
+
+    def mean(row: Found, dt: float) -> str:
+        share = percent(row[dt]["mean_against_smallest_step"], 1, "+")
+        return f"{row[dt]['anchor']['mean']:.0f} N" + f" ({share})" * (dt > sizes[-1])
+
+    return columns(
+        (
+            {"ratio": ratio, **own(ratio)}
+            for ratio in dict.fromkeys(row["damping_ratio"] for row in found["step_sizes"])
+        ),
+        ("damping ratio", "{ratio:g}"),
+        *((f"dt {dt:g}", mean, dt) for dt in sizes),
+        ("steps retried, at most", lambda r: percent(max(r[dt]["retried"] for dt in sizes), 1)),
+    )
 
 
 @table_of("moordyn")

@@ -106,8 +106,8 @@ def joined(values: Sequence[float], form: str, between: str = ", ") -> str:
     return between.join(form.format(value) for value in values)
 
 
-def percent(x: float, digits: int = 0) -> str:
-    return f"{100 * x:.{digits}f} %"
+def percent(x: float, digits: int = 0, sign: str = "") -> str:
+    return f"{100 * x:{sign}.{digits}f} %"
 
 
 def kilo(newton: float) -> str:

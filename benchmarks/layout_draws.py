@@ -8,6 +8,13 @@ from scipy.interpolate import RegularGridInterpolator
 #: How long checks run [s], at which step.
 DURATION, STEP = 240.0, 0.05
 
+#: Densities [kg/m3] and diameters [m] of ropes and socks.
+ROPES = {
+    "floating": ((900, 1000), (0.014, 0.08)),
+    "sinking": ((1050, 1400), (0.014, 0.08)),
+    "sock": ((1100, 1500), (0.1, 0.25)),
+}
+
 Scene = dict[str, object]
 
 
@@ -54,19 +61,17 @@ class Layout:
         """A rope that floats or sinks, a chain, or a sock full of mussels, of some thickness."""
         if kind == "any":
             kind = str(self.draw.choice(["floating", "sinking", "chain"]))
+        same = {"damping_ratio": 0.5, "cdn": 1.2, "cdt": 0.02, "can": 1.0, "cat": 0.0}
         if kind == "chain":
             bar = self.between(0.01, 0.04)
-            mass, diameter, EA, cdn = 19.9e3 * bar**2, 1.8 * bar, 0.854e11 * bar**2, 1.4
+            own = {"mass": 19.9e3 * bar**2, "diameter": 1.8 * bar, "EA": 0.854e11 * bar**2, "cdn": 1.4}
         else:
-            low, high = {"floating": (900, 1000), "sinking": (1050, 1400), "sock": (1100, 1500)}[kind]
-            diameter = self.between(0.1, 0.25) if kind == "sock" else self.between(0.014, 0.08)
-            area = 0.25 * np.pi * diameter**2
-            mass = self.draw.uniform(low, high) * area
-            EA = self.between(2e8, 5e9) * (0.25 * np.pi * min(diameter, 0.03) ** 2)
-            cdn = 1.2
-        name = f"{kind}-{len(self.types)}"
-        rest = {"damping_ratio": 0.5, "cdn": cdn, "cdt": 0.02, "can": 1.0, "cat": 0.0}
-        self.types.append({"name": name, "mass": float(mass), "diameter": float(diameter), "EA": float(EA), **rest})
+            density, size = ROPES[kind]
+            diameter = self.between(*size)
+            mass = float(self.draw.uniform(*density) * 0.25 * np.pi * diameter**2)
+            stiffness = self.between(2e8, 5e9) * (0.25 * np.pi * min(diameter, 0.03) ** 2)
+            own = {"mass": mass, "diameter": diameter, "EA": float(stiffness)}
+        self.types.append({"name": f"{kind}-{len(self.types)}", **same, **own})
         return self.types[-1]
 
     def anchor(self, name: str, x: float, y: float = 0.0, z: float = -np.inf) -> str:

@@ -68,10 +68,8 @@ CASES = {
 
 def scene_of(case: Case):
     """The packaged scene, with friction of its own in each joint where there are two."""
-    scene = load_scene(case.scene)
-    if not case.per_joint:
-        return scene
-    return scene.with_values({f"effects.joint_friction.{key}": [1e-4] * 3 for key in ("viscous", "dry")})
+    own = {f"effects.joint_friction.{key}": [1e-4] * 3 for key in ("viscous", "dry") if case.per_joint}
+    return load_scene(case.scene).with_values(own)
 
 
 def run(name: str, case: Case, folder: Path) -> dict:

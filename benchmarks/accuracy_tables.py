@@ -1,24 +1,19 @@
 """Tables of stability, accuracy, speed, sweeps, reports and films."""
 
-from collections.abc import Callable
-
 from study import Found, Rows, columns, kilo, kilo_range, markdown, percent, table_of
 
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
 PEERS = ("moordyn rk2", "moordyn default")
 
 
-def _baselines(row: Found) -> list[tuple[str, Callable[[Found], str]]]:
-    return [(name, lambda row, name=name: _baseline((row["baseline_thesis"] or {}).get(name))) for name in BASELINES]
-
-
-def _baseline(found: Found | None) -> str:
+def _baseline(row: Found, name: str) -> str:
+    found = (row["baseline_thesis"] or {}).get(name)
     if found is None:
         return "-"
-    if found["status"] == "ok":
-        share = found["energy_drift_share"]
-        return ("wrong" if found["wrong_energy"] else "ok") + ("" if share is None else f", energy {share:.0e}")
-    return f"{found['status']} at {found['failed_at_s']:.3g} s" if "failed_at_s" in found else found["status"]
+    if found["status"] != "ok":
+        return f"{found['status']} at {found['failed_at_s']:.3g} s" if "failed_at_s" in found else found["status"]
+    share = found["energy_drift_share"]
+    return ("wrong" if found["wrong_energy"] else "ok") + ("" if share is None else f", energy {share:.0e}")
 
 
 @table_of("stability")
@@ -30,7 +25,7 @@ def stability(found: Found) -> Rows:
         ("measured", lambda r: "-" if r["measured"] is None else "{measured:.1e} {unit}".format(**r)),
         ("limit", "{limit:.0e}"),
         ("holds", lambda r: "yes" if r["ok"] else "**no**"),
-        *_baselines(found),
+        *((name, _baseline, name) for name in BASELINES),
     )
 
 
@@ -42,11 +37,12 @@ def stability_peers(found: Found) -> Rows:
         ("case", "{name}"),
         ("here", "{measured:.0e} {unit}"),
         ("limit", "{limit:.0e}"),
-        *((label, lambda r, label=label: _peer(r["peers"][label])) for label in PEERS),
+        *((label, _peer, label) for label in PEERS),
     )
 
 
-def _peer(found: Found) -> str:
+def _peer(row: Found, label: str) -> str:
+    found = row["peers"][label]
     if found["status"] != "ok":
         return f"{found['status']} at {found['failed_at_s']:.3g} s"
     return f"{'holds' if found['holds'] else 'wrong'}, {found['measured']:.0e}"
@@ -57,21 +53,26 @@ def thesis(found: Found) -> Rows:
     """The cases that the thesis' schemes were run on as well."""
     ran = lambda row: any(x["status"] not in ("refused", "not_run") for x in (row["baseline_thesis"] or {}).values())  # noqa: E731
     ours = lambda r: r["status"] + ("" if r["unit"] == "-" else f", {r['measured']:.0e} {r['unit']}")  # noqa: E731
-    return columns(filter(ran, found["cases"]), ("case", "{name}"), ("energy_momentum", ours), *_baselines(found))
+    return columns(
+        filter(ran, found["cases"]),
+        ("case", "{name}"),
+        ("energy_momentum", ours),
+        *((name, _baseline, name) for name in BASELINES),
+    )
 
 
 @table_of("accuracy_north_sea")
 def accuracy_north_sea(found: Found) -> str:
-    def error(name: str) -> Callable[[Found], str]:
-        return lambda row: "-" if row[name] is None else f"{row[name]:.1e}"
+    def error(row: Found, name: str) -> str:
+        return "-" if row[name] is None else f"{row[name]:.1e}"
 
     rows = columns(
         found["rows"],
         ("scheme", "{label}"),
         ("dt [s]", "{dt:.4g}"),
-        ("RMS angle [rad]", error("rms_angle_error_rad")),
-        ("RMS position [m]", error("rms_position_error_m")),
-        ("tension [N]", error("rms_tension_error_n")),
+        ("RMS angle [rad]", error, "rms_angle_error_rad"),
+        ("RMS position [m]", error, "rms_position_error_m"),
+        ("tension [N]", error, "rms_tension_error_n"),
         ("status", "{status}"),
     )
     reference = found["reference"]
@@ -85,13 +86,12 @@ def accuracy_north_sea(found: Found) -> str:
 @table_of("long_steps")
 def long_steps(found: Found) -> Rows:
     """Warnings of steps that are too long, by kind of check and group of scenes."""
-    rows = [
-        {"checked": words, "scenes": f"{len(found[group]['scenes'])} that it was {kind}", **found[group][mode]}
-        for mode, words in (("whole", "the whole run"), ("stretches", "stretches"))
-        for group, kind in (("tuned", "tuned on"), ("judged", "judged by"))
-    ]
     return columns(
-        rows,
+        (
+            {"checked": words, "scenes": f"{len(found[group]['scenes'])} that it was {kind}", **found[group][mode]}
+            for mode, words in (("whole", "the whole run"), ("stretches", "stretches"))
+            for group, kind in (("tuned", "tuned on"), ("judged", "judged by"))
+        ),
         ("repeated", "{checked}"),
         ("scenes", "{scenes}"),
         ("wrong at 3 to 30 times the step", "{wrong}"),
@@ -105,20 +105,17 @@ def long_steps(found: Found) -> Rows:
 def peers(found: Found) -> Rows:
     """How many times faster than others at equal or smaller error, where that is least and where it is most."""
 
-    def end(name: str) -> Callable[[Found], str]:
-        def cell(goal: Found) -> str:
-            ours, peer = (goal[name][key].split(",")[0] for key in ("ours", "peer"))
-            return f"{goal[name]['ratio']:.2g} at {goal[name]['error_m']:.0e} m ({ours} against {peer})"
-
-        return cell
+    def end(goal: Found, name: str) -> str:
+        ours, peer = (goal[name][key].split(",")[0] for key in ("ours", "peer"))
+        return f"{goal[name]['ratio']:.2g} at {goal[name]['error_m']:.0e} m ({ours} against {peer})"
 
     return columns(
         ({"scene": scene["scene"], **goal} for scene in found["scenes"] for goal in scene["goals"]),
         ("line", "{scene}"),
         ("against", "{goal}"),
         ("goal", "{wanted:g}"),
-        ("minimum", end("least")),
-        ("maximum", end("largest")),
+        ("minimum", end, "least"),
+        ("maximum", end, "largest"),
         ("reached everywhere", lambda goal: "yes" if goal["met"] else "**no**"),
     )
 
@@ -138,21 +135,18 @@ def one_kernel(found: Found) -> Rows:
 
 @table_of("convergence")
 def convergence(found: Found) -> Rows:
-    def load(name: str) -> Callable[[Found], str]:
-        def cell(row: Found) -> str:
-            agree = row[f"{name} agrees"]
-            return f"{100 * row[name]:.2g} %" + ("" if agree == row["lines"] else f" ({agree} of {row['lines']})")
-
-        return cell
+    def load(row: Found, name: str) -> str:
+        agree = row[f"{name} agrees"]
+        return f"{100 * row[name]:.2g} %" + ("" if agree == row["lines"] else f" ({agree} of {row['lines']})")
 
     return columns(
         ({"scene": scene, **row} for scene, steps in found["scenes"].items() for row in steps),
         ("scene", "{scene}"),
         ("step [s]", "{dt:.3g}"),
-        ("mean", load("mean")),
-        ("deviation", load("deviation")),
-        ("99.9 % in time", load("quantile")),
-        ("mean of windows' maxima", load("window maximum")),
+        ("mean", load, "mean"),
+        ("deviation", load, "deviation"),
+        ("99.9 % in time", load, "quantile"),
+        ("mean of windows' maxima", load, "window maximum"),
         ("largest", lambda r: f"{100 * r['largest']:.2g} %"),
     )
 
@@ -183,30 +177,21 @@ def sweep_truths(found: Found) -> str:
     """Where the true pair of Table E.1 is among the fifteen, by part and measure, and the fit of the same trace."""
     parts = ("head", "middle", "tail")
 
-    def rank(part: str) -> Callable[[Found], str]:
+    def rank(row: Found, part: str) -> str:
         """The error, and the rank where it is not the first."""
+        angle = row[part]["angle"]
+        return f"{1e3 * angle['true']:.2f}" + ("" if angle["rank"] == 1 else f" (rank {angle['rank']})")
 
-        def cell(row: Found) -> str:
-            angle = row[part]["angle"]
-            return f"{1e3 * angle['true']:.2f}" + ("" if angle["rank"] == 1 else f" (rank {angle['rank']})")
-
-        return cell
-
-    def fitted(i: int) -> Callable[[Found], str]:
-        def cell(row: Found) -> str:
-            if not row.get("fit", {}).get("values"):
-                return ("not fitted", "")[i]
-            return f"{row['fit']['values'][i]:.4g} +- {row['fit']['std_errors'][i]:.1g}"
-
-        return cell
+    def fitted(row: Found, i: int) -> str:
+        return f"{row['fit']['values'][i]:.4g} +- {row['fit']['std_errors'][i]:.1g}"
 
     rows = columns(
         found["rows"],
         ("truth: b_l [kg/s], b_q [kg/m]", "{b_l:g}, {b_q:g}"),
-        *((part, rank(part)) for part in parts),
+        *((part, rank, part) for part in parts),
         ("best other pair, head", lambda r: f"{1e3 * r['head']['angle']['other']:.2f}"),
-        ("fitted b_l", fitted(0)),
-        ("fitted b_q", fitted(1)),
+        ("fitted b_l", fitted, 0),
+        ("fitted b_q", fitted, 1),
     )
     first = lambda part, by: sum(row[part][by]["rank"] == 1 for row in found["rows"])  # noqa: E731
     words = ", ".join(
@@ -246,12 +231,9 @@ def report_damping(found: Found) -> str:
         ("damage per year", "{damage_per_year:.1f}"),
         ("steps retried", "{retried}"),
     )
-    mean, largest, damage = (
-        max(values) / min(values)
-        for values in (
-            [row[key] for row in found["damping"]] for key in ("mean_anchor_n", "largest_n", "damage_per_year")
-        )
-    )
+    keys = ("mean_anchor_n", "largest_n", "damage_per_year")
+    series = ([row[key] for row in found["damping"]] for key in keys)
+    mean, largest, damage = (max(values) / min(values) for values in series)
     return (
         f"{markdown(rows)}\n\nThe mean load agrees within {percent(mean - 1, 1)}. The largest tension differs by a "
         f"factor of {largest:.1f} and the damage by {damage:.1f}, mostly with the step."
@@ -282,8 +264,8 @@ def report_storm(found: Found) -> str:
 def films(found: Found) -> str:
     """Films of known motion, tracked with boards and without."""
 
-    def if_known(form: str) -> Callable[[Found], str]:
-        return lambda row: form.format(**row) if "rms_mrad" in row else "-"
+    def if_known(row: Found, form: str) -> str:
+        return form.format(**row).replace("%", " %") if "rms_mrad" in row else "-"
 
     def order(row: Found) -> str:
         return "not known, exit 3" if "rms_mrad" not in row else "right" if row["right_order"] else "**wrong**"
@@ -293,12 +275,12 @@ def films(found: Found) -> str:
         ("film", "{film}"),
         ("boards", lambda r: "yes" if r["calibrated"] else "no"),
         ("order", order),
-        ("RMS error [mrad]", if_known("{rms_mrad:.2f}")),
-        ("maximum [mrad]", if_known("{largest_mrad:.1f}")),
-        ("stated over true error", if_known("{stated_over_true:.2f}")),
-        ("of each link", if_known("{of_links[0]:.2f} to {of_links[1]:.2f}")),
-        ("left empty", lambda r: percent(r["empty_share"], 1) if "rms_mrad" in r else "-"),
-        ("marked", lambda r: percent(r["marked_share"], 1) if "rms_mrad" in r else "-"),
+        ("RMS error [mrad]", if_known, "{rms_mrad:.2f}"),
+        ("maximum [mrad]", if_known, "{largest_mrad:.1f}"),
+        ("stated over true error", if_known, "{stated_over_true:.2f}"),
+        ("of each link", if_known, "{of_links[0]:.2f} to {of_links[1]:.2f}"),
+        ("left empty", if_known, "{empty_share:.1%}"),
+        ("marked", if_known, "{marked_share:.1%}"),
     )
     total = {key: sum(row[key] for row in found["marks"]) for key in found["marks"][0] if key != "film"}
     share = lambda part, whole: percent(total[part] / total[whole], 1)  # noqa: E731

@@ -14,21 +14,19 @@ import one_thread  # noqa: F401 - before JAX
 
 # isort: split
 
-import copy
+import re
 import tempfile
-import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from moordyn_runs import SAMPLE, Looks, Ours, Rows, case, rows_of, theirs
 from moordyn_speed import HARD, RAMP, SMOOTH, SPAN, driven, driven_chain
-from study import Found, collect, command, describe, say, versions
+from study import Found, collect, command, describe, say, timed, versions
 
-from dropper_jax import Scene
-from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax import Scene, equilibrium, write_moordyn
 from dropper_jax.run.growth import end_forces
-from dropper_jax.statics.static_pose import equilibrium
 
 SETTLED = 20.0  # [s]
 LINKS = 12
@@ -38,27 +36,12 @@ LIMITS = {"mean": 2e-3, "std": 1e-2}
 CABLEDYN = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.001)
 MOORDYN = (0.0015, 0.001, 0.0007, 0.0005, 0.0003, 0.0001)
 OURS = (1, 2, 5, 10, 20, 40, 160)  # steps in 0.1 s
-#: What CableDyn's options are called.
-OPTION_NAMES = {"rho": "rhoW"}
 
 
-def chain(motion: tuple[float, float, float]) -> Scene:
-    """The driven chain, from rest."""
-    return driven_chain(case(1), motion).with_values({"effects.end_motion.ramp": RAMP})
-
-
-def hanging() -> Scene:
-    """The chain far above the seabed."""
-    table = chain(SMOOTH).to_dict()
-    table["sea"]["depth"] = 100.0
-    return Scene.from_dict({**table, "name": "hanging-chain"})
-
-
-def in_current() -> Scene:
-    """The surging chain in a current of 1 m/s across its plane."""
-    table = chain(SURGE).to_dict()
-    table["sea"]["current"] = {"kind": "uniform", "speed": 1.0, "direction": 0.5 * np.pi}
-    return Scene.from_dict({**table, "name": "chain-in-current"})
+def chain(motion: tuple[float, float, float], **sea) -> Scene:
+    """The driven chain, from rest, with other values of the sea."""
+    table = driven_chain(case(1), motion).with_values({"effects.end_motion.ramp": RAMP}).to_dict()
+    return Scene.from_dict({**table, "sea": table["sea"] | sea})
 
 
 def bridle() -> Scene:
@@ -67,25 +50,27 @@ def bridle() -> Scene:
     for values in table["effects"].values():  # one number for the links of all lines
         lists = [key for key, value in values.items() if isinstance(value, list) and len(value) == LINKS]
         values.update({key: values[key][0] for key in lists})
-    top = table["line"][0]
-    top.update({"name": "pennant", "from": "float", "length": 20.0 / LINKS, "mass": 10.91 * 20.0 / LINKS})
-    legs = [copy.deepcopy(top) | {"name": f"leg-{side}", "from": f"anchor-{side}", "to": "float"} for side in "ab"]
-    for leg in legs:
-        leg.update(length=40.0 / LINKS, mass=10.91 * 40.0 / LINKS)
+    (chain_,) = table["line"]
+
+    def line(name: str, start: str, length: float, **more) -> Found:
+        return {**chain_, "name": name, "from": start, "length": length / LINKS, "mass": 10.91 * length / LINKS, **more}
+
+    legs = [line(f"leg-{side}", f"anchor-{side}", 40.0, to="float") for side in "ab"]
     float_ = {"name": "float", "position": [14.0, 0.0, -12.0], "kind": "free", "mass": 100.0, "volume": 0.5}
-    sides = (("a", -12.0), ("b", 12.0))
-    anchors = [{"name": f"anchor-{side}", "position": [-10.0, y, -30.0], "kind": "fixed"} for side, y in sides]
+    anchors = [{"name": f"anchor-{side}", "position": [-10.0, y, -30.0]} for side, y in (("a", -12.0), ("b", 12.0))]
     table["point"] = [*anchors, float_, table["point"][1]]
-    table["line"] = [top, *legs]
+    table["line"] = [line("pennant", "float", 20.0), *legs]
     return Scene.from_dict({**table, "name": "bridle"})
 
 
+#: Across the chain's plane.
+CURRENT = {"kind": "uniform", "speed": 1.0, "direction": 0.5 * np.pi}
 DECKS: dict[str, tuple[Callable[[], Scene], tuple[float, float, float]]] = {
-    "chain on the seabed, smooth": (lambda: chain(SMOOTH), SMOOTH),
-    "chain on the seabed, surging": (lambda: chain(SURGE), SURGE),
-    "chain on the seabed, snapping": (lambda: chain(HARD), HARD),
-    "chain hanging free": (hanging, SMOOTH),
-    "chain in a current": (in_current, SURGE),
+    "chain on the seabed, smooth": (partial(chain, SMOOTH), SMOOTH),
+    "chain on the seabed, surging": (partial(chain, SURGE), SURGE),
+    "chain on the seabed, snapping": (partial(chain, HARD), HARD),
+    "chain hanging free": (partial(chain, SMOOTH, depth=100.0), SMOOTH),
+    "chain in a current": (partial(chain, SURGE, current=CURRENT), SURGE),
     "bridle with a float": (bridle, SMOOTH),
 }
 
@@ -95,11 +80,8 @@ def cabledyn_deck(scene: Scene, folder: Path, dt: float) -> Path:
     deck = folder / "mooring.txt"
     write_moordyn(scene, deck, dt=dt, options={"TMax": SPAN})
     lines = ["--------------------- CableDyn Input File ---------------------", *deck.read_text().splitlines()[1:]]
-    for i, line in enumerate(lines):
-        value, _, name = line.partition(" ")
-        if name in OPTION_NAMES:
-            lines[i] = f"{value} {OPTION_NAMES[name]}"
-    deck.write_text("\n".join(line for line in lines if not line.endswith(" dtOut")) + "\n")
+    named = (re.sub(" rho$", " rhoW", line) for line in lines if not line.endswith(" dtOut"))
+    deck.write_text("\n".join(named) + "\n")
     return deck
 
 
@@ -112,27 +94,24 @@ def in_cabledyn(scene: Scene, place: Callable[[float], np.ndarray], dt: float) -
 
     h = 1e-3
     with tempfile.TemporaryDirectory() as folder, CableDyn(cabledyn_deck(scene, Path(folder), dt)) as model:
-        start, _, _ = model.get_coupled_motion()
+        q = model.get_coupled_motion()[0].copy()
+        v, a = np.zeros_like(q), np.zeros_like(q)
         kinds = [kind for _, kind in model.coupled_layout()]
-        first = 3 * kinds.index("coupled")
-        top = slice(first, first + 3)
+        top = 3 * kinds.index("coupled") + np.arange(3)
         ends = ["AnchTen1", "FairTen1"]
         if "free" in kinds:  # from a free point to a driven one CableDyn counts the first end as the fairlead
             ends.reverse()
         rest = np.array(model.channels(ends))
         rows, cpu = [], 0.0
-        q, v, a = start.copy(), np.zeros_like(start), np.zeros_like(start)
         for i in range(round(SPAN / dt)):
             t = (i + 1) * dt
             q[top] = place(t)
             v[top] = (place(t + h) - place(t - h)) / (2 * h)
             a[top] = (place(t + h) - 2 * place(t) + place(t - h)) / h**2
-            begun = time.process_time()
-            model.step(dt, q, v, a)
-            cpu += time.process_time() - begun
+            cpu += timed(partial(model.step, dt, q, v, a))[1]["processor_s"]
             rows.append(model.channels(ends))
     t = np.round(dt * np.arange(1, len(rows) + 1), 9)
-    seen = Looks(t, np.array(rows), np.zeros((len(rows), 1, 3)), cpu, cpu, "ok")
+    seen = Looks(t, np.array(rows), np.zeros((len(rows), 1, 3)), cpu, "ok")
     return rest, rows_of(seen, max(1, round(SAMPLE / dt)))
 
 
@@ -182,4 +161,4 @@ def compare(name: str) -> Found:
 def main(given) -> None:
     rows = (compare(name) for name in DECKS if given.only in (None, name))
     packages = versions("cabledyn", "moordyn", "jax", "dropper-jax", "numpy")
-    collect("cabledyn", {"decks": rows}, schema=1, machine=describe(), versions=packages, limits=LIMITS)
+    collect("cabledyn", {"decks": rows}, by="name", schema=1, machine=describe(), versions=packages, limits=LIMITS)

@@ -6,19 +6,19 @@ The truth is the lab dropper of scenario A with b_l = 0.002 and b_q = 0.001, int
     python benchmarks/calibration.py coverage|dry|dry-small|bias [--seeds N]
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from study import command, say, store, stored
+from study import Found, command, say, store, stored
 
 from dropper_jax import Scene, load_scene
-from fitting import FitResult, prepare
+from fitting import Camera, FitResult, Trace, observe, prepare, simulate_truth
 from fitting.calibration.fit import estimate, summarise
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import fit_shooting, level_of
 from fitting.estimate.windows import Windows, cut, first_starts
-from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 SCENE, DURATION, NOISE = "dropper-release-a", 48.0, 0.005
 FREE = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
@@ -100,29 +100,34 @@ class Twin:
         return summarise(prepared, method, estimate(prepared, method))
 
 
-def statistics(twin: Twin, results: list) -> dict:
+def statistics(twin: Twin, results: list) -> Found:
     """Errors over standard errors: RMS, mean in units of its own error, coverage, median relative standard errors."""
     values = np.array([r.values for r in results])
     errors = np.array([r.uncertainty.std_error for r in results])
-    z = (values - twin.truth) / errors
     inside = [(r.uncertainty.low <= twin.truth) & (twin.truth <= r.uncertainty.high) for r in results]
+    z = (values - twin.truth) / errors
     return {
         "parameters": list(twin.free),
         "converged": sum(r.status == "ok" for r in results),
         "fits": len(results),
-        "z_rms": np.sqrt((z**2).mean(0)).tolist(),
-        "z_mean_in_its_error": (z.mean(0) * np.sqrt(len(z))).tolist(),
+        **_moments(z),
         "covered_90": np.mean(inside, axis=0).tolist(),
         "median_relative_std_error": np.median(errors / twin.truth, axis=0).tolist(),
         "z": z.round(3).tolist(),
-        "gap_weights": [r.solution.gap_weight for r in results],
         "substeps": [r.windows.substeps for r in results],
-        "largest_step_bias": [float(np.abs(r.solution.step_bias).max()) if r.status == "ok" else None for r in results],
         "seconds_median": float(np.median([r.seconds["run"] for r in results])),
     }
 
 
-def run_coverage(seeds: int) -> dict:
+def _moments(z: np.ndarray) -> Found:
+    return {
+        "z_rms": np.sqrt((z**2).mean(axis=0)).tolist(),
+        "z_mean_in_its_error": (z.mean(axis=0) * np.sqrt(len(z))).tolist(),
+        "covered_90": (np.abs(z) < 1.645).mean(axis=0).tolist(),
+    }
+
+
+def run_coverage(seeds: int) -> Found:
     """The statistics of both methods; those of the first 20 draws of noise are stored as well."""
     twin = Twin()
     fits = {"windows": [twin.fit(seed, "windows") for seed in range(seeds)]}
@@ -131,44 +136,40 @@ def run_coverage(seeds: int) -> dict:
     return {method: statistics(twin, results) for method, results in fits.items()}
 
 
-def run_dry(seeds: int, which: str) -> dict:
+def run_dry(seeds: int, which: str) -> Found:
     """Three coefficients: Cramer and Rao's bound, then what the fits reach."""
     scene, duration, substeps = DRY_TWINS[which]
     twin = Twin((*FREE, DRY), scene(), duration, substeps)
-    theory = linearise(twin, NOISE)
-    bounds = {"windows": theory.std_error / twin.truth, "shooting": theory.joined_std_error / twin.truth}
-    draws = np.array([theory.z(seed) for seed in range(DRAWS)])
-    mine = {
+    theory = linearise(twin)
+    draws = np.array([theory["windows"].error(seed) for seed in range(DRAWS)])
+    bounds = {method: own.std_error / twin.truth for method, own in theory.items()}
+    mine: Found = {
         "cramer_rao_relative": {method: bound.tolist() for method, bound in bounds.items()},
         "linear_theory_of_windows": [{"draws": n, **_moments(draws[:n])} for n in (seeds, DRAWS)],
     }
-    fits = {method: [] for method in bounds}
+    begun: list = [None] * seeds
     for method, bound in bounds.items():
+        fits = []
         for seed in range(seeds):  # slow: every fit is stored
-            fits[method].append(twin.fit(seed, method, fits["windows"][seed] if method == "shooting" else None))
-            mine[method] = statistics(twin, fits[method])
+            fits.append(twin.fit(seed, method, begun[seed]))
+            mine[method] = statistics(twin, fits)
             mine[f"{method}_over_bound"] = (np.array(mine[method]["median_relative_std_error"]) / bound).tolist()
-            found = {**stored("calibration_dry", {}), which: mine}
-            store("calibration_dry", found)
-    return found
+            store("calibration_dry", {**stored("calibration_dry", {}), which: mine})
+        begun = fits
+    return stored("calibration_dry")
 
 
-def run_bias(seeds: int) -> dict:
+def run_bias(seeds: int) -> Found:
     """Is the mean error of the twin's fits chance or bias? Linear theory on the same draws of noise, and on more."""
     twin = Twin()
-    theory = linearise(twin, NOISE)
     fits = stored("calibration_coverage")
-    found = {
-        "parameters": list(twin.free),
-        "cramer_rao_relative": (theory.std_error / twin.truth).tolist(),
-        "cramer_rao_relative_joined": (theory.joined_std_error / twin.truth).tolist(),
-    }
-    own = {"windows": theory.own, "shooting": theory.joined_own}
-    for method, error in (("windows", theory.z), ("shooting", theory.joined_z)):
-        z, mine = np.array([error(seed) for seed in range(seeds)]), np.array(fits[method]["z"])
+    found: Found = {"parameters": list(twin.free)}
+    for method, theory in linearise(twin).items():
+        z, mine = np.array([theory.error(seed) for seed in range(seeds)]), np.array(fits[method]["z"])
         same = z[: len(mine)]
         found[method] = {
-            "error_without_noise_in_std_errors": own[method].tolist(),
+            "cramer_rao_relative": (theory.std_error / twin.truth).tolist(),
+            "error_without_noise_in_std_errors": theory.own.tolist(),
             "linear_theory": [{"draws": n, **_moments(z[:n])} for n in (20, len(mine), seeds)],
             "fits_less_linear_theory_in_std_errors": (mine - same).mean(axis=0).tolist(),
             "correlation_of_fits_with_theory": [float(np.corrcoef(same[:, i], mine[:, i])[0, 1]) for i in (0, 1)],
@@ -176,90 +177,59 @@ def run_bias(seeds: int) -> dict:
     return found
 
 
-def _moments(z: np.ndarray) -> dict:
-    return {
-        "z_rms": np.sqrt((z**2).mean(axis=0)).tolist(),
-        "z_mean_in_its_error": (z.mean(axis=0) * np.sqrt(len(z))).tolist(),
-        "covered_90": (np.abs(z) < 1.645).mean(axis=0).tolist(),
-    }
-
-
-@dataclass(frozen=True)
-class Linear:
-    """Linear theory of the `windows` estimator on one twin.
+class Theory(NamedTuple):
+    """Linear theory of a method.
 
     Attributes:
-        slope: P' (rows, k) [1/parameter].
-        covariance: C (k, k).
-        std_error: Cramer and Rao's bound (k,), and `joined_std_error` of windows joined with next to no gap, one run
-            that is never interrupted.
-        windows: of the noise-free angles.
-        own: error (k,) in standard errors that the simulator's step makes without noise; `joined_own` that of the
-            fit to joined windows, the steps of fit and truth.
-        found: the fit without noise, joined.
+        std_error: Cramer and Rao's bound (k,); of joined windows that of next to no gap, one run without interruption.
+        own: error (k,) over it that the steps of fit and truth make without noise.
+        error: error (k,) over it that the draw of noise of a seed makes, to first order.
     """
 
-    twin: Twin
-    noise: float
-    slope: np.ndarray
-    covariance: np.ndarray
     std_error: np.ndarray
-    windows: Windows
     own: np.ndarray
-    joined_std_error: np.ndarray
-    joined_own: np.ndarray
-    found: Solution
-
-    def z(self, seed: int) -> np.ndarray:
-        """Error over standard error (k,) that this draw of noise makes, to first order."""
-        return self.covariance @ (self.slope.T @ self._draw(seed).ravel()) / self.std_error
-
-    def joined_z(self, seed: int) -> np.ndarray:
-        """The same (k,) for joined windows: what the draw adds to their step from the noise-free fit."""
-        noisy, still = (self._joined_step(size * self._draw(seed)) for size in (1.0, 0.0))
-        return (noisy - still) / self.joined_std_error
-
-    def _draw(self, seed: int) -> np.ndarray:
-        noisy = _windows(self.twin, self.noise, seed, self.windows.length, self.windows.dt)
-        return (noisy.theta - self.windows.theta) * self.windows.weight
-
-    def _joined_step(self, draw: np.ndarray) -> np.ndarray:
-        level = level_of(self.found.problem, self.found.gap_weight)
-        evaluation = self.found.evaluation._replace(residual=-draw)
-        return level.undamped_step(evaluation, self.found.values, np.inf).dp
+    error: Callable[[int], np.ndarray]
 
 
-def linearise(twin, noise: float) -> Linear:
-    """The theory of a twin of calibration.py with white noise [rad]."""
+def linearise(twin: Twin) -> dict[str, Theory]:
+    """The theory of both methods about the fits to angles without noise."""
     prepared = twin.prepare(0)
     simulator, m2 = prepared.simulator, prepared.simulator.freedoms
-    windows = _windows(twin, 0.0, 0, prepared.windows.length, prepared.windows.dt, weight=noise)
-    clean = _trace(twin, 0.0, 0)
+
+    def seen(noise: float, seed: int) -> tuple[Trace, Windows]:
+        trace = observe(twin.motion, Camera(angle_noise=noise), seed)
+        trace = trace.in_model_convention(trace.convention)
+        return trace, cut([trace], prepared.windows.length, prepared.windows.dt, [np.full(trace.links, NOISE)])
+
+    clean, windows = seen(0.0, 0)
     guess = first_starts(simulator.model_at(twin.truth), [clean], windows, prepared.sigma)
     problem = replace(prepared.problem(frozen=np.ones(len(twin.truth), bool)), windows=windows)
     found = fit_windows(problem, twin.truth, guess)
-    evaluation = found.evaluation
-    jacobian = evaluation.jacobian.reshape(windows.count, -1, m2 + len(twin.truth))
+    jacobian = found.evaluation.jacobian.reshape(windows.count, -1, m2 + len(twin.truth))
     z, p = jacobian[..., :m2], jacobian[..., m2:]
     turn = np.swapaxes(z, 1, 2)
     slope = (p - z @ np.linalg.solve(turn @ z, turn @ p)).reshape(-1, len(twin.truth))
     covariance = np.linalg.inv(slope.T @ slope)
     error = np.sqrt(np.diag(covariance))
-    own = -covariance @ (slope.T @ evaluation.residual.ravel()) / error
+    gain = covariance @ slope.T / error[:, None]
     joined = fit_shooting(replace(found, problem=replace(problem, frozen=None)), continuity="tight")
     joined_error = np.sqrt(np.diag(np.linalg.inv(joined.information)))
-    joined_own = (joined.values - twin.truth) / joined_error
-    return Linear(twin, noise, slope, covariance, error, windows, own, joined_error, joined_own, joined)
 
+    def draw(seed: int) -> np.ndarray:
+        return (seen(NOISE, seed)[1].theta - windows.theta) * windows.weight
 
-def _trace(twin, noise: float, seed: int):
-    trace = observe(twin.motion, Camera(angle_noise=noise), seed)
-    return trace.in_model_convention(trace.convention)
+    def joined_draw(seed: int) -> np.ndarray:
+        """What the draw adds to the step from the noise-free fit."""
+        level, noise = level_of(joined.problem, joined.gap_weight), draw(seed)
+        residuals = (joined.evaluation._replace(residual=-size * noise) for size in (1.0, 0.0))
+        noisy, still = (level.undamped_step(e, joined.values, np.inf).dp for e in residuals)
+        return (noisy - still) / joined_error
 
-
-def _windows(twin, noise: float, seed: int, length: float, dt: float, weight: float | None = None) -> Windows:
-    trace = _trace(twin, noise, seed)
-    return cut([trace], length, dt, [np.full(trace.links, noise if weight is None else weight)])
+    own = -gain @ found.evaluation.residual.ravel()
+    return {
+        "windows": Theory(error, own, lambda seed: gain @ draw(seed).ravel()),
+        "shooting": Theory(joined_error, (joined.values - twin.truth) / joined_error, joined_draw),
+    }
 
 
 #: Parts, and their usual number of draws of noise.

@@ -98,8 +98,7 @@ def shaken(place: np.ndarray, number: int) -> Callable[[float], np.ndarray]:
     def at(t: float) -> np.ndarray:
         u = min(t, 1.0)
         ramp = np.array([u**3 * (10 - 15 * u + 6 * u * u), 30 * u**2 * (1 - u) ** 2, 60 * u * (1 - u) * (1 - 2 * u)])
-        s, c = np.sin(omega * t), np.cos(omega * t)
-        wave = np.array([s, omega * c, -(omega**2) * s])
+        wave = np.array([np.sin(omega * t), omega * np.cos(omega * t), -(omega**2) * np.sin(omega * t)])
         rate = ramp[0] * wave[1] + ramp[1] * wave[0]
         bend = ramp[0] * wave[2] + 2 * ramp[1] * wave[1] + ramp[2] * wave[0]
         return np.concatenate([place + size * ramp[0] * wave[0], size * rate, size * bend])
@@ -115,9 +114,8 @@ def cable_truth(t: np.ndarray, stiffness: float) -> np.ndarray:
     # a zigzag of the right lengths settles into the pose at rest
     away = (high - low) / n
     side = np.sqrt((CABLE["length"] / n) ** 2 - float(away @ away))
-    down = np.array([0.0, 0.0, -1.0]) - (-away[2] / float(away @ away)) * away
-    down = down / np.linalg.norm(down)
-    nodes = np.array([low + j * away + side * (j % 2) * down for j in range(n + 1)])
+    down = np.array([0.0, 0.0, -1.0]) + away[2] / float(away @ away) * away
+    nodes = np.array([low + j * away + side * (j % 2) * down / np.linalg.norm(down) for j in range(n + 1)])
     rest = rigid_line(
         np.array([0.0, 30.0]), nodes, np.zeros_like(nodes), lengths, masses, b_l=0.05, stiffness=stiffness,
         ends=(still(low), still(high)),

@@ -32,53 +32,54 @@ from fitting.channels.fit import first_point, pose, settle_noise
 from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.result import errors_of
 from fitting.channels.sensors import projection
+from fitting.estimate.problem import Solution
 
 
 class Tally:
-    """Estimates, errors and intervals of draws, by parameter."""
+    """Estimates, errors, intervals and verdicts of draws, by parameter."""
 
     def __init__(self, truth: Mapping[str, float]) -> None:
         self.truth = dict(truth)
-        self.rows: dict[str, list[tuple[float, float, float, float]]] = {name: [] for name in truth}
-        self.notes: list[dict[str, str]] = []
+        self.rows: dict[str, list[tuple]] = {name: [] for name in truth}
         self.failed = 0
         self.begun = time.perf_counter()
 
     def add(self, found, silent: bool = False) -> None:
         """One fit, printed unless `silent`."""
-        names = [p.name for p in found.parameters]
         e = found.errors
+        each = zip(found.values, e.std_error, e.low, e.high, e.determined, strict=True)
+        own = dict(zip((p.name for p in found.parameters), each, strict=True))
         if not silent:
-            off = {n: round((found[n] - v) / e.std_error[names.index(n)], 2) for n, v in self.truth.items()}
+            off = {name: round(float((own[name][0] - v) / own[name][1]), 2) for name, v in self.truth.items()}
             say({"status": found.outcome, "seconds": round(found.seconds, 1), "off": off, "warnings": found.warnings})
         if found.status != "ok":
             self.failed += 1
             return
-        self.notes.append(dict(zip(names, e.determined, strict=True)))
         for name, rows in self.rows.items():
-            i = names.index(name)
-            rows.append((float(found.values[i]), float(e.std_error[i]), float(e.low[i]), float(e.high[i])))
+            rows.append(own[name])
 
     def table(self, **more) -> Found:
         """The rows of the result."""
-        table = {}
-        for name, rows in self.rows.items():
-            if not rows:
-                continue
-            truth, (v, s, low, high) = self.truth[name], np.array(rows).T
-            table[name] = {
-                "truth": truth,
-                "cover": int(np.sum((low <= truth) & (truth <= high))),
-                "rms_of_error_over_std_error": float(np.sqrt(np.mean(((v - truth) / s) ** 2))),
-                "mean_of_error_over_std_error": float(np.mean((v - truth) / s)),
-                "median_std_error": float(np.median(s)),
-                "median_relative_error": float(np.median(s) / abs(truth)) if truth else None,
-                "not_determined": sum(note.get(name) == "no" for note in self.notes),
-                "upper_bound": sum(note.get(name) == "upper bound" for note in self.notes),
-            }
+        table = {name: judge(self.truth[name], rows) for name, rows in self.rows.items() if rows}
         draws = len(next(iter(self.rows.values())))
         spent = time.perf_counter() - self.begun
         return {"draws": draws, "not_converged": self.failed, "seconds": round(spent, 1), **more, "parameters": table}
+
+
+def judge(truth: float, rows: list[tuple]) -> Found:
+    """A parameter's estimates, standard errors, ends of intervals and verdicts against its truth."""
+    *numbers, verdicts = zip(*rows, strict=True)
+    v, s, low, high = np.array(numbers, float)
+    return {
+        "truth": truth,
+        "cover": int(np.sum((low <= truth) & (truth <= high))),
+        "rms_of_error_over_std_error": float(np.sqrt(np.mean(((v - truth) / s) ** 2))),
+        "mean_of_error_over_std_error": float(np.mean((v - truth) / s)),
+        "median_std_error": float(np.median(s)),
+        "median_relative_error": float(np.median(s) / abs(truth)) if truth else None,
+        "not_determined": verdicts.count("no"),
+        "upper_bound": verdicts.count("upper bound"),
+    }
 
 
 def sea(draws: int) -> Found:
@@ -102,34 +103,33 @@ def _sea(kind: str, draws: int) -> Found:
         "east": CubicSpline(true.t_tension, true.tension[:, last])(t),
         **{p: CubicSpline(true.t, -true.point_path(p)[:, 2])(t) for p in ("w", "m", "e")},
     }
+    noise = {"west": 0.01 * clean["west"], "east": 0.01 * clean["east"], "w": 0.02, "m": 0.02, "e": 0.02}
     place = dj.load_scene(scene)
     truth = {name: place.value(name) for name in (STIFFNESS, DRAG, CURRENT)}
     rng, whole, linear = np.random.default_rng(1), Tally(truth), Tally(truth)
-    for draw in range(draws):
-        noisy = {"t": t}
-        for name, y in clean.items():
-            noise = rng.normal(size=len(t))
-            noisy[name] = y * (1 + 0.01 * noise) if name in ("west", "east") else y + 0.02 * noise
+
+    def drawn() -> tuple[Found, Found]:
+        """Noisy data, and what a fit is given: starts two times off, and the current as it is known."""
+        noisy = {name: y + noise[name] * rng.normal(size=len(t)) for name, y in clean.items()}
         known = truth[CURRENT] * (1 + 0.02 * rng.normal())
-        given = {
-            "start": {STIFFNESS: off * truth[STIFFNESS], DRAG: 0.5 * truth[DRAG], CURRENT: known},
-            "priors": {CURRENT: (known, 0.02 * truth[CURRENT])},
-        }
-        data = _sea_data(noisy)
-        if draw == 0:  # from two times off, by runs of its own; all draws in the linear model where it ends
-            first = fit_channels(data, scene, list(truth), check_step=kind != "slack", **given)
-            whole.add(first)
-        again = _in_line(first, data, place, given)
-        linear.add(again, silent=True)
-        if draw == 0:
-            apart = float(np.max(np.abs(again.values - first.values) / first.errors.std_error))
+        start = {STIFFNESS: off * truth[STIFFNESS], DRAG: 0.5 * truth[DRAG], CURRENT: known}
+        return _sea_data({"t": t, **noisy}), {"start": start, "priors": {CURRENT: (known, 0.02 * truth[CURRENT])}}
+
+    every = [drawn() for _ in range(draws)]
+    data, given = every[0]
+    # the first one by runs of its own; all draws in the linear model where it ends
+    first = fit_channels(data, scene, list(truth), check_step=kind != "slack", **given)
+    whole.add(first)
+    again = [_in_line(first, data, place, given) for data, given in every]
+    for found in again:
+        linear.add(found, silent=True)
     names = [p.name for p in first.parameters]
     table = linear.table(
         sensitivity=dict(zip(names, first.errors.sensitivity.tolist(), strict=True)),
         step_s=first.solution.problem.dt,
         step_bias=None if first.step_bias is None else dict(zip(names, first.step_bias.tolist(), strict=True)),
         said=list(first.errors.why),
-        linear_from_whole_std_errors=[apart],
+        linear_from_whole_std_errors=[float(np.max(np.abs(again[0].values - first.values) / first.errors.std_error))],
     )
     return {**table, "whole": whole.table()}
 
@@ -146,25 +146,26 @@ def _sea_data(columns: dict[str, np.ndarray]) -> Found:
     }
 
 
+@dataclasses.dataclass(frozen=True)
 class InLine(Problem):
     """A problem whose motion is the linear one where a fit ended; noise, priors, errors are those of the fit."""
 
+    there: Solution | None = None
+
     def evaluate(self, values: np.ndarray, starts=None) -> Evaluation:
-        there = LINEAR[0]
-        move = values - there.values
-        pairs = zip(there.evaluation.shown, there.evaluation.slopes, strict=True)
-        shown = tuple(tuple(y + x @ move for y, x in zip(*run, strict=True)) for run in pairs)
-        return self.whiten_residuals(there.evaluation._replace(shown=shown))
-
-
-#: Where the linear model is taken.
-LINEAR: list = []
+        ahead = self.there.evaluation
+        move = values - self.there.values
+        shown = (
+            tuple(y + x @ move for y, x in zip(*run, strict=True))
+            for run in zip(ahead.shown, ahead.slopes, strict=True)
+        )
+        return self.whiten_residuals(ahead._replace(shown=tuple(shown)))
 
 
 def _in_line(first, data: Found, scene, given: Found):
-    LINEAR[:] = [first.solution]
     problem = pose(data, scene, list(given["start"]), [], given["start"], {}, given["priors"])
-    problem = InLine(**{f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)})
+    fields = {f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)}
+    problem = InLine(**fields, there=first.solution)
     point = settle_noise(first_point(problem), 40)
     return ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
 
@@ -181,33 +182,25 @@ def _cable(stiffness: float, markers: Sequence[int], draws: int) -> Found:
     t = np.arange(0.0, 6.0, 1 / 30)
     fine = np.arange(0.0, 6.3, 0.01)
     true = cable_truth(t, stiffness)
-    moved = [shaken(place, i) for i, place in enumerate((np.zeros(3), np.array([CABLE["span"], 0.0, 0.1])))]
-    ends = {
-        f"{end}_{axis}": np.array([1e3 * path(x)[i] for x in fine])
-        for end, path in zip(("low", "high"), moved, strict=True)
-        for i, axis in enumerate("xyz")
+    places = {"low": np.zeros(3), "high": np.array([CABLE["span"], 0.0, 0.1])}
+    moved = {name: np.array([shaken(place, i)(x)[:3] for x in fine]) for i, (name, place) in enumerate(places.items())}
+    ends = {f"{name}_{axis}": 1e3 * path[:, i] for name, path in moved.items() for i, axis in enumerate("xyz")}
+    marker = {"kind": "position", "unit": "mm", "noise": NOISE_3D}
+    shown = {
+        "channel": [
+            {"name": f"marker {j}", "columns": [f"{axis}{j}" for axis in "xyz"], "node": j, **marker} for j in markers
+        ],
+        "motion": [{"point": p, "columns": [f"{p}_{axis}" for axis in "xyz"], "unit": "mm"} for p in places],
     }
-    ends = {"t": fine, **ends}
     truth = {"effects.bending.EI": stiffness, "effects.linear_damping.b_l": CABLE["b_l"]}
-    rng, tally, bias = np.random.default_rng(2), Tally(truth), None
+    rng, tally = np.random.default_rng(2), Tally(truth)
     for _ in range(draws):
         seen = 1e3 * true + NOISE_3D * rng.normal(size=true.shape)
         columns = {f"{axis}{j}": seen[:, j, i] for j in markers for i, axis in enumerate("xyz")}
-        marker = {"kind": "position", "unit": "mm", "noise": NOISE_3D}
-        data = {
-            "run": [{"file": [{"t": t, **columns}, ends]}],
-            "channel": [
-                {"name": f"marker {j}", "columns": [f"{axis}{j}" for axis in "xyz"], "node": j, **marker}
-                for j in markers
-            ],
-            "motion": [
-                {"point": p, "columns": [f"{p}_{axis}" for axis in "xyz"], "unit": "mm"} for p in ("low", "high")
-            ],
-        }  # fmt: skip
+        data = {"run": [{"file": [{"t": t, **columns}, {"t": fine, **ends}]}], **shown}
         found = fit_channels(data, cable_scene(stiffness), list(truth))
         tally.add(found)
-        bias = found.step_bias.tolist() if bias is None else bias
-    return tally.table(step_bias=bias)
+    return tally.table(step_bias=found.step_bias.tolist())
 
 
 #: Noise of markers in space [mm], of angles [rad], of places in pictures [px].
@@ -217,31 +210,25 @@ NOISE_3D, NOISE_ANGLE, NOISE_PIXEL = 3.0, 3e-3, 0.7
 def runs(draws: int) -> Found:
     """Five releases whose damping differs."""
     mean, spread, count = CHAIN["b_l"], 0.05, 5
-    path = "effects.linear_damping.b_l"
+    path, pose = "effects.linear_damping.b_l", np.array([0.5, 0.4, 0.3])
     rng, tally, spreads = np.random.default_rng(3), Tally({path: mean}), []
     t = np.arange(0.0, 8.0, 1 / 30)
+    angle = {"kind": "angle", "unit": "rad", "zero": "down"}
+    channels = [{"name": f"link {j}", "column": f"theta_{j}", "link": j, **angle} for j in (1, 2, 3)]
+
+    def release(number: int) -> Found:
+        scene = chain_scene(pose * (1 - 0.1 * number))
+        d = np.diff(chain_truth(t, scene, mean * (1 + spread * rng.normal()), CHAIN["b_q"]), axis=1)
+        angles = np.arctan2(d[..., 0], -d[..., 2]) + NOISE_ANGLE * rng.normal(size=d.shape[:2])
+        columns = {"t": t, **{f"theta_{j + 1}": angles[:, j] for j in range(3)}}
+        own = {"start.positions": scene["start"]["positions"]}
+        return {"file": columns, "name": f"release {number + 1}", "scene": own}
+
     for _ in range(draws):
-        tables = []
-        for number in range(count):
-            scene = chain_scene(np.array([0.5, 0.4, 0.3]) * (1 - 0.1 * number))
-            nodes = chain_truth(t, scene, mean * (1 + spread * rng.normal()), CHAIN["b_q"])
-            d = np.diff(nodes, axis=1)
-            angles = np.arctan2(d[..., 0], -d[..., 2]) + NOISE_ANGLE * rng.normal(size=d.shape[:2])
-            columns = {"t": t, **{f"theta_{j + 1}": angles[:, j] for j in range(3)}}
-            own = {"start.positions": scene["start"]["positions"]}
-            tables.append({"file": columns, "name": f"release {number + 1}", "scene": own})
-        links = range(1, 4)
-        data = {
-            "run": tables,
-            "channel": [
-                {"name": f"link {j}", "kind": "angle", "column": f"theta_{j}", "unit": "rad", "link": j, "zero": "down"}
-                for j in links
-            ],
-        }
-        base = chain_scene(np.array([0.5, 0.4, 0.3]))
-        found = fit_channels(data, base, ["b_q"], own=["b_l"], check_step=False)
+        data = {"run": [release(number) for number in range(count)], "channel": channels}
+        found = fit_channels(data, chain_scene(pose), ["b_q"], own=["b_l"], check_step=False)
         b = found.between[0]
-        tally.rows[path].append((b.mean, b.std_error, b.low, b.high))
+        tally.rows[path].append((b.mean, b.std_error, b.low, b.high, "yes"))
         tally.failed += found.status != "ok"
         spreads.append(b.spread / mean)
         say({"status": found.outcome, "off": round((b.mean - mean) / b.std_error, 2)})
@@ -252,18 +239,28 @@ def cameras(draws: int) -> Found:
     """The kicked chain in two cameras that are not started together."""
     delay, rate, kick = 0.013, 59.94 / 60.0, 0.15
     scene = chain_scene(np.array([0.5, 0.4, 0.3]), kick)
-    views = {"left": np.array([0.4, -2.0, -0.4]), "right": np.array([2.0, -0.5, -0.3])}
-    spec = {"look_at": [0.0, 0.0, -0.45], "focal": 1400.0, "centre": [960.0, 540.0]}
     stamps = np.arange(1.0, 480.0) / 60.0
-    when = {"left": stamps, "right": rate * stamps - delay}
-    true = {
-        name: chain_truth(np.concatenate([[0.0], x]), scene, CHAIN["b_l"], CHAIN["b_q"])[1:] for name, x in when.items()
+    spec = {"look_at": [0.0, 0.0, -0.45], "focal": 1400.0, "centre": [960.0, 540.0]}
+    # place and times of each camera
+    views = {"left": ([0.4, -2.0, -0.4], stamps), "right": ([2.0, -0.5, -0.3], rate * stamps - delay)}
+
+    def picture(place: list[float], when: np.ndarray) -> np.ndarray:
+        """Places (times, 4, 2) [px] of the nodes."""
+        nodes = chain_truth(np.concatenate([[0.0], when]), scene, CHAIN["b_l"], CHAIN["b_q"])[1:]
+        matrix = projection(np.array(place), np.array(spec["look_at"]), spec["focal"], np.array(spec["centre"]))
+        seen = nodes @ matrix[:, :3].T + matrix[:, 3]
+        return seen[..., :2] / seen[..., 2:]
+
+    clean = {name: picture(*view) for name, view in views.items()}
+    pixel = {"kind": "pixel", "unit": "px"}
+    shown = {
+        "channel": [
+            {"name": f"{c} node {j}", "camera": c, "node": j, "columns": [f"{c}_u{j}", f"{c}_v{j}"], **pixel}
+            for c in views
+            for j in (1, 2, 3)
+        ],
+        "camera": [{"name": name, "position": place, **spec} for name, (place, _) in views.items()],
     }
-    clean = {}
-    for name, place in views.items():
-        matrix = projection(place, np.array(spec["look_at"]), spec["focal"], np.array(spec["centre"]))
-        seen = true[name] @ matrix[:, :3].T + matrix[:, 3]
-        clean[name] = seen[..., :2] / seen[..., 2:]
     truth = {
         "effects.linear_damping.b_l": CHAIN["b_l"],
         "effects.quadratic_damping.b_q": CHAIN["b_q"],
@@ -271,27 +268,15 @@ def cameras(draws: int) -> Found:
         "camera.right.delay": delay,
         "camera.right.rate": rate,
     }
-    start = {"start.velocities.3.1": 0.0}
     rng, tally = np.random.default_rng(4), Tally(truth)
     for _ in range(draws):
-        files, channels = [], []
-        for name, places in clean.items():
-            noisy = places + NOISE_PIXEL * rng.normal(size=places.shape)
-            axes = [(f"{name}_{axis}{j}", noisy[:, j, i]) for j in (1, 2, 3) for i, axis in enumerate("uv")]
-            files.append({"t": stamps, **dict(axes)})
-            channels += [
-                {
-                    "name": f"{name} node {j}", "kind": "pixel", "camera": name, "unit": "px", "node": j,
-                    "columns": [f"{name}_u{j}", f"{name}_v{j}"],
-                }
-                for j in (1, 2, 3)
-            ]  # fmt: skip
-        data = {
-            "run": [{"file": files}],
-            "channel": channels,
-            "camera": [{"name": name, "position": place.tolist(), **spec} for name, place in views.items()],
-        }
-        tally.add(fit_channels(data, scene, list(truth), start=start))
+        noisy = {name: places + NOISE_PIXEL * rng.normal(size=places.shape) for name, places in clean.items()}
+        files = [
+            {"t": stamps, **{f"{name}_{axis}{j}": x[:, j, i] for j in (1, 2, 3) for i, axis in enumerate("uv")}}
+            for name, x in noisy.items()
+        ]
+        data = {"run": [{"file": files}], **shown}
+        tally.add(fit_channels(data, scene, list(truth), start={"start.velocities.3.1": 0.0}))
     return tally.table()
 
 

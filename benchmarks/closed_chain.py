@@ -1,13 +1,15 @@
 """Truth that another program makes: point masses on rigid links, integrated by SciPy in Cartesian nodes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
 G = 9.81
+#: Damping over the mass of a chain that settles [1/s].
+SETTLING = 10.0
 
 
 def rigid_line(
@@ -111,20 +113,8 @@ class Chain:
         return np.cumsum(self.length[:, None] * _unit(angle), axis=0)[:-1]
 
     def hanging(self, polar: np.ndarray) -> np.ndarray:
-        """Inner nodes at rest, near a pose: forces of weight and links in balance, lengths kept."""
-        n = len(self.length)
-
-        def balance(x: np.ndarray) -> np.ndarray:
-            d = self.links(x[: 2 * n - 2].reshape(-1, 2))
-            pull = x[2 * n - 2 :, None] * d
-            force = pull[1:] - pull[:-1] + self.mass[:, None] * [0.0, -G]
-            return np.concatenate([force.ravel(), np.sum(d**2, axis=1) - self.length**2])
-
-        begun = np.concatenate([self.pose(polar).ravel(), np.full(n, self.mass.mean() * G / self.length.mean())])
-        found, _, ok, message = fsolve(balance, begun, xtol=1e-13, full_output=True)
-        if ok != 1 or np.abs(balance(found)).max() > 1e-9:
-            raise RuntimeError(message)
-        return found[: 2 * n - 2].reshape(-1, 2)
+        """Inner nodes at rest, near a pose: where a damped swing from it ends."""
+        return replace(self, linear=self.mass.mean() * SETTLING, quadratic=0.0).swing(polar, np.array([0.0, 20.0]))[-1]
 
     def swing(self, polar: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Inner nodes (k, n - 1, 2) at times t (k,) from 0 on, released at rest."""

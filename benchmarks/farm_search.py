@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 from filelock import FileLock
-from study import RESULTS, Found, Rows, command, describe, percent, say, store, stored, table_of
+from study import RESULTS, Found, Rows, columns, command, describe, percent, say, store, stored, table_of
 
 from dropper_jax import SceneError
 from fitting.optimise.design import run_parallel
@@ -40,14 +40,14 @@ def problem(name, states, **run):
 
 
 class OutOfTimeError(Exception):
-    pass
+    """The processor time of a search is spent."""
 
 
 class Judge:
-    """Designs by whole runs alone, each with the processor time at its end."""
+    """Designs by whole runs alone, each with the processor time at its end; `save` is called after each."""
 
     def __init__(self, design, limit):
-        self.design, self.limit, self.rows, self.save = design, limit or np.inf, [], lambda judge: None
+        self.design, self.limit, self.rows = design, limit or np.inf, []
         self.low = np.array([v.low for v in design.variables])
         self.span = np.array([v.span for v in design.variables])
         self.start = (design.start - self.low) / self.span
@@ -65,9 +65,8 @@ class Judge:
 
         def run(i):
             case, stand = self.design.cases[i], stands[i]
-            return full_storm(
-                self.design.site, scene, case, self.design.quantities(case, stand.still), stand.rest.state
-            )
+            quantities = self.design.quantities(case, stand.still)
+            return full_storm(self.design.site, scene, case, quantities, stand.rest.state)
 
         full = run_parallel(run, range(len(stands)), lambda _: None, alone=int(not self.rows))
         for storm in full:
@@ -79,14 +78,13 @@ class Judge:
         """Enter a design; `found` is None if it could not be run."""
         row = {"cpu_s": self.spent, "objective": None, "worst": None, "values": np.asarray(x).tolist()}
         self.rows.append(row if found is None else row | {"objective": found.objective, "worst": found.worst})
-        self.save(self)
+        self.save()
 
     def __call__(self, u):
         """Merit of a design in shares of the ranges."""
         if self.spent > self.limit:
             raise OutOfTimeError
-        x = self.low + np.clip(u, 0.0, 1.0) * self.span
-        found = None
+        x, found = self.low + np.clip(u, 0.0, 1.0) * self.span, None
         with suppress(SceneError):
             found = self.values(x)
         self.seen(x, found)
@@ -142,20 +140,24 @@ def best_of(rows, begun_before=np.inf):
     return len(own), min(met, default=np.inf)
 
 
-def cell(found, best):
-    """Material and its reduction, if any design met all constraints."""
-    return f"{best:.0f} ({percent(1.0 - best / found['start'])})" if np.isfinite(best) else "no feasible design"
-
-
 @table_of("farm_search_longline_200", name="farm_search_longline_200")
 def searches(found: Found) -> Rows:
     """Searches at the processor time of the last design by gradients, and at that of their own last one."""
     limit = found["searches"]["gradient"]["rows"][-1]["cpu_s"]
-    rows = [("search", f"designs run in {limit:.0f} s", "material (reduction)", "until its last design")]
-    for name, own in sorted(found["searches"].items(), key=lambda item: (item[0] != "gradient", item[0])):
-        (count, best), (_, last) = best_of(own["rows"], limit), best_of(own["rows"])
-        rows.append((name, str(count), cell(found, best), f"{cell(found, last)}, {own['cpu_s']:.0f} s"))
-    return rows
+
+    def material(row, begun_before=np.inf):
+        """Material and its reduction, if any design met all constraints."""
+        best = best_of(row["rows"], begun_before)[1]
+        return f"{best:.0f} ({percent(1.0 - best / found['start'])})" if np.isfinite(best) else "no feasible design"
+
+    rows = ({"name": name, **found["searches"][name]} for name in sorted(found["searches"]))
+    return columns(
+        sorted(rows, key=lambda row: row["name"] != "gradient"),
+        ("search", "{name}"),
+        (f"designs run in {limit:.0f} s", lambda row: str(best_of(row["rows"], limit)[0])),
+        ("material (reduction)", material, limit),
+        ("until its last design", lambda row: f"{material(row)}, {row['cpu_s']:.0f} s"),
+    )
 
 
 @command({"way": tuple(WAYS)}, seed=1, site="small-longline", states=int, storms=int, duration=float, limit=float)
@@ -163,20 +165,20 @@ def main(args):
     file = RESULTS / f"farm_search_{args.site.replace('-', '_')}.json"
     judge = Judge(problem(args.site, args.states, seeds=args.storms, duration=args.duration), args.limit)
     name = args.way if args.way == "gradient" else f"{args.way}-{args.seed}"
+    site = judge.design.site
+    head = {"start": judge.scale, "cases": [f"{c.storm.name}, seed {c.seed}" for c in site.cases]}
+    head |= {"duration": site.run.duration, "machine": describe()}
 
-    def save(judge, done=False):
+    def save(done=False):
         own = {"cpu_s": judge.spent, "done": done, "rows": judge.rows}
         with FileLock(f"{file}.lock"):
             kept = stored(file, {})
-            site = judge.design.site
-            head = {"start": judge.scale, "cases": [f"{c.storm.name}, seed {c.seed}" for c in site.cases]}
-            head |= {"duration": site.run.duration, "machine": describe()}
             store(file, {**kept, **head, "searches": {**kept.get("searches", {}), name: own}})
 
     judge.save = save
     compile_programs(judge, args.way)
     with suppress(OutOfTimeError):
         WAYS[args.way](judge, args.seed)
-    save(judge, True)
+    save(done=True)
     count, best = best_of(judge.rows)
     say({"search": name, "cpu_s": judge.spent, "designs": count, "start": judge.scale, "best": best})

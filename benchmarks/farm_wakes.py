@@ -15,19 +15,17 @@ longline, of which there are two for every loop.
 from dataclasses import dataclass
 
 import numpy as np
-from study import Found, command, say, store
+from study import Found, collect, command
 
-from dropper_jax.run.wakes import START, WAKE_GROWTH, Elements, Wakes, solve_wakes
+from dropper_jax.run.wakes import Elements, solve_wakes
 
-#: Farm: extents along and across the current [m], blocks along and across, longlines of a block, their pitch [m].
-LONG, WIDE, ALONG, ACROSS, LINES, PITCH = 2450.0, 650.0, 10, 2, 11.5, 20.0
+#: Farm: extents along and across the current [m], blocks along and across, pitch of longlines [m].
+LONG, WIDE, ALONG, ACROSS, PITCH = 2450.0, 650.0, 10, 2, 20.0
 #: Length of a longline [m], depth of loops, width of ropes, depth of the water [m], C_D, current [m/s].
 BACKBONE, LOOPS, ROPE, DEPTH, DRAG, SPEED = 200.0, 8.0, 0.2, 11.0, 1.3, 0.1
 #: Width of a piece of longline that is one element [m].
 PIECE = 50.0
-ROPES = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-#: Measured range of the reduction.
-MEASURED = (0.36, 0.63)
+ROPES, TURBULENCE = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0), 0.05
 
 
 @dataclass(frozen=True)
@@ -44,20 +42,18 @@ class Fence(Elements):
 def farm(ropes: float) -> Fence:
     """The farm's longlines in pieces, with so many ropes per metre."""
     block = LONG / ALONG
-    rows = np.concatenate(
-        [i * block + PITCH * np.arange(12 if i % 2 else 11) for i in range(ALONG)]  # 11.5 on average
-    )
-    across = np.concatenate(
-        [side * WIDE / (2 * ACROSS) + np.arange(-BACKBONE / 2 + PIECE / 2, BACKBONE / 2, PIECE) for side in (-1.0, 1.0)]
-    )
+    rows = [i * block + PITCH * j for i in range(ALONG) for j in range(11 + i % 2)]  # 11.5 on average
+    pieces = np.arange(-BACKBONE / 2 + PIECE / 2, BACKBONE / 2, PIECE)
+    across = np.concatenate([side * WIDE / (2 * ACROSS) + pieces for side in (-1.0, 1.0)])
     x, y = (a.ravel() for a in np.meshgrid(rows, across, indexing="ij"))
-    full = lambda value: np.full(len(x), value)  # noqa: E731
-    return Fence(x, y, full(-LOOPS / 2), full(PIECE), full(LOOPS), full(ROPE), full(DRAG), ropes)
+    equal = (np.full(len(x), value) for value in (-LOOPS / 2, PIECE, LOOPS, ROPE, DRAG))
+    return Fence(x, y, *equal, ropes)
 
 
-def row(ropes: float, depth: float = DEPTH, turbulence: float = 0.05) -> Found:
+def row(ropes: float, depth: float = DEPTH, turbulence: float = TURBULENCE) -> Found:
+    """The farm's reduction of the current, and Plew's."""
     elements = farm(ropes)
-    wakes: Wakes = solve_wakes(elements, SPEED, depth, turbulence)
+    wakes = solve_wakes(elements, SPEED, depth, turbulence)
     lost = 1.0 - wakes.met / SPEED
     inside = elements.x > elements.x.min()
     beneath = [
@@ -95,9 +91,8 @@ def plew_2011(ropes: float, depth: float, mixing: float = 0.04, bed: float = 0.0
 def cylinder() -> Found:
     """Half-width and defect behind one cylinder against the measured half-width and its momentum."""
     d, speed, away, measured = 2.67e-3, 6.7, 420.0, 12.3e-3
-    one = lambda value: np.array([value])  # noqa: E731
     high = 1.0  # so long that its ends do not matter
-    wire = Elements(one(0.0), one(0.0), one(-high / 2), one(0.0), one(high), one(d), one(1.0))
+    wire = Elements(*(np.array([value]) for value in (0.0, 0.0, -high / 2, 0.0, high, d, 1.0)))
     plane = solve_wakes(wire, speed, high, 0.0).plane(away * d)
     y = np.linspace(0.0, 0.1, 20001)
     nodes, weight = np.polynomial.legendre.leggauss(20)
@@ -106,30 +101,15 @@ def cylinder() -> Found:
     # a Gaussian as wide as measured, with the momentum of C_D = 1
     wanted = 0.5 * d / (measured * np.sqrt(np.pi / np.log(2.0)))
     return {
-        "source": "Browne, Antonia and Shah (1987), ERCOFTAC case 3",
         "half_width_over_d": {"measured": measured / d, "ours": half / d},
         "defect_over_u": {"from_measured_width": float(wanted), "ours": float(defect[0] / speed)},
     }
 
 
-def crossed(rows: list[Found], level: float) -> float | None:
-    """Ropes per metre at which the mean reduction is `level`; None outside of the rows."""
-    mean = np.array([r["reduction_mean"] for r in rows])
-    if not mean[0] <= level <= mean[-1]:
-        return None
-    return float(np.exp(np.interp(level, mean, np.log([r["ropes_per_m"] for r in rows]))))
-
-
 @command()
 def main():
-    rows = [row(ropes) for ropes in ROPES]
-    found = {
-        "schema": 1,
-        "cylinder": cylinder(),
-        "rows": rows,
-        "others": [row(2.0, depth=10.0), row(2.0, depth=12.0), row(2.0, turbulence=0.1)],
-        "measured": {"reduction": MEASURED, "ropes_per_m_at": [crossed(rows, level) for level in MEASURED]},
-        "constants": {"WAKE_GROWTH": WAKE_GROWTH, "START": START},
+    parts = {
+        "rows": map(row, ROPES),
+        "others": (row(2.0, *given) for given in ((10.0, TURBULENCE), (12.0, TURBULENCE), (DEPTH, 0.1))),
     }
-    store("farm_wakes", found)
-    say(found)
+    collect("farm_wakes", parts, schema=1, cylinder=cylinder())

@@ -16,7 +16,7 @@ import numpy as np
 from closed_chain import in_space, rigid_line, still
 from study import Found, command, say, store
 
-from fitting.traces.synthetic import Motion
+from fitting import Motion
 from fitting.tracking import track
 from fitting.tracking.marks import find_marks
 from fitting.tracking.ordering import AmbiguousOrderError

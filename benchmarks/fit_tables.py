@@ -1,5 +1,6 @@
 """Tables of fits."""
 
+import itertools
 import re
 from collections import Counter
 
@@ -10,22 +11,35 @@ from study import Found, Rows, columns, joined, table_of
 @table_of("random_droppers")
 def random_droppers(found: Found) -> Rows:
     """Fits of random droppers: how many are right, and how good their errors are."""
-    head = ("draws", "`ok`", "and explain their trace", "wrong", "noise within 10 %", "90 % intervals of b_l, b_q hold")
-    lines = [(*head, "error over standard error, RMS")]
-    for kind, rows in found.items():
+
+    def counted(kind: str, rows: list[Found]) -> Found:
         ok = [row for row in rows if row["status"] == "ok"]
-        good = [r for r in ok if 0.95 <= r["residual"] / r["noise"] <= 1.05 and r["fitted"] >= 0.97]
-        wrong = [r for r in ok if r["residual"] / r["noise"] > 1.4]
-        printed = [r for r in rows if abs(r["printed_noise"] / r["noise"] - 1) < 0.1]
-        inside, spread = [], []
-        for i in range(2):
-            inside.append(np.mean([r["low"][i] <= r["truth"][i] <= r["high"][i] for r in ok]))
-            sharp = [r for r in ok if not r["at_bound"][i] and r["std_error"][i] < 0.5 * r["values"][i]]
-            off = [(r["values"][i] - r["truth"][i]) / r["std_error"][i] for r in sharp]
-            spread.append(np.sqrt(np.mean(np.square(off))))
-        counts = (str(len(part)) for part in (ok, good, wrong, printed))
-        lines.append((f"{len(rows)}, {kind}", *counts, joined(inside, "{:.0%}"), joined(spread, "{:.2f}")))
-    return lines
+        values, truth, low, high, error = (
+            np.array([row[key] for row in ok]) for key in ("values", "truth", "low", "high", "std_error")
+        )
+        noise = np.array([row["residual"] / row["noise"] for row in ok])
+        fitted = np.array([row["fitted"] for row in ok])
+        sharp = ~np.array([row["at_bound"] for row in ok]) & (error < 0.5 * values)
+        return {
+            "draws": f"{len(rows)}, {kind}",
+            "ok": len(ok),
+            "good": np.sum((noise >= 0.95) & (noise <= 1.05) & (fitted >= 0.97)),
+            "wrong": np.sum(noise > 1.4),
+            "printed": sum(abs(row["printed_noise"] / row["noise"] - 1) < 0.1 for row in rows),
+            "inside": np.mean((low <= truth) & (truth <= high), axis=0),
+            "spread": np.sqrt(np.mean(((values - truth) / error) ** 2, axis=0, where=sharp)),
+        }
+
+    return columns(
+        itertools.starmap(counted, found.items()),
+        ("draws", "{draws}"),
+        ("`ok`", "{ok}"),
+        ("and explain their trace", "{good}"),
+        ("wrong", "{wrong}"),
+        ("noise within 10 %", "{printed}"),
+        ("90 % intervals of b_l, b_q hold", "{inside[0]:.0%}, {inside[1]:.0%}"),
+        ("error over standard error, RMS", "{spread[0]:.2f}, {spread[1]:.2f}"),
+    )
 
 
 @table_of("descent")
@@ -190,11 +204,9 @@ def spoilers(rows: list[Found]) -> Rows:
 @table_of("spoilers")
 def spoilers_named(rows: list[Found]) -> Rows:
     """What was named first, by the truth."""
-    names = list(dict.fromkeys(_kind_of(row["first"]) for row in rows))
-    counts: dict[str, Counter[str]] = {}
-    for row in rows:
-        counts.setdefault(row["spoiler"], Counter())[_kind_of(row["first"])] += 1
-    return [("truth", *names), *((kind, *(str(c[name] or "") for name in names)) for kind, c in counts.items())]
+    counts = Counter((row["spoiler"], _kind_of(row["first"])) for row in rows)
+    kinds, names = (list(dict.fromkeys(keys)) for keys in zip(*counts, strict=True))
+    return [("truth", *names), *((kind, *(str(counts[kind, name] or "") for name in names)) for kind in kinds)]
 
 
 def _kind_of(name: str) -> str:

@@ -17,8 +17,7 @@ import numpy as np
 from study import RESULTS, Found, command, say, show, store, stored, timed
 
 import dropper_jax as dj
-from fitting import Convention, Trace, prepare
-from fitting.calibration.comparison import compare
+from fitting import Convention, Trace, compare, prepare
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import LADDER, PARTS
 
@@ -36,17 +35,13 @@ SIZES = {"linear": 0.02, "quadratic": 0.02, "joint viscous": 4e-3, "dry": 6e-3}
 
 def chain(links: int, values: dict[str, float]) -> Found:
     """The scene with the coefficients of these parts."""
-    length, mass = 0.6 / links, 0.3 / links
-    effects = {"weight": {}}
-    joints = {}
+    effects: Found = {"weight": {}}
     for part, value in values.items():
         _, effect, field = PARTS[part].split(".")
-        if effect == "joint_friction":
-            joints[field] = value
-        else:
-            effects[effect] = {field: value}
-    if joints:
-        effects["joint_friction"] = {**joints, "axis": [0.0, 1.0, 0.0]}
+        effects.setdefault(effect, {})[field] = value
+    if "joint_friction" in effects:
+        effects["joint_friction"]["axis"] = [0.0, 1.0, 0.0]
+    line = {"name": "chain", "from": "top", "to": "low", "links": links, "length": 0.6 / links, "mass": 0.3 / links}
     angles = [1.1 - 0.5 * j / max(links - 1, 1) for j in range(links)]
     return {
         "run": {"dt": 1 / RATE / FINE, "duration": DURATION[links], "save_every": FINE},
@@ -54,7 +49,7 @@ def chain(links: int, values: dict[str, float]) -> Found:
             {"name": "top", "position": [0.0, 0.0, 0.0]},
             {"name": "low", "kind": "free", "position": [0.6, 0.0, 0.0]},
         ],
-        "line": [{"name": "chain", "from": "top", "to": "low", "links": links, "length": length, "mass": mass}],
+        "line": [line],
         "effects": effects,
         "start": {"kind": "angles", "zero": "down", "polar": angles},
     }
@@ -75,13 +70,12 @@ def show_counts(rows: list[Found]) -> None:
     """The rows counted, as docs/statistics-of-fits.md has them."""
     show("links", "right law alone", "right law possible", "weak parts: right law possible", "of these undecided")
     for links in sorted({row["links"] for row in rows}):
-        mine = [row for row in rows if row["links"] == links]
-        strong = [row for row in mine if row["strong"] and not row["weak"]]
-        weak = [row for row in mine if row["weak"]]
-        possible = [row for row in weak if row["inside"]]
+        weak = [row for row in rows if row["links"] == links and row["weak"]]
+        strong = [row for row in rows if row["links"] == links and row["strong"] and not row["weak"]]
         alone, inside = (sum(row[key] for row in strong) for key in ("alone", "inside"))
-        undecided = sum(not row["alone"] for row in possible)
-        show(links, f"{alone} of {len(strong)}", inside, f"{len(possible)} of {len(weak)}", undecided)
+        possible = [row["alone"] for row in weak if row["inside"]]
+        counts = (f"{alone} of {len(strong)}", inside, f"{len(possible)} of {len(weak)}", possible.count(False))
+        show(links, *counts)
 
 
 def one(links: int, law: str, trace: Trace) -> Found:
@@ -125,10 +119,9 @@ def traces(links: int, law: str, draw: int, noises: list[str], rows: list[Found]
                 size = NOISE * float(np.sqrt(cost / rng.uniform(*WEAK)))
             if size > MOST:
                 continue
-            same = lambda row, name=name: all(row[key] == name[key] for key in name)  # noqa: E731
-            if not any(map(same, rows)):
+            if not any(name.items() <= row.items() for row in rows):
                 yield {**name, "values": values, "sigma": size}, watched(run, noise, rng, size)
-            cost = next(row["cost_of_a_part"] for row in rows if same(row))
+            cost = next(row["cost_of_a_part"] for row in rows if name.items() <= row.items())
 
 
 @command(links=[1, 2, 3, 7], laws=LAWS, draws=2, noise=["white", "filtered"], out=RESULTS / "laws.json")

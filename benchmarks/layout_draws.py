@@ -3,9 +3,17 @@
 from collections.abc import Callable
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
 #: How long checks run [s], at which step.
 DURATION, STEP = 240.0, 0.05
+
+#: Densities [kg/m3] and diameters [m] of ropes and socks.
+ROPES = {
+    "floating": ((900, 1000), (0.014, 0.08)),
+    "sinking": ((1050, 1400), (0.014, 0.08)),
+    "sock": ((1100, 1500), (0.1, 0.25)),
+}
 
 Scene = dict[str, object]
 
@@ -16,32 +24,20 @@ class Bed:
     KNOTS = 5
 
     def __init__(self, draw: np.random.Generator, depth: float, reach: float, flat: bool) -> None:
-        self.flat, self.depth = flat, depth
-        self.x = np.linspace(-reach, reach, self.KNOTS)
+        knots = np.linspace(-reach, reach, self.KNOTS)
         slope, course = draw.uniform(0.0, 0.2), draw.uniform(0.0, 2 * np.pi)
         hills = draw.choice([0.0, 0.15]) * depth
-        x, y = np.meshgrid(self.x, self.x, indexing="ij")
+        x, y = np.meshgrid(knots, knots, indexing="ij")
         depths = depth + slope * (x * np.cos(course) + y * np.sin(course)) + hills * draw.uniform(-1, 1, x.shape)
         self.depths = np.maximum(depths, 0.4 * depth)
+        self.effect: Scene = {"bed_x": knots.tolist(), "bed_y": knots.tolist()}
+        self.effect["bed_depth"] = self.depths.ravel().tolist()
+        if flat:
+            self.depths, self.effect = np.full_like(depths, depth), {"depth": depth}
+        self.between = RegularGridInterpolator((knots, knots), self.depths, bounds_error=False, fill_value=None)
 
     def height(self, x: float, y: float) -> float:
-        if self.flat:
-            return -self.depth
-        i, j = (int(np.clip(np.searchsorted(self.x, v) - 1, 0, self.KNOTS - 2)) for v in (x, y))
-        a, b = (float((v - self.x[k]) / (self.x[k + 1] - self.x[k])) for v, k in ((x, i), (y, j)))
-        d = self.depths
-        low, high = (1 - b) * d[i, j] + b * d[i, j + 1], (1 - b) * d[i + 1, j] + b * d[i + 1, j + 1]
-        return -float((1 - a) * low + a * high)
-
-    @property
-    def deepest(self) -> float:
-        return self.depth if self.flat else float(np.max(self.depths))
-
-    def effect(self) -> Scene:
-        if self.flat:
-            return {"depth": self.depth}
-        knots = self.x.tolist()
-        return {"bed_x": knots, "bed_y": knots, "bed_depth": self.depths.ravel().tolist()}
+        return -float(self.between((x, y)))
 
 
 class Layout:
@@ -65,19 +61,17 @@ class Layout:
         """A rope that floats or sinks, a chain, or a sock full of mussels, of some thickness."""
         if kind == "any":
             kind = str(self.draw.choice(["floating", "sinking", "chain"]))
+        same = {"damping_ratio": 0.5, "cdn": 1.2, "cdt": 0.02, "can": 1.0, "cat": 0.0}
         if kind == "chain":
             bar = self.between(0.01, 0.04)
-            mass, diameter, EA, cdn = 19.9e3 * bar**2, 1.8 * bar, 0.854e11 * bar**2, 1.4
+            own = {"mass": 19.9e3 * bar**2, "diameter": 1.8 * bar, "EA": 0.854e11 * bar**2, "cdn": 1.4}
         else:
-            low, high = {"floating": (900, 1000), "sinking": (1050, 1400), "sock": (1100, 1500)}[kind]
-            diameter = self.between(0.1, 0.25) if kind == "sock" else self.between(0.014, 0.08)
-            area = 0.25 * np.pi * diameter**2
-            mass = self.draw.uniform(low, high) * area
-            EA = self.between(2e8, 5e9) * (0.25 * np.pi * min(diameter, 0.03) ** 2)
-            cdn = 1.2
-        name = f"{kind}-{len(self.types)}"
-        rest = {"damping_ratio": 0.5, "cdn": cdn, "cdt": 0.02, "can": 1.0, "cat": 0.0}
-        self.types.append({"name": name, "mass": float(mass), "diameter": float(diameter), "EA": float(EA), **rest})
+            density, size = ROPES[kind]
+            diameter = self.between(*size)
+            mass = float(self.draw.uniform(*density) * 0.25 * np.pi * diameter**2)
+            stiffness = self.between(2e8, 5e9) * (0.25 * np.pi * min(diameter, 0.03) ** 2)
+            own = {"mass": mass, "diameter": diameter, "EA": float(stiffness)}
+        self.types.append({"name": f"{kind}-{len(self.types)}", **same, **own})
         return self.types[-1]
 
     def anchor(self, name: str, x: float, y: float = 0.0, z: float = -np.inf) -> str:
@@ -134,13 +128,16 @@ class Layout:
             "point": self.points,
             "line": self.lines,
             **({"buoy": self.buoys} if self.buoys else {}),
-            "sea": {"depth": self.bed.deepest, "current": current | {"exponent": float(draw.choice([0.0, 1.0 / 7.0]))}},
+            "sea": {
+                "depth": float(np.max(self.bed.depths)),
+                "current": current | {"exponent": float(draw.choice([0.0, 1.0 / 7.0]))},
+            },
             "effects": {
                 "weight": {},
                 "buoyancy": {},
                 "morison_drag": {},
                 "morison_inertia": {},
-                "seabed": self.bed.effect(),
+                "seabed": self.bed.effect,
             },
         }
 

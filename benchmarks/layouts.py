@@ -14,18 +14,19 @@ to 2 m/s. Prints a row for each that is not found, and the share that is.
   slack lines may lie in many ways and carry the same.
 """
 
-import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from layout_draws import DURATION, STEP, TOPOLOGIES, Scene, layout
-from study import command, show, store
+from study import command, show, store, timed
 
 import dropper_jax as dj
 from dropper_jax.statics import rest
+from dropper_jax.statics.tangent import stiffness
 
 #: Largest unbalanced force, and most negative stiffness, of a pose that counts as found; largest misfit of a check.
 BALANCED, STABLE, SAME = 1e-8, -1e-6, 0.01
@@ -35,56 +36,39 @@ DAMPING = 0.5
 
 def unbalanced(model: dj.Model, s: dj.State) -> np.ndarray:
     """Forces that are left on the free nodes (free, 3) [N], the ropes' tensions anew from where their ends are."""
-    k = model.instant(s.r, jnp.zeros_like(s.r), s.t)
-    total = np.array(model.force(k))
     graph, line = model.geometry, model.line
-    field = np.concatenate([np.asarray(s.r), np.asarray(model.ends(s.t).positions)])
-    length, EA = np.asarray(line.length), np.asarray(line.axial.EA)
-    for first, last, size, stiffness in zip(graph.first, graph.last, length, EA, strict=True):
-        d = field[last] - field[first]
-        now = np.linalg.norm(d)
-        if now <= size:
-            continue
-        pull = stiffness * (now / size - 1.0) * d / now
-        for node, force in ((first, pull), (last, -pull)):
-            if node < graph.free:
-                total[node] += force
-    return total
-
-
-@jax.jit
-def stiffness(model: dj.Model, s: dj.State) -> jax.Array:
-    """How all forces fall with all places (3 free, 3 free) [N/m]."""
-
-    def forces(r: jax.Array) -> jax.Array:
-        d = model.links(r, model.ends(s.t))
-        pull = model.line.axial.tension(d, jnp.zeros_like(d), model.line.length)
-        away = model.tension_force(pull, model.line.axial.direction(d, d, d, model.line.length))
-        return -(model.force(model.instant(r, jnp.zeros_like(r), s.t)) + away).ravel()
-
-    return jax.jacfwd(lambda x: forces(x.reshape(s.r.shape)))(s.r.ravel())
+    nodes = np.concatenate([s.r, model.ends(s.t).positions])
+    d = nodes[graph.last] - nodes[graph.first]
+    now = np.linalg.norm(d, axis=1)
+    pull = line.axial.EA * np.maximum(now / line.length - 1.0, 0.0) / now
+    total = np.zeros_like(nodes)
+    np.add.at(total, graph.first, pull[:, None] * d)
+    np.add.at(total, graph.last, -pull[:, None] * d)
+    return total[: graph.free] + model.force(model.instant(s.r, jnp.zeros_like(s.r), s.t))
 
 
 def judged(seed: int) -> Scene:
     """Layout `seed` solved: what `dj.equilibrium` says, balance and stability of the pose, and the time it took."""
-    begin = time.perf_counter()
     found: Scene = {"seed": seed, "name": layout(seed)["name"]}
     try:
         scene = dj.load_scene(layout(seed))
-        pose = dj.equilibrium(scene)
+        pose, times = timed(partial(dj.equilibrium, scene))
     except dj.SceneError as error:
         return found | {"ok": False, "why": f"refused: {error}"}
-    found["seconds"] = time.perf_counter() - begin
-    model = rest(dj.run.build.build_model(scene))
-    link = 9.81 * float(jnp.mean(model.line.mass))
-    s = pose.state
-    found["residual"] = float(np.max(np.abs(unbalanced(model, s)))) / (9.81 * float(jnp.sum(model.line.mass)))
-    values = np.linalg.eigvals(np.asarray(stiffness(model, s)))
-    found["stiffness"] = float(np.min(values.real)) / (link / float(jnp.mean(model.line.length)))
-    reasons = [] if pose.status == "ok" else [pose.message]
-    reasons += [] if found["residual"] <= BALANCED else ["out of balance"]
-    reasons += [] if found["stiffness"] >= STABLE else ["not stable"]
-    return found | {"ok": not reasons, "why": "; ".join(reasons)}
+    model, s = rest(dj.build_model(scene)), pose.state
+    weight = 9.81 * np.asarray(model.line.mass)
+    values = np.linalg.eigvals(stiffness(model, s, jnp.zeros_like(s.r)).toarray())
+    found |= {
+        "seconds": times["seconds"],
+        "residual": float(np.max(np.abs(unbalanced(model, s))) / np.sum(weight)),
+        "stiffness": float(np.min(values.real) / np.mean(weight) * np.mean(model.line.length)),
+    }
+    reasons = {
+        pose.message: pose.status != "ok",
+        "out of balance": not found["residual"] <= BALANCED,
+        "not stable": not found["stiffness"] >= STABLE,
+    }
+    return found | {"ok": not any(reasons.values()), "why": "; ".join(why for why, bad in reasons.items() if bad)}
 
 
 run = jax.jit(dj.integrate, static_argnames=("stepper", "steps", "save_every"))
@@ -94,7 +78,7 @@ def checked(seed: int) -> Scene:
     """Misfits of a pose and the end of a damped run that begins beside it."""
     scene = dj.load_scene(layout(seed))
     pose = dj.equilibrium(scene)
-    model = dj.run.build.build_model(scene)
+    model = dj.build_model(scene)
     damping = dj.effects.LinearDamping(b_l=DAMPING * model.node_mass)
     model = replace(model, effects=(*model.effects, damping))
     size = float(np.max(np.ptp(pose.positions, axis=0)))

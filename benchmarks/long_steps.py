@@ -11,21 +11,17 @@ is left out. Each run is checked twice: as a whole, and by stretches as if it we
 results/long_steps.json.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from functools import partial
 from unittest.mock import patch
 
 import numpy as np
-from study import RESULTS, command, say, store, stored, timed
+from study import RESULTS, Found, collect, command, say, store, stored, timed
 
 import dropper_jax as dj
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.packaged import scene_names
-from dropper_jax.load.scene import Scene
 from dropper_jax.run import chunks, step_check
 from dropper_jax.run.samples import TOO_LONG
-from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import whole_lines
 
 FACTORS = (0.5, 1, 3, 10, 30)
@@ -53,7 +49,7 @@ TUNED_ON = (
 )
 
 
-def observed_period(run: Solution) -> float | None:
+def observed_period(run: dj.Solution) -> float | None:
     """Mean period [s] of the node that travels farthest, by crossings of its mean; None of fewer than three."""
     node = int(np.argmax(np.linalg.norm(np.ptp(run.positions, axis=0), axis=1)))
     path = run.positions[:, node] - run.positions[:, node].mean(axis=0)
@@ -62,7 +58,7 @@ def observed_period(run: Solution) -> float | None:
     return None if len(crossed) < 3 else 2.0 * float(np.mean(np.diff(run.t[crossed])))
 
 
-def errors(run: Solution, truth: Solution, until: float, window: float) -> dict[str, float]:
+def errors(run: dj.Solution, truth: dj.Solution, until: float, window: float) -> dict[str, float]:
     """Errors of a run up to a time [s]; both have saved times in common."""
     steps = run.t[1] - run.t[0], truth.t[1] - truth.t[0]
     common = max(steps)
@@ -72,43 +68,41 @@ def errors(run: Solution, truth: Solution, until: float, window: float) -> dict[
     still = travel < step_check.TRAVEL_AT_REST * max(line.total for line in run.scene.lines)
     apart = np.max(np.linalg.norm(ours[:k] - theirs[:k], axis=2), axis=1)
     found = {"positions": 0.0 if still else float(np.sqrt(np.mean(apart**2))) / travel}
-    lines = [line.links for line in whole_lines(run.scene)]
-    for name in ("mean_tension", "window_maxima"):
-        value, size = zip(*(_loads(one, lines, common * (k - 1), window)[name] for one in (run, truth)), strict=True)
-        scale = np.maximum(np.abs(size[1]), step_check.SMALL_TENSION * np.max(np.abs(size[1])))
-        found[name] = float(np.max(np.abs(value[0] - value[1]) / scale)) if np.all(scale > 0) else 0.0
+    (mean, top, _), (right, right_top, sizes) = (_loads(one, common * (k - 1), window) for one in (run, truth))
+    for name, off, size in (("mean_tension", mean - right, sizes), ("window_maxima", top - right_top, right_top)):
+        scale = np.maximum(np.abs(size), step_check.SMALL_TENSION * np.max(np.abs(size)))
+        found[name] = float(np.max(np.abs(off) / scale)) if np.all(scale > 0) else 0.0
     return found
 
 
-def _loads(run: Solution, lines: list[slice], until: float, window: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Mean tension and mean of window maxima of each line, each with what it is relative to."""
+def _loads(run: dj.Solution, until: float, window: float) -> list[np.ndarray]:
+    """Mean tension, mean of window maxima and mean size of the tension of each line."""
     rows = slice(1, int(np.searchsorted(run.t, until * (1 + 1e-9), side="right")))
-    tension, part = run.tension[rows], np.minimum((run.t[rows] - 1e-9) / window, until / window - 0.5).astype(int)
+    part = np.minimum((run.t[rows] - 1e-9) / window, until / window - 0.5).astype(int)
     starts = np.flatnonzero(np.diff(part, prepend=-1))
-    top = np.array([np.maximum.reduceat(tension[:, links].max(axis=1), starts).mean() for links in lines])
-    mean, size = (np.array([f(tension[:, links]).mean() for links in lines]) for f in (np.asarray, np.abs))
-    return {"mean_tension": (mean, size), "window_maxima": (top, top)}
+    tensions = [run.tension[rows, line.links] for line in whole_lines(run.scene)]
+    top = np.array([np.maximum.reduceat(one.max(axis=1), starts).mean() for one in tensions])
+    return [np.array([one.mean() for one in tensions]), top, np.array([np.abs(one).mean() for one in tensions])]
 
 
-def judge(name: str) -> dict[str, Any]:
-    """All runs of a scene against its truth."""
+def judge(name: str) -> Found:
+    """All runs of a scene against its truth, or why the scene is left out."""
     scene = dj.load_scene(name)
     dt = scene.run.dt * scene.run.save_every
     if scene.run.save_every > 1 or scene.run.step_tolerance or scene.run.error_tolerance:
-        return {"scene": name, "left_out": f"saves every {dt:g} s"}
+        return {"left_out": f"saves every {dt:g} s"}
     span = STEPS * max(FACTORS) * dt
     truth, finer = (_truth(scene, span, parts) for parts in (FINER, 2 * FINER))
     if truth.status != "ok" or finer.status != "ok":
-        return {"scene": name, "left_out": f"the truth ends {truth.failure or finer.failure}"}
-    period = observed_period(truth)
-    if period and PERIODS * period > span:
-        span = PERIODS * period
-        if span > LONGEST * dt:
-            return {"scene": name, "left_out": f"its period of {period:.3g} s"}
-        truth, finer = (_truth(scene, span, parts) for parts in (FINER, 2 * FINER))
+        return {"left_out": f"the truth ends {truth.failure or finer.failure}"}
+    period = observed_period(truth) or 0.0
+    if PERIODS * period > LONGEST * dt:
+        return {"left_out": f"its period of {period:.3g} s"}
+    if PERIODS * period > span:
+        truth, finer = (_truth(scene, PERIODS * period, parts) for parts in (FINER, 2 * FINER))
     rows = []
     for factor in FACTORS:
-        until = max(STEPS * max(factor, 1) * dt, PERIODS * (period or 0.0))
+        until = max(STEPS * max(factor, 1) * dt, PERIODS * period)
         window = min(period or until / WINDOWS, until / 2)
         run, row = checked(scene, factor * dt, until)
         if run.status in REACHED_END:
@@ -116,27 +110,25 @@ def judge(name: str) -> dict[str, Any]:
             row["left_out"] = [key for key, limit in LIMITS.items() if own[key] > limit / 3]
             row["errors"] = errors(run, truth, until, window)
         rows.append({"factor": factor, **row})
-    return {"scene": name, "dt": dt, "period": period, "runs": rows}
+    return {"dt": dt, "period": period, "runs": rows}
 
 
-def checked(scene: Scene, dt: float, until: float) -> tuple[Solution, dict[str, Any]]:
+def checked(scene: dj.Scene, dt: float, until: float) -> tuple[dj.Solution, Found]:
     """A run with its checks, as a whole and by stretches."""
-    row: dict[str, Any] = {"dt": dt, "duration": until}
-    for mode in ("whole", "stretches"):
-        patched = step_check.check_stretches if mode == "stretches" else step_check.check_full_run
-        # a long run has 32 stretches of a step or more within its share
-        share = 0.5 if mode == "stretches" else step_check.REPEATED_SHARE
-        with patch.multiple(step_check, check_full_run=patched, check_stretches=patched, REPEATED_SHARE=share):
+    row: Found = {"dt": dt, "duration": until}
+    ways = {
+        "whole": (step_check.check_full_run, step_check.REPEATED_SHARE),
+        "stretches": (step_check.check_stretches, 0.5),  # a long run has 32 of a step or more within its share
+    }
+    for mode, (check, share) in ways.items():
+        with patch.multiple(step_check, check_full_run=check, check_stretches=check, REPEATED_SHARE=share):
             run = dj.simulate(scene, dt=dt, duration=until, step_check=True)
         found = run.settings.get("step_check")
         row[mode] = found and {key: found[key] for key in ("repeated", *LIMITS, "chaotic_from_s", "snaps_unresolved")}
-        if mode == "whole":
-            row["advised"] = found and found["dt_for_1_percent_s"]
-    row |= {"status": run.status, "warnings": [text for text in run.warnings if not text.startswith("time step")]}
-    return run, row
+    return run, row | {"status": run.status}
 
 
-def _truth(scene: Scene, span: float, parts: int) -> Solution:
+def _truth(scene: dj.Scene, span: float, parts: int) -> dj.Solution:
     """A run at a part of the packaged step, at whole packaged steps."""
     many = sum(line.links for line in scene.lines) > MANY_LINKS
     saved, kernel = (parts, chunks.WORTH_ONE_KERNEL) if many else (1, LONGEST * parts)
@@ -146,62 +138,53 @@ def _truth(scene: Scene, span: float, parts: int) -> Solution:
     return replace(run, t=run.t[rows], positions=run.positions[rows], tension=run.tension[rows])
 
 
-def counts(scenes: list[dict[str, Any]], mode: str) -> dict[str, Any]:
+def counts(scenes: list[Found], mode: str) -> Found:
     """Wrong results at long steps, right ones at the packaged step and half of it, and where the check misses them."""
-    found: dict[str, Any] = {"wrong": 0, "without_warning": [], "right": 0, "false_alarms": [], "left_out": 0}
-    for name, row, key in ((s["scene"], row, key) for s in scenes for row in s.get("runs", []) for key in LIMITS):
-        if row["status"] not in REACHED_END:
-            continue
-        if key in row["left_out"]:
-            found["left_out"] += 1
-            continue
-        off, warned = row["errors"][key], bool(row[mode]) and step_check.is_warned(row[mode], key)
-        case = f"{name} at {row['factor']:g} times its step: {key} {off:.2g}"
-        if row["factor"] > 1 and off > LIMITS[key]:
-            found["wrong"] += 1
-            found["without_warning"] += [] if warned else [case]
-        if row["factor"] <= 1 and off < FALSE:
-            found["right"] += 1
-            found["false_alarms"] += [case] if warned else []
-    return found
+    judged = [
+        (f"{s['scene']} at {row['factor']:g} times its step: {key} {off:.2g}", key, off, row)
+        for s in scenes
+        for row in s.get("runs", [])
+        for key, off in row.get("errors", {}).items()
+        if key not in row["left_out"]
+    ]
+    warned = {case: bool(row[mode]) and step_check.is_warned(row[mode], key) for case, key, _, row in judged}
+    wrong = [case for case, key, off, row in judged if row["factor"] > 1 and off > LIMITS[key]]
+    right = [case for case, _, off, row in judged if row["factor"] <= 1 and off < FALSE]
+    return {
+        "wrong": len(wrong),
+        "without_warning": [case for case in wrong if not warned[case]],
+        "right": len(right),
+        "false_alarms": [case for case in right if warned[case]],
+    }
 
 
-def summary(scenes: list[dict[str, Any]]) -> dict[str, Any]:
+def summary(scenes: list[Found]) -> Found:
     """Counts of the scenes that the check was tuned on, and of the others that judge it."""
-    tuned = [row for row in scenes if row["scene"] in TUNED_ON or row.get("links", 0) <= TUNED_LINKS]
+    tuned = [row for row in scenes if row["scene"] in TUNED_ON or row["links"] <= TUNED_LINKS]
     groups = {"tuned": tuned, "judged": [row for row in scenes if row not in tuned]}
     return {
         name: {
             "scenes": [row["scene"] for row in group if "runs" in row],
-            "left_out": {row["scene"]: row["left_out"] for row in group if "runs" not in row},
             **{mode: counts(group, mode) for mode in ("whole", "stretches")},
         }
         for name, group in groups.items()
     }
 
 
-def judged(name: str) -> dict[str, Any]:
-    """The same, or why the scene is left out, with the processor time [s]."""
-    try:
-        found, times = timed(lambda: judge(name))
-    except SceneError as error:
-        return {"scene": name, "left_out": str(error)}
-    return found | {"seconds": round(times["processor_s"], 1)}
-
-
-def _write(out: Path, known: dict[str, dict[str, Any]]) -> None:
-    missing = [name for name in scene_names() if name not in known]
-    scenes = [known[name] for name in sorted(known)]
-    store(out, {**summary(scenes), "not_run": missing, "scenes": scenes})
-
-
-@command(scenes=list(scene_names()), out=RESULTS / "long_steps.json")
+@command(scenes=list(dj.scene_names()), out=RESULTS / "long_steps.json")
 def main(args) -> None:
-    known = {row["scene"]: row for row in stored(args.out, {"scenes": []})["scenes"]}
-    links = {name: sum(line.links for line in dj.load_scene(name).lines) for name in scene_names()}
-    for name in sorted(args.scenes, key=links.__getitem__):
-        known[name] = judged(name) | {"links": links[name]}
-        say(known[name])
-        _write(args.out, known)
-    _write(args.out, known)  # without scenes: counted again
-    say(summary(list(known.values())))
+    links = {name: sum(line.links for line in dj.load_scene(name).lines) for name in dj.scene_names()}
+
+    def rows() -> Iterator[Found]:
+        for name in sorted(args.scenes, key=links.__getitem__):
+            try:
+                found, times = timed(partial(judge, name))
+            except dj.SceneError as error:
+                found, times = {"left_out": str(error)}, {"processor_s": 0.0}
+            yield {"scene": name, **found, "seconds": round(times["processor_s"], 1), "links": links[name]}
+
+    collect(args.out, {"scenes": rows()}, by="scene")
+    found = stored(args.out)
+    found |= summary(found["scenes"])
+    store(args.out, found)
+    say(found)

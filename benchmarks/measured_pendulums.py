@@ -19,8 +19,7 @@ import numpy as np
 from study import command, say, store, stored
 
 from dropper_jax import load_scene
-from fitting import fit, prepare, read_trace
-from fitting.calibration.comparison import compare
+from fitting import compare, fit, prepare, read_trace
 from fitting.calibration.fit import estimate, summarise
 from fitting.traces.trace import convention
 
@@ -69,32 +68,22 @@ CASES = {
 
 def scene_of(case: Case):
     """The packaged scene, with friction of its own in each joint where there are two."""
-    scene = load_scene(case.scene)
-    if not case.per_joint:
-        return scene
-    return scene.with_values({f"effects.joint_friction.{key}": [1e-4] * 3 for key in ("viscous", "dry")})
+    own = {f"effects.joint_friction.{key}": [1e-4] * 3 for key in ("viscous", "dry") if case.per_joint}
+    return load_scene(case.scene).with_values(own)
 
 
 def run(name: str, case: Case, folder: Path) -> dict:
     """Fit, score, compare laws."""
     trace = read_trace(folder / case.file)
     trace = replace(trace, t=trace.t[::2], theta=trace.theta[::2], omega=None)
-    spans = case.held_out
-    prepared = prepare(
-        trace,
-        scene_of(case),
-        list(case.free),
-        until=case.until,
-        held_out=spans,
-        window=case.window,
-        dt=0.004,
-        asked=DOWN,
-    )
+    given = {"until": case.until, "dt": 0.004, "asked": DOWN}
+    scene, free = scene_of(case), list(case.free)
+    prepared = prepare(trace, scene, free, held_out=case.held_out, window=case.window, **given)
     result = summarise(prepared, "windows", estimate(prepared, "windows"))
     held = [h.rms for h in result.held_out]
     found = {
         "fitted_before_s": case.until,
-        "held_out_s": [list(span) for span in spans],
+        "held_out_s": [list(span) for span in case.held_out],
         "published_rad": list(case.published),
         "held_out_rad": held,
         "ratio_of_means": float(np.mean(held) / np.mean(case.published)),
@@ -104,10 +93,8 @@ def run(name: str, case: Case, folder: Path) -> dict:
     # the laws take longest: the fit is there if they are interrupted
     store(results, {**found, LAWS: stored(results, {LAWS: []})[LAWS]})
     # the laws are compared on windows before the held-out part: choosing one must not use it either
-    shorter = prepare(trace, scene_of(case), list(case.free), until=case.until, window=LAW_WINDOW, dt=0.004, asked=DOWN)
-    laws = compare(shorter)
-    found[LAWS] = [law.to_json() for law in laws]
-    return found
+    laws = compare(prepare(trace, scene, free, window=LAW_WINDOW, **given))
+    return {**found, LAWS: [law.to_json() for law in laws]}
 
 
 def thirds(case: Case, folder: Path) -> dict:

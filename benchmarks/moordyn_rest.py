@@ -13,11 +13,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from study import Found, command, renew, versions
+from study import Found, collect, command, versions
 
-from dropper_jax import Scene, SceneError, equilibrium, load_scene, scene_names
+from dropper_jax import Scene, SceneError, equilibrium, load_scene, scene_names, write_moordyn
 from dropper_jax.moordyn.writing.differences import moved_points
-from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.scene.data import point_nodes
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.study.peers.moordyn_run import quiet
@@ -95,8 +94,8 @@ def largest_step(scene: Scene) -> float | None:
 
 def there(
     folder: Path, file: str, held: list[float], span: float = SPAN
-) -> tuple[list[tuple[int, float, float]], float, float]:
-    """Links and end tensions [N] of every line in MoorDyn after `span` [s], its largest speed [m/s] and height [m]."""
+) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Links (lines,), end tensions (lines, 2) [N] in MoorDyn after `span` [s]; largest speed [m/s], height [m]."""
     import moordyn
 
     still = [0.0] * len(held)
@@ -106,15 +105,14 @@ def there(
             moordyn.Init(system, held, still)
             moordyn.Step(system, held, still, 0.0, span)
             lines = [moordyn.GetLine(system, i + 1) for i in range(moordyn.GetNumberLines(system))]
-            rows, speeds, heights = [], [], []
-            for line in lines:
-                count = moordyn.GetLineN(line)
-                rows.append((count, *(float(np.linalg.norm(moordyn.GetLineNodeTen(line, j))) for j in (0, count))))
-                speeds += [float(np.linalg.norm(moordyn.GetLineNodeVel(line, j))) for j in range(count + 1)]
-                heights += [moordyn.GetLineNodePos(line, j)[2] for j in range(count + 1)]
+            links = {line: moordyn.GetLineN(line) for line in lines}
+            nodes = [(line, j) for line, count in links.items() for j in range(count + 1)]
+            ends = [[moordyn.GetLineNodeTen(line, j) for j in (0, count)] for line, count in links.items()]
+            speeds = [np.linalg.norm(moordyn.GetLineNodeVel(*node)) for node in nodes]
+            heights = [moordyn.GetLineNodePos(*node)[2] for node in nodes]
         finally:
             moordyn.Close(system)
-    return rows, float(np.max(speeds)), float(np.max(heights))
+    return np.array(list(links.values())), np.linalg.norm(ends, axis=2), float(np.max(speeds)), float(np.max(heights))
 
 
 def alone(scene: Scene, pose: Equilibrium, number: int, times: int) -> float:
@@ -137,8 +135,8 @@ def alone(scene: Scene, pose: Equilibrium, number: int, times: int) -> float:
     single = load_scene(values)
     with tempfile.TemporaryDirectory() as folder:
         write_moordyn(single, Path(folder) / "deck.txt", dt=largest_step(single))
-        ((_, *theirs),) = there(Path(folder), "deck.txt", [], BRIEF)[0]
-    return float(np.max(np.abs(rest_of(single).tension[[0, -1]] / theirs - 1.0)))
+        theirs = there(Path(folder), "deck.txt", [], BRIEF)[1]
+    return float(np.max(np.abs(rest_of(single).tension[[0, -1]] / theirs[0] - 1.0)))
 
 
 def compare(name: str) -> Found:
@@ -153,30 +151,23 @@ def compare(name: str) -> Found:
             write_moordyn(moved_to(scene, own), folder / "deck.txt", dt=dt)
             deck = load_scene(folder / "deck.txt")
             held = [float(x) for point in scene.points if point.name in moved for x in point.position]
-            rows, speed, highest = there(folder, "deck.txt", held)
+            counts, ends, speed, highest = there(folder, "deck.txt", held)
             read = rest_of(deck)
     except (SceneError, ArithmeticError, RuntimeError) as error:
         return {"scene": name, "status": str(error)}
-    first = np.cumsum([0, *(count for count, *_ in rows)])
-    ends = np.ravel([[a, b - 1] for a, b in zip(first[:-1], first[1:], strict=True)])
-    theirs = np.ravel([pair for _, *pair in rows])
-    scale = np.maximum(theirs, LEAST * np.max(theirs))
+    past = np.cumsum(counts)
+    own_ends = np.stack([past - counts, past - 1], axis=1)
+    scale = np.maximum(ends, LEAST * np.max(ends))
     status = "ok" if speed < AT_REST else f"MoorDyn moves by {1e3 * speed:.2g} mm/s after {SPAN:g} s"
     if highest > DRY + max(float(np.max(own.positions[:, 2])), 0.0):
         status = f"floats leave the water in MoorDyn, by {highest:.2g} m: the volume of a point stays wet there"
-    found = {"scene": name, "status": status, "dt_s": dt, "lines": len(rows)}
-    found |= {"speed": speed, "largest_n": float(np.max(theirs))}
-    for key, links in (("scene_difference", own.tension), ("deck_difference", read.tension)):
-        found[key] = float(np.max(np.abs(links[ends] - theirs) / scale))
-    worst = int(np.argmax(np.abs(read.tension[ends] - theirs) / scale))
-    found["worst"] = {
-        "line": worst // 2 + 1,
-        "end": worst % 2,
-        "moordyn_n": theirs[worst],
-        "here_n": read.tension[ends][worst],
-    }
+    apart = [np.abs(links[own_ends] - ends) / scale for links in (own.tension, read.tension)]
+    found = {"scene": name, "status": status, "dt_s": dt, "lines": len(counts)}
+    found |= {"speed": speed, "largest_n": float(np.max(ends))}
+    found |= dict(zip(("scene_difference", "deck_difference"), map(float, map(np.max, apart)), strict=True))
     if status == "ok" and found["deck_difference"] > CLOSE:  # goes with finer links if it is the drag at bends
-        found["alone"] = [alone(scene, own, worst // 2, times) for times in FINER]
+        worst = int(np.argmax(apart[1])) // 2
+        found["alone"] = [alone(scene, own, worst, times) for times in FINER]
     return found
 
 
@@ -203,4 +194,4 @@ def main(args) -> None:
         rows[deck] = compare(name)
         return rows[deck]
 
-    renew("moordyn_rest", "rows", map(row, args.scenes), "scene", versions=versions("moordyn", "dropper-jax"))
+    collect("moordyn_rest", {"rows": map(row, args.scenes)}, by="scene", versions=versions("moordyn", "dropper-jax"))

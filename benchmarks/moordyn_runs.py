@@ -2,21 +2,18 @@
 
 import contextlib
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from study import Found
+from study import Found, timed
 
-from dropper_jax import Scene, load_scene, step
-from dropper_jax.model import Model, State
-from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax import Model, Scene, State, load_scene, step, write_moordyn
 from dropper_jax.run.build import build, stepper_of
 from dropper_jax.sea.make import make_sea
 from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
@@ -28,6 +25,8 @@ from dropper_jax.study.peers.moordyn_run import quiet
 SAMPLE = 0.1
 #: Time between the tables of a wave grid [s], and its least and largest y [m] around a single line.
 GRID_STEP, GRID = 0.1, (-60, 60)
+#: MoorDyn's step [s] for each internal damping ratio: stronger dampers need smaller ones.
+STEPS = {1.0: 0.0001, 0.1: 0.0005, 0.0: 0.0005}
 
 #: The paper's Table 7: anchor tension [N], least, mean and largest, of OrcaFlex and of its adapted MoorDyn.
 TABLE_7 = {
@@ -55,11 +54,9 @@ class Rows:
 
     Attributes:
         square: mean square of the tensions.
-        wall_s, cpu_s: wall and processor time of the run without compilation or file reading. Both codes run on one
-            thread, so that the two differ only by what else the machine does.
-        retried: steps taken again, as a share; with a tolerance those refused.
+        cpu_s: processor time of the run without compilation or file reading. Both codes run on one thread.
+        retried: steps taken again, as a share.
         status: `ok` or what went wrong.
-        steps: of ours, how many were taken.
         sizes: of MoorDyn, mean, least and largest size of the end tensions (k, 3, 2), pushing counted as pulling.
     """
 
@@ -69,12 +66,10 @@ class Rows:
     least: np.ndarray
     most: np.ndarray
     place: np.ndarray
-    wall_s: float
     cpu_s: float
+    status: str
     retried: float = 0.0
-    status: str = "ok"
     sizes: np.ndarray | None = None
-    steps: int | None = None
 
     def peaks(self, start: float, window: float) -> float:
         """Mean of the largest fairlead tensions [N] in windows of `window` [s] from `start` on."""
@@ -87,10 +82,10 @@ class Rows:
 
         `std` is that of all steps (or looks), `std_of_rows` that of the means over SAMPLE: below 5 Hz.
         """
-        kept = self.t > start
-        found = {"status": self.status, "retried": self.retried}
+        found: Found = {"status": self.status, "retried": self.retried}
         if self.status != "ok":
             return found
+        kept = self.t > start
         for i, name in enumerate(("anchor", "fairlead")):
             mean, square = float(np.mean(self.mean[kept, i])), float(np.mean(self.square[kept, i]))
             found[name] = {
@@ -103,19 +98,44 @@ class Rows:
             if self.sizes is not None:
                 mean, least, most = self.sizes[kept, :, i].T
                 found[name]["size"] = {"min": float(least.min()), "mean": float(mean.mean()), "max": float(most.max())}
-        low, high = np.min(self.place[kept], axis=0), np.max(self.place[kept], axis=0)
-        found["place"] = {"min": low.tolist(), "max": high.tolist(), "mean": np.mean(self.place[kept], axis=0).tolist()}
-        return found
+        place = self.place[kept]
+        return {**found, "place": {"min": place.min(axis=0).tolist(), "max": place.max(axis=0).tolist()}}
 
 
-def _rows(model: Model, carry, advance: Callable, seen: Callable, every, saves: int):
-    """Rows of `every` steps each, of the first line: tensions of its ends, its far end's place, whether all is well.
+@partial(jax.jit, static_argnames=("stepper", "saves", "links"))
+def _march(
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    dt: jax.Array,
+    tolerance: float | None,
+    every: jax.Array,
+    saves: int,
+    links: int,
+):
+    """Rows of `every` steps of dt [s] each; with a tolerance [m/s] the steps follow the snaps and are at most so long.
 
-    Args:
-        advance: what is carried a step on, and mean, mean square, least and largest tension (2,) of both ends in it.
-        seen: the state and whether all is well, of what is carried.
+    Returns:
+        How many steps were taken again; of the first line mean, mean square, least and largest tension (saves, 2) of
+        its ends, its far end's place (saves, 3), and whether all is well (saves,).
     """
-    zero = jnp.zeros(2, model.dtype)
+    ends = jnp.array([0, links - 1])
+
+    def advance(carry):
+        _, s, alive, again = carry
+        s, report = step(stepper, model, s, dt, alive)
+        tension = s.tension[ends]
+        good = alive & (report.residual <= stepper.limit(model))
+        return (None, s, good, again + (report.level > FULL_STEP)), (tension, tension**2, tension, tension)
+
+    def follow(carry):
+        adaptive, (_, within) = advance_adaptively(stepper, model, carry[0], dt, tolerance, 1)
+        done = adaptive.progress
+        return (adaptive, done.state, done.first_bad < 0, adaptive.refused), tuple(a[0, ends] for a in within[:4])
+
+    first, adaptive = begin(stepper, model, s), None
+    if tolerance is not None:
+        advance, adaptive = follow, adaptive_start(first, dt)
 
     def one(_: jax.Array, inner):
         carry, total, square, least, most = inner
@@ -123,100 +143,48 @@ def _rows(model: Model, carry, advance: Callable, seen: Callable, every, saves: 
         return carry, total + mean, square + squares, jnp.minimum(least, low), jnp.maximum(most, high)
 
     def save(carry, _: None):
+        zero = jnp.zeros(2, model.dtype)
         start = (carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
         carry, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
-        s, alive = seen(carry)
-        place = model.geometry.everywhere(s.r, model.ends(s.t).positions)[model.geometry.last[0]]
+        _, s, alive, _ = carry
+        place = model.geometry.everywhere(s.r, model.ends(s.t).positions)[model.geometry.last[links - 1]]
         return carry, (total / every, square / every, least, most, place, alive)
 
-    return jax.lax.scan(save, carry, None, length=saves)
+    carry = (adaptive, first.state, jnp.array(True), jnp.zeros((), jnp.int32))
+    (*_, again), rows = jax.lax.scan(save, carry, None, length=saves)
+    return again, rows
 
 
-@partial(jax.jit, static_argnames=("stepper", "saves", "links"))
-def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int, links: int):
-    """Steps of dt [s]; how many were taken again, and rows."""
-
-    def advance(carry):
-        s, alive, again = carry
-        s, report = step(stepper, model, s, dt, alive)
-        ends = s.tension[jnp.array([0, links - 1])]
-        alive = alive & (report.residual <= stepper.limit(model))
-        return (s, alive, again + (report.level > FULL_STEP)), (ends, ends**2, ends, ends)
-
-    carry = (begin(stepper, model, s).state, jnp.array(True), jnp.zeros((), jnp.int32))
-    (_, _, again), rows = _rows(model, carry, advance, lambda carry: carry[:2], every, saves)
-    return (again, saves * every), rows
-
-
-@partial(jax.jit, static_argnames=("stepper", "saves", "links"))
-def _follow(
-    stepper: Stepper,
-    model: Model,
-    s: State,
-    dt: jax.Array,
-    every: jax.Array,
-    tolerance: jax.Array,
-    saves: int,
-    links: int,
-):
-    """As `_march`, in steps that follow the snaps: `every` intervals of dt [s] per row, the longest steps."""
-    ends = jnp.array([0, links - 1])
-
-    def advance(carry):
-        adaptive, steps = carry
-        adaptive, (_, within) = advance_adaptively(stepper, model, adaptive, dt, tolerance, 1)
-        return (adaptive, steps + within.steps[0]), tuple(a[0, ends] for a in within[:4])
-
-    def seen(carry):
-        return carry[0].progress.state, carry[0].progress.first_bad < 0
-
-    carry = (adaptive_start(begin(stepper, model, s), dt), jnp.zeros((), jnp.int32))
-    (adaptive, steps), rows = _rows(model, carry, advance, seen, every, saves)
-    return (adaptive.refused, steps), rows
-
-
-@dataclass
+@dataclass(frozen=True)
 class Ours:
-    """A scene here, compiled once for all step sizes."""
+    """A scene here; one program serves all step sizes, and scenes that differ in values only."""
 
     stepper: Stepper
     model: Model
     start: State
     links: int
-    compiled: dict = field(default_factory=dict)
 
     @classmethod
     def of(cls, scene: Scene) -> "Ours":
         model, start = build(scene)
         return cls(stepper_of(model, scene.run, track_work=False), model, start, len(scene.lines[0].length))
 
-    def other(self, scene: Scene) -> "Ours":
-        """The same for a scene that differs in values only: the programs serve it too."""
-        model, start = build(scene)
-        return replace(self, model=model, start=start)
-
     def run(self, every: int, duration: float, repeats: int = 1, tolerance: float | None = None) -> Rows:
-        """Steps of SAMPLE / every [s], or with a tolerance [m/s] at most so long; the least times count."""
+        """Steps of SAMPLE / every [s], or with a tolerance [m/s] at most so long; the least time counts."""
         saves = round(duration / SAMPLE)
-        given = [self.model, self.start, jnp.asarray(SAMPLE / every), jnp.asarray(every)]
-        program = _march
-        if tolerance is not None:
-            program = _follow
-            given.append(jnp.asarray(tolerance))
-        wall = cpu = np.inf
-        if (program, saves) not in self.compiled:
-            lowered = program.lower(self.stepper, *given, saves=saves, links=self.links)
-            self.compiled[program, saves] = lowered.compile()
-        for _ in range(repeats):
-            begun, used = time.perf_counter(), time.process_time()
-            (again, steps), rows = jax.block_until_ready(self.compiled[program, saves](*given))
-            wall, cpu = min(wall, time.perf_counter() - begun), min(cpu, time.process_time() - used)
-        mean, square, least, most, place, alive = (np.asarray(a) for a in rows)
+        given = (self.stepper, self.model, self.start, jnp.asarray(SAMPLE / every), tolerance)
+
+        def march(count: int):
+            return jax.block_until_ready(_march(*given, jnp.asarray(count), saves=saves, links=self.links))
+
+        march(0)  # compiles
+        runs = [timed(partial(march, every)) for _ in range(repeats)]
+        again, rows = runs[0][0]
+        *values, alive = (np.asarray(a) for a in rows)
         t = SAMPLE * np.arange(1, saves + 1)
         status = "ok" if bool(alive[-1]) else f"not_converged at {t[np.argmin(alive)]:.4g} s"
-        return Rows(
-            t, mean, square, least, most, place, wall, cpu, float(again) / float(steps), status, steps=int(steps)
-        )
+        least = min(times["processor_s"] for _, times in runs)
+        return Rows(t, *values, least, status, float(again) / (saves * every))
 
 
 def _signed(moordyn, line, count: int, last: bool) -> float:
@@ -278,7 +246,6 @@ class Looks:
     t: np.ndarray
     tension: np.ndarray
     position: np.ndarray
-    wall_s: float
     cpu_s: float
     status: str
 
@@ -308,31 +275,29 @@ def looks_at(
         options: of `moordyn_system`.
     """
     calls = max(1, round(look / (call or look)))
-    span, tension, position, wall, cpu = look / calls, [], [], 0.0, 0.0
+    tension, position, cpu = [], [], 0.0
+    span, count = look / calls, round(duration / look)
     with moordyn_system(scene, dt, duration, **options) as (moordyn, system):
         x = [] if drive is None else list(drive(0.0))
         v = [0.0] * len(x)
         moordyn.Init(system, x, v)
         lines = {i: moordyn.GetLine(system, i) for i, _ in (*ends, *points)}
-        count = {i: moordyn.GetLineN(line) for i, line in lines.items()}
-        for now in range(round(duration / look) * calls):
+        last_node = {i: moordyn.GetLineN(line) for i, line in lines.items()}
+        for now in range(count * calls):
             if drive is not None:
                 x = list(drive(now * span))
                 v = list((drive((now + 1) * span) - drive(now * span)) / span)
-            begun, used = time.perf_counter(), time.process_time()
-            moordyn.Step(system, x, v, now * span, span)
-            wall, cpu = wall + time.perf_counter() - begun, cpu + time.process_time() - used
+            cpu += timed(partial(moordyn.Step, system, x, v, now * span, span))[1]["processor_s"]
             if (now + 1) % calls == 0:
-                tension.append([_signed(moordyn, lines[i], count[i], last) for i, last in ends])
-                position.append([moordyn.GetLineNodePos(lines[i], count[i] * last) for i, last in points])
+                tension.append([_signed(moordyn, lines[i], last_node[i], last) for i, last in ends])
+                position.append([moordyn.GetLineNodePos(lines[i], last_node[i] * last) for i, last in points])
                 if not np.all(np.isfinite(tension[-1])):
                     break
-    good = len(tension) == round(duration / look) and np.all(np.isfinite(tension[-1]))
+    good = len(tension) == count and np.all(np.isfinite(tension[-1]))
     return Looks(
         t=np.round(look * np.arange(1, len(tension) + 1), 9),
         tension=np.array(tension, float).reshape(-1, len(ends)),
         position=np.array(position, float).reshape(-1, len(points), 3),
-        wall_s=wall,
         cpu_s=cpu,
         status="ok" if good else f"unstable at {len(tension) * look:.4g} s",
     )
@@ -356,7 +321,6 @@ def rows_of(seen: Looks, inner: int) -> Rows:
         least=ends.min(axis=1),
         most=ends.max(axis=1),
         place=seen.position[inner - 1 : whole : inner, 0],
-        wall_s=seen.wall_s,
         cpu_s=seen.cpu_s,
         status=seen.status,
         sizes=np.stack([size.mean(axis=1), size.min(axis=1), size.max(axis=1)], axis=1),

@@ -5,8 +5,7 @@ as MoorDyn models lines (`damped_rope`, whose damper works on in a slack line) b
 (`rope`, energy_momentum), where slack lines chatter and the deviation is chaotic to some per cent. Two measures of the
 standard deviation: of the tension at all steps, where the width of snaps counts, and of its means over 0.1 s. The goal
 is judged by the first; both ratios are reported. A step counts where all smaller ones are as exact too. Where MoorDyn
-takes its waves from a grid, so do we. Ours runs as one kernel. Ratios are of processor time, one thread each; wall
-times stand beside them.
+takes its waves from a grid, so do we. Ours runs as one kernel. Ratios are of processor time, one thread each.
 
 `peaks` judges what anchors are chosen by as well, the mean of the largest tensions in windows: several runs that differ
 in phase, errors as root of their mean square over the runs, and each code at its cheapest step below `LIMITS`.
@@ -16,11 +15,12 @@ Where a point is driven, MoorDyn's errors are those with a call at every step of
 
 import math
 from collections.abc import Callable, Iterator
+from itertools import takewhile
 
 import numpy as np
-from moordyn_runs import GRID, SAMPLE, Ours, Rows, theirs
-from study import Found, say, stored
-from table7_edulis import turned
+from moordyn_runs import GRID, SAMPLE, Ours, Rows, case, theirs
+from study import Found, say
+from table7 import turned
 
 from dropper_jax import Scene
 
@@ -87,11 +87,10 @@ def driven_chain(base: Scene, motion: tuple[float, float, float]) -> Scene:
     return Scene.from_dict({**table, "name": "driven-chain"})
 
 
-def speed(case: Callable[[int], Scene]) -> Iterator[Found]:
+def speed() -> Iterator[Found]:
     """Rows of all comparisons."""
-    gridded, longline, law = case(3).with_values({"sea.interpolation": "grid"}), turned(), "rope"
-    longline = longline.with_values({"sea.interpolation": "grid"})
-    own = {"ways": {law: {}, f"{law}, as well": {"run.integrator": "generalized_alpha"}}, "across": (-60, 120)}
+    grid = {"sea.interpolation": "grid"}
+    own = {"ways": {"rope": {}, "rope, as well": {"run.integrator": "generalized_alpha"}}, "across": (-60, 120)}
     for name, scene, wanted, calls, options in (
         *(
             (
@@ -104,9 +103,9 @@ def speed(case: Callable[[int], Scene]) -> Iterator[Found]:
             for how, motion, wanted in (("hard", HARD, 1.5), ("smooth", SMOOTH, 4.0))
         ),
         ("case 1 (MoorDyn: wave grid)", case(1), 4.0, SAMPLE, {"across": GRID}),
-        ("case 3, 29 components (both: wave grid)", gridded, 2.0, SAMPLE, {"across": GRID}),
+        ("case 3, 29 components (both: wave grid)", case(3).with_values(grid), 2.0, SAMPLE, {"across": GRID}),
         ("case 3, 29 components (both: exact kinematics)", case(3), 2.0, SAMPLE, {}),
-        ("edulis-longline (both: wave grid)", longline, 1.0, SAMPLE, own),
+        ("edulis-longline (both: wave grid)", turned().with_values(grid), 1.0, SAMPLE, own),
     ):
         yield from compare(name, scene, wanted, calls, **options)
 
@@ -141,19 +140,20 @@ def _ours(scene: Scene, there: Found) -> Found:
     rows = []
     for every in EVERY[:-1]:
         run = ours.run(every, SPAN, REPEATS)
-        row = {"dt_s": 0.1 / every, "status": run.status, "retried": run.retried, "errors": errors(run, reference)}
-        rows.append({**row, "wall_per_s": run.wall_s / SPAN, "cpu_per_s": run.cpu_s / SPAN})
-        say(rows[-1])
-    found = {"our_runs": rows, "our_reference": reference.statistics(SETTLED)}
-    for measure, keys in MEASURES.items():
-        limit = there["errors"]
-        best = None
-        for row in reversed(rows):  # from the smallest step on: a lucky large one is none
-            if not (limit and row["errors"] and all(row["errors"][key] <= limit[key] for key in keys)):
-                break
-            best = row
-        found[measure] = {"ratio": there["cpu_per_s"] / best["cpu_per_s"], "ours_dt_s": best["dt_s"]} if best else None
-    return found
+        row = {"dt_s": SAMPLE / every, "errors": errors(run, reference), "cpu_per_s": run.cpu_s / SPAN}
+        rows.append(row)
+        say(row)
+    return {"our_runs": rows, **{measure: _fastest(rows, there, keys) for measure, keys in MEASURES.items()}}
+
+
+def _fastest(rows: list[Found], there: Found, keys: tuple[str, ...]) -> Found | None:
+    """The largest step with errors no larger, and the ratio of times; a lucky step above a worse one does not count."""
+    limit = there["errors"]
+    exact = takewhile(
+        lambda row: limit and row["errors"] and all(row["errors"][key] <= limit[key] for key in keys), reversed(rows)
+    )
+    best = next(reversed(list(exact)), None)
+    return best and {"ratio": there["cpu_per_s"] / best["cpu_per_s"], "ours_dt_s": best["dt_s"]}
 
 
 def largest_stable(scene: Scene, calls: float, **options) -> Found:
@@ -167,12 +167,10 @@ def largest_stable(scene: Scene, calls: float, **options) -> Found:
         if found is None or max(found.values()) > 0.5:  # finite, but ringing with steps at the limit
             continue
         runs = [theirs(scene, dt, SPAN, look=calls, **options) for _ in range(REPEATS)]
-        row = {"dt_s": dt, "status": "ok", "errors": found}
-        row.update({"wall_per_s": min(r.wall_s for r in runs) / SPAN, "cpu_per_s": min(r.cpu_s for r in runs) / SPAN})
+        row = {"dt_s": dt, "status": "ok", "errors": found, "cpu_per_s": min(r.cpu_s for r in runs) / SPAN}
         say(row)
-        return {**row, "reference": reference.statistics(SETTLED)}
-    none = {"dt_s": None, "errors": None, "reference": None, "wall_per_s": np.nan, "cpu_per_s": np.nan}
-    return {**none, "status": "no stable step"}
+        return row
+    return {"dt_s": None, "status": "no stable step", "errors": None, "cpu_per_s": np.nan}
 
 
 def _errors_run(scene: Scene, dt: float, look: float, **options) -> Rows:
@@ -181,30 +179,22 @@ def _errors_run(scene: Scene, dt: float, look: float, **options) -> Rows:
     return theirs(scene, dt, SPAN, look=max(look, dt), call=call, **options)
 
 
-def peaks(case: Callable[[int], Scene], only: str | None = None, runs: int = RUNS) -> Iterator[Found]:
-    """One row per scene: errors of all steps in both codes, cheapest good ones, ratio.
-
-    Args:
-        only: one of `PEAKS`; the others keep their stored rows.
-    """
-    drawn_by = {
-        "hard": lambda i: _hard(case, i),
+def peaks(only: str | None = None) -> Iterator[Found]:
+    """One row per scene, or of one of `PEAKS`: errors of all steps in both codes, cheapest good ones, ratio."""
+    draws = {
+        "hard": _hard,
         "case_1": lambda i: (_shifted(case(1), i), {"across": GRID}),
         "case_3": lambda i: (_shifted(case(3), i), {"across": GRID}),
     }
-    earlier = {row["name"]: row for row in stored("moordyn", {}).get("peaks", [])} if only else {}
-    for key, name in PEAKS.items():
-        if only not in (None, key):
-            yield from [earlier[name]] if name in earlier else []
-            continue
-        drawn = drawn_by[key]
-        scenes = [(scene.with_values(WAYS["damped_rope"]), options) for scene, options in map(drawn, range(runs))]
+    for key in [only] if only else draws:
+        drawn = map(draws[key], range(RUNS))
+        scenes = [(scene.with_values(WAYS["damped_rope"]), options) for scene, options in drawn]
         ours, there = _our_peaks([scene for scene, _ in scenes]), _their_peaks(scenes)
         ratio = there["best"] and ours["best"] and there["best"]["cpu_per_s"] / ours["best"]["cpu_per_s"]
-        yield {"name": name, "runs": runs, "limits": LIMITS, "ours": ours, "moordyn": there, "ratio": ratio}
+        yield {"name": PEAKS[key], "runs": RUNS, "limits": LIMITS, "ours": ours, "moordyn": there, "ratio": ratio}
 
 
-def _hard(case: Callable[[int], Scene], i: int) -> tuple[Scene, Found]:
+def _hard(i: int) -> tuple[Scene, Found]:
     """The chain that snaps, driven from rest with the i-th phase."""
     phase = 2 * np.pi * i / RUNS
     values = {"effects.end_motion.phase": phase, "effects.end_motion.ramp": RAMP}
@@ -222,15 +212,13 @@ def _shifted(scene: Scene, i: int) -> Scene:
 
 
 def _our_peaks(scenes: list[Scene]) -> Found:
-    first = Ours.of(scenes[0])
-    every = [first, *(first.other(scene) for scene in scenes[1:])]
+    every = [Ours.of(scene) for scene in scenes]
     reference = [_three(ours.run(REFERENCE, SPAN)) for ours in every]
     bound = _over_runs([_three(ours.run(REFERENCE // 2, SPAN)) for ours in every], reference)
     rows = []
     for tolerance, count in OUR_STEPS:
         done = [ours.run(count, SPAN, REPEATS if i < TIMED else 1, tolerance) for i, ours in enumerate(every)]
-        row = {"dt_s": SAMPLE / count, "tolerance": tolerance, "steps": float(np.mean([run.steps for run in done]))}
-        rows.append({**row, **_judged(done, reference)})
+        rows.append({"dt_s": SAMPLE / count, "tolerance": tolerance, **_judged(done, reference)})
     return _chosen(rows, reference, bound)
 
 

@@ -1,9 +1,11 @@
 """Tables of MoorDyn's runs compared with those of this package."""
 
-from study import Found, Rows, columns, joined, kilo, milli, table_of
+from study import Found, Rows, columns, joined, kilo, milli, percent, table_of
 
 #: The step of ours that the speed table shows where none is as exact as MoorDyn [s].
 USUAL = 0.02
+#: Names of scenes in a cell.
+FEW = 4
 CODES = (("ours", "here"), ("moordyn", "MoorDyn v2"))
 
 
@@ -62,14 +64,23 @@ def moordyn_conventions(found: Found) -> Rows:
 def moordyn_steps(found: Found) -> Rows:
     """Mean anchor tension of case 1 by damping ratio and step, and its difference from that at the smallest step."""
     sizes = sorted({row["dt_s"] for row in found["step_sizes"]}, reverse=True)
-    by_place = {(row["damping_ratio"], row["dt_s"]): row for row in found["step_sizes"]}
-    rows = [("damping ratio", *(f"dt {dt:g}" for dt in sizes), "steps retried, at most")]
-    for ratio in dict.fromkeys(row["damping_ratio"] for row in found["step_sizes"]):
-        own = [by_place[ratio, dt] for dt in sizes]
-        cells = [f"{row['anchor']['mean']:.0f} N ({row['mean_against_smallest_step']:+.1%})" for row in own[:-1]]
-        cells += [f"{own[-1]['anchor']['mean']:.0f} N", f"{max(row['retried'] for row in own):.1%}"]
-        rows.append((f"{ratio:g}", *(cell.replace("%", " %") for cell in cells)))
-    return rows
+
+    def own(ratio: float) -> Found:
+        return {row["dt_s"]: row for row in found["step_sizes"] if row["damping_ratio"] == ratio}
+
+    def mean(row: Found, dt: float) -> str:
+        share = percent(row[dt]["mean_against_smallest_step"], 1, "+")
+        return f"{row[dt]['anchor']['mean']:.0f} N" + f" ({share})" * (dt > sizes[-1])
+
+    return columns(
+        (
+            {"ratio": ratio, **own(ratio)}
+            for ratio in dict.fromkeys(row["damping_ratio"] for row in found["step_sizes"])
+        ),
+        ("damping ratio", "{ratio:g}"),
+        *((f"dt {dt:g}", mean, dt) for dt in sizes),
+        ("steps retried, at most", lambda r: percent(max(r[dt]["retried"] for dt in sizes), 1)),
+    )
 
 
 @table_of("moordyn")
@@ -191,16 +202,19 @@ def _errors(errors: dict[str, float]) -> str:
 @table_of("moordyn_rest")
 def moordyn_rest(found: Found) -> Rows:
     """End tensions of packaged scenes at rest against MoorDyn's on their decks, or why they are not compared."""
-    other: dict[str, list[str]] = {}
-    shared: dict[str, list[str]] = {}
-    for row in found["rows"]:
-        if row["status"] != "ok":
-            other.setdefault(row["status"], []).append(row["scene"])
-        elif "same_deck_as" in row:
-            shared.setdefault(row["same_deck_as"], []).append(row["scene"])
+    good = [row for row in found["rows"] if row["status"] == "ok"]
+    reasons = dict.fromkeys(row["status"] for row in found["rows"] if row["status"] != "ok")
+
+    def scenes(row: Found) -> str:
+        return ", ".join(one["scene"] for one in good if one.get("same_deck_as", one["scene"]) == row["scene"])
+
+    def left_out(reason: str) -> str:
+        names = [row["scene"] for row in found["rows"] if row["status"] == reason]
+        return ", ".join(names) if len(names) <= FEW else f"{len(names)} scenes"
+
     rows = columns(
-        (row for row in found["rows"] if row["status"] == "ok" and "same_deck_as" not in row),
-        ("scenes", lambda r: ", ".join([r["scene"], *shared.get(r["scene"], [])])),
+        (row for row in good if "same_deck_as" not in row),
+        ("scenes", scenes),
         ("lines", "{lines}"),
         ("largest tension [N]", "{largest_n:.0f}"),
         ("scene against MoorDyn", lambda r: f"{100 * r['scene_difference']:.2g} %"),
@@ -211,9 +225,7 @@ def moordyn_rest(found: Found) -> Rows:
         ),
         ("MoorDyn's nodes, at most [mm/s]", lambda r: f"{1e3 * r['speed']:.1g}"),
     )
-    few = 4  # names in a cell
-    names = {reason: ", ".join(s) if len(s) <= few else f"{len(s)} scenes" for reason, s in other.items()}
-    return rows + [(scenes, reason, *[""] * (len(rows[0]) - 2)) for reason, scenes in names.items()]
+    return rows + [(left_out(reason), reason, *[""] * (len(rows[0]) - 2)) for reason in reasons]
 
 
 @table_of("cabledyn")

@@ -11,79 +11,95 @@ UNMOVED = 0.01
 @table_of("table7")
 def table7_cases(found: Found) -> Rows:
     """Least, mean and largest tension at both ends, the start included."""
-    rows = [("case", "code", "anchor: least [N]", "mean", "largest", "fairlead: least [N]", "mean", "largest")]
-    for number in NUMBERS:
-        here, name = _span(found, number), str(number)
-        rows.append((name, "here", *_three(here["anchor"]), *_three(here["fairlead"])))
-        rows.append((name, "here, force on the end node", *_three(here["anchor_node"]), "-", "-", "-"))
-        for row in found["moordyn"]:
-            if row["case"] == number and row["damping_ratio"] > 0.0:
-                code = f"MoorDyn v2, damping ratio {row['damping_ratio']:g}"
-                ends = (row[end]["size"] if row["status"] == "ok" else None for end in ("anchor", "fairlead"))
-                rows.append((name, code, *(cell for end in ends for cell in _three(end))))
-        for key, code in PAPER:
-            paper = (f"{value:.0f}" for value in found["table_7"][name][key])
-            rows.append((name, f"Table 7: {code}", *paper, "-", "-", "-"))
-    return rows
+
+    def codes(number: int) -> Found:
+        """Tensions of anchor and fairlead by code."""
+        here, ratio = _span(found, number), "MoorDyn v2, damping ratio {damping_ratio:g}"
+        own = [r for r in filter(_is_whole, found["moordyn"]) if r["case"] == number and r["damping_ratio"] > 0.0]
+        return {
+            "here": (here["anchor"], here["fairlead"]),
+            "here, force on the end node": (here["anchor_node"], None),
+            **{ratio.format(**row): [row[end]["size"] for end in ("anchor", "fairlead")] for row in own},
+            **{f"Table 7: {code}": (_paper(found, number, key), None) for key, code in PAPER},
+        }
+
+    head = ("case", "code", "anchor: least [N]", "mean", "largest", "fairlead: least [N]", "mean", "largest")
+    rows = ((str(n), code, *map(_three, ends)) for n in NUMBERS for code, ends in codes(n).items())
+    return [head, *((number, code, *anchor, *fairlead) for number, code, anchor, fairlead in rows)]
 
 
 @table_of("table7")
 def table7_lengths(found: Found) -> Rows:
     """Mean anchor tension by length of the record."""
-    spans = [span["span_s"] for span in found["cases"][0]["spans"]]
-    head = [f"first {span:g} s" for span in spans]
-    rows = [("case", *head, "from 50 to 150 s", *(f"Table 7: {code}" for _, code in PAPER))]
-    for row in found["cases"]:
-        means = [span["anchor"]["mean"] for span in row["spans"]]
-        settled = (means[spans.index(150.0)] * 150.0 - means[spans.index(50.0)] * 50.0) / 100.0
-        error = _span(found, row["case"])["standard_error"]
-        paper = (f"{found['table_7'][str(row['case'])][key][1]:.0f}" for key, _ in PAPER)
-        rows.append((str(row["case"]), *(f"{mean:.0f}" for mean in means), f"{settled:.0f} ± {error:.0f}", *paper))
-    return rows
+
+    def mean(row: Found, length: float) -> float:
+        return _span(found, row["case"], length)["anchor"]["mean"]
+
+    def settled(row: Found) -> str:
+        late = (mean(row, 150.0) * 150.0 - mean(row, 50.0) * 50.0) / 100.0
+        return f"{late:.0f} ± {_span(found, row['case'])['standard_error']:.0f}"
+
+    lengths = [span["span_s"] for span in found["cases"][0]["spans"]]
+    return columns(
+        found["cases"],
+        ("case", "{case}"),
+        *((f"first {length:g} s", lambda r, at: f"{mean(r, at):.0f}", length) for length in lengths),
+        ("from 50 to 150 s", settled),
+        *(
+            (f"Table 7: {code}", lambda r, by: f"{_paper(found, r['case'], by)['mean']:.0f}", key)
+            for key, code in PAPER
+        ),
+    )
 
 
 @table_of("table7")
 def table7_conventions(found: Found) -> Rows:
     """By how much one change moves the mean anchor tension of each case."""
     base = {number: _span(found, number) for number in NUMBERS}
-    mean = {number: base[number]["anchor"]["mean"] for number in NUMBERS}
+    loads: dict[str, dict[int, Found]] = {}
+    for one in found["conventions"]:
+        for span in one["spans"]:
+            loads.setdefault(one["convention"], {})[one["case"]] = span["anchor"]
+    loads["force on the anchor's node, not tension of its link"] = {n: base[n]["anchor_node"] for n in NUMBERS}
+    for one in filter(_is_whole, found["moordyn"]):
+        name = f"MoorDyn v2, damping ratio {one['damping_ratio']:g}"
+        loads.setdefault(name, {})[one["case"]] = one["anchor"]
+        loads.setdefault(f"{name}, pushing counted as pulling", {})[one["case"]] = one["anchor"]["size"]
+    loads |= {f"Table 7: {code}": {n: _paper(found, n, key) for n in NUMBERS} for key, code in PAPER}
+    loads |= {f"{x:g} s instead of 150 s": {n: _span(found, n, x)["anchor"] for n in NUMBERS} for x in (50.0, 200.0)}
 
-    def row(name: str, loads: dict[int, Found | str]) -> tuple[str, ...]:
-        """Means of loads less those of the base, or why there are none, by case; the largest load of case 4."""
-        whole = {number: load for number, load in loads.items() if not isinstance(load, str)}
-        cells = {number: f"{load['mean'] - mean[number]:+.0f}" for number, load in whole.items()}
-        largest = f"{whole[4]['max']:.0f}" if 4 in whole else "-"
-        return name, *(cells.get(n, loads.get(n, "-")) for n in NUMBERS), largest
+    def change(own: dict[int, Found], number: int) -> str:
+        return f"{own[number]['mean'] - base[number]['anchor']['mean']:+.0f}" if number in own else "-"
 
-    rows = [
+    def largest(own: dict[int, Found]) -> str:
+        return f"{own[4]['max']:.0f}" if 4 in own else "-"
+
+    return [
         ("one change", *(f"case {number}, mean [N]" for number in NUMBERS), "case 4, largest [N]"),
-        ("none: from Table 6, 150 s", *(f"{mean[n]:.0f}" for n in NUMBERS), f"{base[4]['anchor']['max']:.0f}"),
+        (
+            "none: from Table 6, 150 s",
+            *(f"{base[n]['anchor']['mean']:.0f}" for n in NUMBERS),
+            largest({4: base[4]["anchor"]}),
+        ),
+        *((name, *(change(own, n) for n in NUMBERS), largest(own)) for name, own in loads.items()),
+        ("chance (batch means, 50 to 150 s)", *(f"± {base[n]['standard_error']:.0f}" for n in NUMBERS), "-"),
     ]
-    for name in dict.fromkeys(one["convention"] for one in found["conventions"]):
-        own = (one for one in found["conventions"] if one["convention"] == name)
-        loads = {one["case"]: one["spans"][0]["anchor"] if one["spans"] else one["status"].split(" ")[0] for one in own}
-        rows.append(row(name, loads))
-    node = "force on the anchor's node, not tension of its link"
-    rows.append(row(node, {n: base[n]["anchor_node"] for n in NUMBERS}))
-    for ratio in dict.fromkeys(one["damping_ratio"] for one in found["moordyn"]):
-        own = [one for one in found["moordyn"] if one["damping_ratio"] == ratio]
-        signed = {one["case"]: one["anchor"] if one["status"] == "ok" else one["status"] for one in own}
-        sizes = {number: load if isinstance(load, str) else load["size"] for number, load in signed.items()}
-        rows.append(row(f"MoorDyn v2, damping ratio {ratio:g}", signed))
-        rows.append(row(f"MoorDyn v2, damping ratio {ratio:g}, pushing counted as pulling", sizes))
-    for key, code in PAPER:
-        paper = {n: dict(zip(("min", "mean", "max"), found["table_7"][str(n)][key], strict=True)) for n in NUMBERS}
-        rows.append(row(f"Table 7: {code}", paper))
-    for span in (50.0, 200.0):
-        rows.append(row(f"{span:g} s instead of 150 s", {n: _span(found, n, span)["anchor"] for n in NUMBERS}))
-    errors = (f"± {base[n]['standard_error']:.0f}" for n in NUMBERS)
-    return [*rows, ("chance (batch means, 50 to 150 s)", *errors, "-")]
+
+
+def _is_whole(row: Found) -> bool:
+    """Whether a run reached its end."""
+    return row["status"] == "ok"
 
 
 def _span(found: Found, number: int, length: float | None = None) -> Found:
     """A case over a length of the record, that which is compared unless given."""
     row = next(row for row in found["cases"] if row["case"] == number)
     return next(span for span in row["spans"] if span["span_s"] == (length or found["span_s"]))
+
+
+def _paper(found: Found, number: int, code: str) -> dict[str, float]:
+    """Anchor tension [N] of a case in the paper's Table 7."""
+    return dict(zip(("min", "mean", "max"), found["table_7"][str(number)][code], strict=True))
 
 
 def _three(values: dict[str, float] | None) -> tuple[str, ...]:
@@ -96,53 +112,54 @@ def _three(values: dict[str, float] | None) -> tuple[str, ...]:
 def table7_edulis(found: Found) -> Rows:
     """Edulis in both codes."""
 
-    def number(row: Found, value: float | None) -> str:
-        force = row["mean"]["here"] > 100.0
-        return "-" if value is None else f"{value:.0f}" if force else f"{value:.2f}"
-
     def here(row: Found, what: str) -> str:
-        one = row[what]
-        error = one["step"] + one["links"]
-        return f"{number(row, one['here'])} ± {number(row, error)} ({number(row, one['chance'])})"
+        one, form = row[what], row["form"]
+        return f"{one['here']:{form}} ± {one['step'] + one['links']:{form}} ({one['chance']:{form}})"
 
     def there(row: Found, what: str) -> str:
-        return f"{number(row, row[what]['moordyn'])} ± {number(row, row[what]['moordyn_step'])}"
+        return "{moordyn:{form}} ± {moordyn_step:{form}}".format(form=row["form"], **row[what])
 
+    units = {True: {"unit": "N", "form": ".0f"}, False: {"unit": "m", "form": ".2f"}}
     return columns(
-        (row for row in found["edulis"]["rows"] if row["deviation"]["here"] >= UNMOVED),
-        ("", lambda r: f"{r['name']} {'[N]' if r['mean']['here'] > 100.0 else '[m]'}"),
+        (
+            {**row, **units[row["mean"]["here"] > 100.0]}
+            for row in found["edulis"]["rows"]
+            if row["deviation"]["here"] >= UNMOVED
+        ),
+        ("", "{name} [{unit}]"),
         ("mean, here", here, "mean"),
         ("mean, MoorDyn v2", there, "mean"),
         ("deviation, here", here, "deviation"),
         ("deviation, MoorDyn v2", there, "deviation"),
-        ("largest, here / MoorDyn v2", lambda r: f"{number(r, r['max']['here'])} / {number(r, r['max']['moordyn'])}"),
+        ("largest, here / MoorDyn v2", "{max[here]:{form}} / {max[moordyn]:{form}}"),
     )
 
 
 @table_of("table7_peaks")
 def table7_peaks(found: Found) -> Rows:
     """Largest anchor tension by scheme and step, the range over moved starts, and the paper's two codes."""
-    schemes = list(dict.fromkeys(row["scheme"] for row in found["rows"]))
-    kilo = lambda newton: f"{1e-3 * newton:.1f}" if newton >= 1e4 else f"{1e-3 * newton:.2f}"  # noqa: E731
+    good = list(filter(_is_whole, found["rows"]))
+
+    def kilo(newton: float) -> str:
+        return f"{1e-3 * newton:.1f}" if newton >= 1e4 else f"{1e-3 * newton:.2f}"
 
     def at(case: Found, scheme: str) -> str:
         own = (r for r in case["runs"] if r["moved_m"] == 0.0 and r["scheme"] == scheme)
-        return ", ".join(f"{kilo(r['anchor']['max'])} ({1e3 * r['dt_s']:.3g})" for r in own) or "-"
-
-    def paper(case: Found, code: str) -> str:
-        return kilo(found["table_7"][str(case["case"])][code][2])
+        return ", ".join(f"{kilo(r['anchor']['max'])} ({1e3 * r['dt_s']:.3g})" for r in own)
 
     def moved(case: Found) -> str:
         tops = [r["anchor"]["max"] for r in case["runs"] if r["moved_m"] != 0.0]
-        return f"{kilo(min(tops))} to {kilo(max(tops))} ({len(tops)})" if tops else "-"
+        return f"{kilo(min(tops))} to {kilo(max(tops))} ({len(tops)})"
 
-    good = [row for row in found["rows"] if row["status"] == "ok"]
     return columns(
         ({"case": n, "runs": [row for row in good if row["case"] == n]} for n in NUMBERS),
         ("case", "{case}"),
-        *((f"{scheme} [kN] (step [ms])", at, scheme) for scheme in schemes),
+        *((f"{name} [kN] (step [ms])", at, name) for name in dict.fromkeys(row["scheme"] for row in found["rows"])),
         ("starts moved by up to 1e-6 m [kN]", moved),
-        *((f"Table 7: {code} [kN]", paper, key) for key, code in PAPER),
+        *(
+            (f"Table 7: {code} [kN]", lambda r, by: kilo(_paper(found, r["case"], by)["max"]), key)
+            for key, code in PAPER
+        ),
     )
 
 
@@ -183,14 +200,16 @@ def pitching(found: Found) -> Rows:
 @table_of("pitching")
 def pitching_centres(found: Found) -> Rows:
     """Case 1 over the height of the centre of gravity."""
-    period = lambda seconds: "it lies" if seconds is None else f"{seconds:.1f}"  # noqa: E731
     return columns(
         found["centres"],
         (
             "centre of gravity above the base [m]",
             lambda r: f"{r['centre_m']:.4g}" + (" (homogeneous)" if r["centre_m"] > 4.0 else ""),
         ),
-        ("natural period of pitch in calm water [s]", lambda r: period(r["pitch_period_s"])),
+        (
+            "natural period of pitch in calm water [s]",
+            lambda r: "{pitch_period_s:.1f}".format(**r) if r["pitch_period_s"] else "it lies",
+        ),
         ("tilt, mean / deviation / largest [deg]", _tilt),
         ("anchor, mean / deviation / 99 % / largest [N]", _load, "anchor"),
         ("beyond 60 degrees [% of time]", lambda r: f"{100 * r['capsized_share']:.0f}"),

@@ -85,18 +85,16 @@ def goals(rows: list[Found]) -> list[Found]:
     for start, wanted, words in GOALS:
         peer = [r for r in rows if r.get("peer") and r["status"] == "ok" and r["label"].startswith(start)]
         if start == "mujoco RK4 default":
-            peer = [min(peer, key=lambda r: abs(r["dt"] - 0.005))] if peer else []
-        ratios = [x for r in peer if (x := _ratio(r, ours)) is not None]
-        if not ratios:
-            continue
-        low, high = min(ratios, key=lambda x: x["ratio"]), max(ratios, key=lambda x: x["ratio"])
-        met = low["ratio"] >= wanted
-        found.append({"goal": words, "wanted": wanted, "least": low, "largest": high, "met": met})
-        say(found[-1])
+            peer = sorted(peer, key=lambda r: abs(r["dt"] - 0.005))[:1]
+        if peer:
+            ratios = sorted((_ratio(r, ours) for r in peer), key=lambda x: x["ratio"])
+            ends = {"least": ratios[0], "largest": ratios[-1], "met": ratios[0]["ratio"] >= wanted}
+            found.append({"goal": words, "wanted": wanted, **ends})
+            say(found[-1])
     return found
 
 
-def _ratio(row: Found, ours: list[Found]) -> Found | None:
+def _ratio(row: Found, ours: list[Found]) -> Found:
     """Peer's wall time over that of our fastest run which is at least as exact."""
     good = [r for r in ours if r["rms_position_error_m"] <= row["rms_position_error_m"]]
     if not good:

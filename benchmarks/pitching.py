@@ -15,9 +15,6 @@ from study import Found, collect, command, spread
 
 import dropper_jax as dj
 from dropper_jax.load.packaged import packaged_scene, pitching
-from dropper_jax.run.build import build_model
-from dropper_jax.statics.modes import natural_modes
-from dropper_jax.statics.search import Equilibrium
 
 CASES = ("paper-case-1", "paper-case-2", "paper-case-3")
 #: Heights of the centre of gravity above the base [m]; the last one is that of a homogeneous spar.
@@ -31,15 +28,15 @@ def measured(scene: dj.Scene) -> Found:
     The tilt is the angle between the spar's axis and the vertical.
     """
     run = dj.simulate(scene)
-    late, late_tension = run.t >= SKIP, run.t_tension >= SKIP
+    late, tension = run.t >= SKIP, run.tension[run.t_tension >= SKIP]
     base = run.point_path("buoy")[late]
     found = {
         "status": run.status,
         "retried": int(run.retried_steps),
-        "anchor_n": spread(run.tension[late_tension, 0]),
-        "buoy_n": spread(run.tension[late_tension, -1]),
-        "anchor_99_n": float(np.percentile(run.tension[late_tension, 0], 99)),
-        "buoy_99_n": float(np.percentile(run.tension[late_tension, -1], 99)),
+        "anchor_n": spread(tension[:, 0]),
+        "buoy_n": spread(tension[:, -1]),
+        "anchor_99_n": float(np.percentile(tension[:, 0], 99)),
+        "buoy_99_n": float(np.percentile(tension[:, -1], 99)),
         "heave_m": spread(base[:, 2]),
         "away_m": spread(np.hypot(base[:, 0], base[:, 1])),
     }
@@ -57,22 +54,15 @@ def pitch_period(scene: dj.Scene) -> float | None:
     calm["sea"] = {"depth": scene.sea.depth, "density": scene.sea.density, "gravity": scene.sea.gravity}
     still = dj.load_scene(calm)
     pose = dj.equilibrium(still)
-    modes = natural_modes(build_model(still), pose.state, 12)
-    tilt = np.arccos(np.clip(_upward(pose, still), -1.0, 1.0))
-    if tilt > 0.5:
+    model = dj.build_model(still)
+    axes = model.constraints[0].pose(model, pose.state.r)[1]
+    if axes[0, 2, 2] < np.cos(0.5):
         return None  # it rests on its side
-    size = np.linalg.norm(modes.bodies[:, 0, :3], axis=1) / scene.bodies[0].extent + np.abs(modes.bodies[:, 0, 4])
-    share = np.abs(modes.bodies[:, 0, 4]) / np.maximum(size, 1e-12)
-    scale = np.max(np.abs(modes.bodies[:, 0, 4]))
-    share[np.abs(modes.bodies[:, 0, 4]) < 0.2 * scale] = 0.0
+    modes = dj.natural_modes(model, pose.state, 12)
+    pitch = np.abs(modes.bodies[:, 0, 4])
+    size = np.linalg.norm(modes.bodies[:, 0, :3], axis=1) / scene.bodies[0].extent + pitch
+    share = np.where(pitch < 0.2 * np.max(pitch), 0.0, pitch / np.maximum(size, 1e-12))
     return float(modes.period[int(np.argmax(share))])
-
-
-def _upward(pose: Equilibrium, scene: dj.Scene) -> float:
-    """Cosine between the spar's axis and the vertical at rest."""
-    model = build_model(scene)
-    axes = np.asarray(model.constraints[0].pose(model, pose.state.r)[1])[0]
-    return float(axes[2, 2])
 
 
 def without_drag(scene: dj.Scene) -> dj.Scene:

@@ -9,19 +9,16 @@ takes. Each row compares the estimates, standard errors and noise of the default
 results/random_droppers.json.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from study import RESULTS, Found, collect, command, timed
 
-from dropper_jax import load_scene
-from dropper_jax.base.errors import SceneError
-from dropper_jax.load.scene import Scene
-from fitting import fit
+from dropper_jax import Scene, SceneError, load_scene
+from fitting import Camera, Trace, fit, observe, simulate_truth
 from fitting.estimate.uncertainty import degrees_of_freedom
-from fitting.traces.synthetic import Camera, Motion, observe, simulate_truth
-from fitting.traces.trace import Trace
 
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 GRAVITY = 9.81
@@ -50,7 +47,6 @@ class Draw:
         truth: (b_l [kg/s], b_q [kg/m]).
         noise: deviation of the angles [rad].
         peak: largest rate of a link [rad/s].
-        held: time [s] that it is held still before.
     """
 
     seed: int
@@ -60,75 +56,59 @@ class Draw:
     truth: np.ndarray
     noise: float
     peak: float
-    held: float = 0.0
 
 
 def draw(seed: int, kind: str = "plain") -> Draw:
     """The draw of a seed, drawn again until every third one moves faster than `FAST`, and the others do not."""
     rng = np.random.default_rng([seed, 36])
     for _ in range(TRIES):
-        found = _one(seed, rng, kind)
-        if found is not None and (found.peak > FAST) == (seed % 3 == 0):
-            return found
+        with suppress(SceneError):
+            found = _one(seed, rng, kind)
+            if (found.peak > FAST) == (seed % 3 == 0):
+                return found
     raise RuntimeError(f"seed {seed}: {TRIES} rigs on the wrong side of {FAST:g} rad/s")
 
 
-def _one(seed: int, rng: np.random.Generator, kind: str) -> Draw | None:
+def _one(seed: int, rng: np.random.Generator, kind: str) -> Draw:
     links = int(rng.integers(3, 13))
     length, mass = float(rng.uniform(0.04, 0.15)), float(rng.uniform(0.01, 0.08))
-    b_l, b_q = (mass * 10 ** rng.uniform(-1.6, -0.8) for _ in range(2))
+    truth = np.array([mass * 10 ** rng.uniform(-1.6, -0.8) for _ in NAMES])
+    lifted = min(int(rng.integers(1, 3)), links - 1)
+    nodes = sorted(int(i) for i in rng.choice(np.arange(1, links), lifted, replace=False))
+    lift = rng.uniform(0.3, 1.0, lifted) * links * mass * GRAVITY
     free_end = seed % 4 == 3
-    lifted = int(rng.integers(1, 3))
-    nodes = sorted(int(i) for i in rng.choice(np.arange(1, links), min(lifted, links - 1), replace=False))
-    lift = rng.uniform(0.3, 1.0, len(nodes)) * links * mass * GRAVITY
     # a free end hangs straight below any vertical force: it is pulled sideways
-    tilt = rng.uniform(0.5, 1.2, len(nodes)) * rng.choice([-1, 1]) if free_end else np.zeros(len(nodes))
+    tilt = rng.uniform(0.5, 1.2, lifted) * rng.choice([-1, 1]) if free_end else np.zeros(lifted)
     gap = float(rng.uniform(0.2, 0.7)) * links * length
     rate, duration = float(rng.choice([60, 80, 100, 120, 160, 200, 240])), float(rng.uniform(6, 14))
     noise, low_or_high = float(rng.uniform(2e-3, 6e-3)), rng.choice([0.2, 5.0], 2)
-    rate = 30.0 if kind == "slow-camera" else rate
+    if kind == "slow-camera":
+        rate = 30.0
     hook = {"name": "left", "position": [0.0, 0.0, 0.0]}
-    end = {"name": "right", "position": [0.0, 0.0, -links * length] if free_end else [gap, 0.0, 0.0]}
-    end |= {"kind": "free"} if free_end else {}
+    end = {"name": "right", "position": [gap, 0.0, 0.0]}
+    if free_end:
+        end |= {"position": [0.0, 0.0, -links * length], "kind": "free"}
     line = {"name": "rig", "from": "left", "to": "right", "links": links, "length": length, "mass": mass}
+    force = np.stack([lift * np.sin(tilt), np.zeros(lifted), lift * np.cos(tilt)], axis=1)
     scene = load_scene(
         {
             "run": {"dt": 0.002, "duration": duration},
             "point": [hook, end],
             "line": [line],
-            "effects": {"weight": {}, "linear_damping": {"b_l": b_l}, "quadratic_damping": {"b_q": b_q}},
-            "start": {
-                "kind": "static",
-                "release_nodes": nodes,
-                "release_force": [[f * np.sin(a), 0.0, f * np.cos(a)] for f, a in zip(lift, tilt, strict=True)],
-            },
+            "effects": {"weight": {}, "linear_damping": {"b_l": truth[0]}, "quadratic_damping": {"b_q": truth[1]}},
+            "start": {"kind": "static", "release_nodes": nodes, "release_force": force.tolist()},
         }
     )
-    try:
-        motion = simulate_truth(scene, duration, rate, round(TRUTH_STEPS / rate), "rattle_4")
-    except SceneError:
-        return None
+    motion = simulate_truth(scene, duration, rate, round(TRUTH_STEPS / rate), "rattle_4")
     trace = observe(motion, Camera(rate=rate, angle_noise=noise), seed, f"rig-{seed}")
     if kind == "missing":
         trace = _with_missing(trace, rng)
     if kind == "still":
         trace = _with_still_start(trace, rng, noise)
-    return Draw(
-        seed,
-        scene,
-        dict(zip(NAMES, np.array([b_l, b_q]) * low_or_high, strict=True)),
-        trace,
-        np.array([b_l, b_q]),
-        noise,
-        _peak(motion),
-        STILL if kind == "still" else 0.0,
-    )
-
-
-def _peak(motion: Motion) -> float:
     link = np.diff(motion.nodes[..., [0, 2]], axis=1)
     theta = np.unwrap(np.arctan2(-link[..., 1], link[..., 0]), axis=0)
-    return float(np.abs(np.diff(theta, axis=0)).max() / (motion.t[1] - motion.t[0]))
+    peak = float(np.abs(np.diff(theta, axis=0)).max() / (motion.t[1] - motion.t[0]))
+    return Draw(seed, scene, dict(zip(NAMES, truth * low_or_high, strict=True)), trace, truth, noise, peak)
 
 
 def _with_missing(trace: Trace, rng: np.random.Generator) -> Trace:
@@ -146,12 +126,12 @@ def _with_still_start(trace: Trace, rng: np.random.Generator, noise: float) -> T
     return replace(trace, t=t, theta=np.concatenate([still, trace.theta]))
 
 
-def judge(d: Draw, **options: Any) -> dict[str, Any]:
-    """A row: the default fit of a draw against its truth."""
+def judge(d: Draw, held: float, **options: Any) -> Found:
+    """A row: the default fit of a draw, held still for so long [s] before, against its truth."""
     result, times = timed(lambda: fit([d.trace], d.scene, start=d.start, **options))
     u, solution = result.uncertainty, result.solution
     known = solution.windows.weight > 0
-    moving = d.trace.theta[d.trace.t >= d.held]
+    moving = d.trace.theta[d.trace.t >= held]
     # by leverage: samples less what the fit has used up of them
     residual = float(np.sqrt(np.sum(solution.errors**2) / max(degrees_of_freedom(solution), 1)))
     return {
@@ -172,20 +152,14 @@ def judge(d: Draw, **options: Any) -> dict[str, Any]:
 
 @command(seeds="0:60", kind=tuple(KINDS), window=float, out=RESULTS / "random_droppers.json")
 def main(args) -> None:
-    low, colon, high = args.seeds.partition(":")
-    seeds = range(int(low), int(high)) if colon else [int(s) for s in args.seeds.split(",")]
+    seeds = range(*map(int, args.seeds.split(":")))
 
     def row(seed: int) -> Found:
         d = draw(seed, args.kind)
         try:
-            return judge(d, window=args.window)
+            return judge(d, STILL * (args.kind == "still"), window=args.window)
         except SceneError as error:
-            return {
-                "seed": seed,
-                "status": "invalid_input",
-                "message": str(error),
-                "noise": d.noise,
-                "printed_noise": 0,
-            }
+            failed = {"status": "invalid_input", "message": str(error), "printed_noise": 0}
+            return {"seed": seed, "noise": d.noise, **failed}
 
     collect(args.out, {KINDS[args.kind]: map(row, seeds)}, KINDS[args.kind])

@@ -8,7 +8,6 @@ Writes `results/report_examples.json` (some minutes on a core); `tables.py` make
 from study import Found, command, describe, store
 
 import dropper_jax as dj
-from dropper_jax.report.build import report_run, report_runs
 from dropper_jax.report.settings import Settings
 
 RATIOS, STEPS = (1.0, 0.1, 0.0), (0.05, 0.02)
@@ -22,7 +21,7 @@ def damping_and_step(ratio: float, dt: float) -> Found:
     """One run of case 1: mean anchor load, largest tension, snaps, equivalent range and damage of its second half."""
     values = {"line_type.chain.damping_ratio": ratio, "run.dt": dt, "run.duration": DURATION}
     solution = dj.simulate(dj.load_scene("paper-case-1").with_values(values))
-    found = report_run(solution, Settings(skip=SKIP, breaking_load=BREAKING_LOAD))
+    found = dj.report_run(solution, Settings(skip=SKIP, breaking_load=BREAKING_LOAD))
     (tension,), (anchor,), (snap,), (fatigue,) = (found[key] for key in ("tension", "anchors", "snap", "fatigue"))
     return {
         "damping_ratio": ratio,
@@ -46,16 +45,14 @@ def in_storm(seed: int) -> dj.Solution:
 def storm() -> Found:
     """Extremes of ten runs, and the largest values of further seeds that make up the storm."""
     runs = {f"seed-{seed}": in_storm(seed) for seed in SEEDS}
-    found = report_runs(runs, Settings(skip=LEFT_OUT))
+    found = dj.report_runs(runs, Settings(skip=LEFT_OUT))
     rows = []
     for name, one in found["extremes"].items():
         keys = ("most_probable", "mean", "percentile_90")
         numbers = {key: [one[key], *one[f"{key}_interval"]] for key in keys}
         rows.append({"what": name, "maxima": [min(one["maxima"]), max(one["maxima"])], **numbers})
-    largest = 0.0
-    for seed in FURTHER:
-        report = report_run(in_storm(seed), Settings(skip=LEFT_OUT))
-        largest = max(largest, report["tension"][0]["largest"]["n"])
+    further = (dj.report_run(in_storm(seed), Settings(skip=LEFT_OUT)) for seed in FURTHER)
+    largest = max(report["tension"][0]["largest"]["n"] for report in further)
     retried = max(run.retried_steps for run in runs.values())
     return {"rows": rows, "retried": retried, "further_seeds": len(FURTHER), "further_largest_n": largest}
 

@@ -48,6 +48,8 @@ STEPPED = ("r", "v", "tension", "work")
 COLUMNS = ("start", *STEPPED, "run")
 
 Arrays = Mapping[str, np.ndarray]
+#: What is kept of a scene: arrays by group.
+Groups = Mapping[str, Arrays]
 
 
 class Case(NamedTuple):
@@ -59,14 +61,6 @@ class Case(NamedTuple):
     dt: jax.Array
 
 
-class Marched(NamedTuple):
-    """The state after some steps, the largest residual and the highest level of them."""
-
-    state: dj.State
-    residual: jax.Array
-    level: jax.Array
-
-
 def case_of(name: str) -> Case:
     """The case of a packaged scene, stepped as `simulate` does."""
     run = dj.load_scene(name).run
@@ -76,23 +70,20 @@ def case_of(name: str) -> Case:
 
 
 @partial(jax.jit, static_argnums=0)
-def march(stepper: dj.Stepper, model: dj.Model, s: dj.State, dt: jax.Array, steps: int) -> Marched:
-    """Any number of steps by one program, so that a scene is compiled once."""
+def march(stepper: dj.Stepper, model: dj.Model, s: dj.State, dt: jax.Array, steps: int) -> tuple[dj.State, jax.Array]:
+    """The state after some steps, and the highest level of them. One program for any number: a scene compiles once."""
 
-    def one(_: jax.Array, now: Marched) -> Marched:
-        s, report = dj.step(stepper, model, now.state, dt)
-        return Marched(s, jnp.maximum(now.residual, report.residual), jnp.maximum(now.level, report.level))
+    def one(_: jax.Array, now: tuple[dj.State, jax.Array]) -> tuple[dj.State, jax.Array]:
+        s, report = dj.step(stepper, model, now[0], dt)
+        return s, jnp.maximum(now[1], report.level)
 
-    return jax.lax.fori_loop(0, steps, one, Marched(s, jnp.zeros_like(dt), jnp.full((), -1, jnp.int32)))
+    return jax.lax.fori_loop(0, steps, one, (s, jnp.full((), -1, jnp.int32)))
 
 
 def single_steps(case: Case, states: Sequence[dj.State]) -> dict[str, np.ndarray]:
-    """States one step after each of some, with residual and level of the step."""
+    """States one step after each of some, with the level of the step."""
     after = [march(case.stepper, case.model, s, case.dt, 1) for s in states]
-    return stacked([arrays(one.state) for one in after]) | {
-        "residual": np.array([one.residual for one in after]),
-        "level": np.array([one.level for one in after]),
-    }
+    return {**stacked([arrays(s) for s, _ in after]), "level": np.array([level for _, level in after])}
 
 
 # --- states as arrays -------------------------------------------------------------------------------------------
@@ -123,16 +114,6 @@ def stacked(states: Sequence[Arrays]) -> dict[str, np.ndarray]:
     return {key: np.stack([s[key] for s in states]) for key in states[0]}
 
 
-def put(name: str, kept: Arrays) -> dict[str, np.ndarray]:
-    """Arrays to be kept under a name."""
-    return {f"{name}/{key}": value for key, value in kept.items()}
-
-
-def part(name: str, kept: Arrays) -> dict[str, np.ndarray]:
-    """Arrays that are kept under a name."""
-    return {key.removeprefix(f"{name}/"): value for key, value in kept.items() if key.startswith(f"{name}/")}
-
-
 def largest(a: np.ndarray, b: np.ndarray, scale: Any) -> float:
     """Largest difference over a scale: 0 of nothing, not a number where shapes or numbers are none to compare."""
     return float(np.max(np.abs(a - b), initial=0.0) / scale) if a.shape == b.shape else np.nan
@@ -146,7 +127,7 @@ def differences(a: Arrays, b: Arrays, scales: Arrays) -> dict[str, float]:
 # --- record -----------------------------------------------------------------------------------------------------
 
 
-def record(name: str) -> dict[str, np.ndarray]:
+def record(name: str) -> dict[str, dict[str, np.ndarray]]:
     """What is kept of one scene: states of a run, steps from them, the run's end, scales, growth and noise."""
     case = case_of(name)
     steps = STEPS if len(case.start.r) <= MANY else FEWER
@@ -158,16 +139,15 @@ def record(name: str) -> dict[str, np.ndarray]:
         scales = scales_of(case.model, states)
     *before, end = states
     after = single_steps(case, before)
+    run = {"dt": case.dt, "steps": steps, "growth": growth(case, states, steps, scales)}
     return {
-        "dt": np.asarray(case.dt, np.float64),
-        "steps": np.asarray(steps),
-        "growth": np.asarray(growth(case, states, steps, scales)),
-        **put("start", arrays(case.start)),
-        **put("before", stacked([arrays(s) for s in before])),
-        **put("after", after),
-        **put("end", arrays(end)),
-        **put("scale", scales),
-        **put("noise", noise(case, before, after, scales)),
+        "run": {key: np.asarray(value) for key, value in run.items()},
+        "start": arrays(case.start),
+        "before": stacked([arrays(s) for s in before]),
+        "after": after,
+        "end": arrays(end),
+        "scale": scales,
+        "noise": noise(case, before, after, scales),
     }
 
 
@@ -175,7 +155,7 @@ def run_of(case: Case, steps: int) -> list[dj.State]:
     """States of a run at `STATES` times from its start on, and its end."""
     states = [case.start]
     for _ in range(STATES):
-        states.append(march(case.stepper, case.model, states[-1], case.dt, steps // STATES).state)
+        states.append(march(case.stepper, case.model, states[-1], case.dt, steps // STATES)[0])
     return states
 
 
@@ -194,7 +174,7 @@ def growth(case: Case, states: Sequence[dj.State], steps: int, scales: Arrays) -
     """What a small change of the first velocities, over the speed, makes of the last positions, over the length."""
     draw = np.random.default_rng(0).uniform(-1.0, 1.0, case.start.v.shape)
     changed = dataclasses.replace(states[0], v=states[0].v + SMALL * scales["v"] * draw)
-    end = march(case.stepper, case.model, changed, case.dt, steps).state
+    end, _ = march(case.stepper, case.model, changed, case.dt, steps)
     return largest(np.asarray(end.r), np.asarray(states[-1].r), scales["r"]) / SMALL
 
 
@@ -212,46 +192,35 @@ def noise(case: Case, before: Sequence[dj.State], after: Arrays, scales: Arrays)
 # --- compare ----------------------------------------------------------------------------------------------------
 
 
-class Row(NamedTuple):
-    """What one scene came to: differences by column, whether levels are equal, noise by column."""
-
-    found: dict[str, float]
-    levels: bool
-    noise: dict[str, float]
-
-    def verdict(self) -> str:
-        """`same`, `rounding` or `differs`, with the columns above the limit."""
-        above = [key for key, value in self.found.items() if not value <= LIMIT]
-        if self.levels and not above:
-            return "same"
-        if self.levels and all(self.found[key] <= ROUNDING * self.noise.get(key, 0.0) for key in above):
-            return f"rounding: {' '.join(above)}"
-        return f"differs: {' '.join([*above, *([] if self.levels else ['level'])])}"
-
-    def text(self) -> str:
-        """The row as printed after the scene's name."""
-        cells = [f"{self.found[key]:8.1e}" if key in self.found else f"{'-':>8}" for key in COLUMNS]
-        level = "equal" if self.levels else "OTHER"
-        return " ".join([*cells, f"{level:>6}", f"{max(self.noise.values()):8.1e}", f" {self.verdict()}"])
-
-
-def compare(name: str, kept: Arrays) -> Row:
-    """One scene stepped again from the states kept of it."""
-    case = case_of(name)._replace(dt=jnp.asarray(kept["dt"]))
-    before, after, scales = part("before", kept), part("after", kept), part("scale", kept)
-    states = [rebuilt(case.start, {key: a[i] for key, a in before.items()}) for i in range(STATES)]
-    again = single_steps(case, states)
-    end = march(case.stepper, case.model, states[0], case.dt, int(kept["steps"])).state
-    first, built = part("start", kept), arrays(case.start)
+def compare(name: str, kept: Groups) -> tuple[str, str]:
+    """One scene stepped again from the states kept of it: the row's text, and the verdict."""
+    case = case_of(name)._replace(dt=jnp.asarray(kept["run"]["dt"]))
+    after, scales, noise = kept["after"], kept["scale"], kept["noise"]
+    states = [rebuilt(case.start, {key: a[i] for key, a in kept["before"].items()}) for i in range(STATES)]
+    again, built = single_steps(case, states), arrays(case.start)
+    end, _ = march(case.stepper, case.model, states[0], case.dt, int(kept["run"]["steps"]))
     found = {
-        "start": max(largest(built[f"{key}.0"], first[f"{key}.0"], scales[key]) for key in ("r", "v")),
+        "start": max(largest(built[f"{key}.0"], kept["start"][f"{key}.0"], scales[key]) for key in ("r", "v")),
         **differences(again, after, scales),
-        "run": largest(np.asarray(end.r), kept["end/r.0"], scales["r"]) / max(1.0, float(kept["growth"])),
+        "run": largest(np.asarray(end.r), kept["end"]["r.0"], scales["r"]) / max(1.0, float(kept["run"]["growth"])),
     }
     if not after["work.0"].size or again["work.0"].shape != after["work.0"].shape:
         del found["work"]
     levels = np.array_equal(again["level"], after["level"])
-    return Row(found, levels, {key: float(value) for key, value in part("noise", kept).items()})
+    verdict = judged(found, levels, noise)
+    cells = [f"{found[key]:8.1e}" if key in found else f"{'-':>8}" for key in COLUMNS]
+    level = "equal" if levels else "OTHER"
+    return " ".join([*cells, f"{level:>6}", f"{max(map(float, noise.values())):8.1e}", f" {verdict}"]), verdict
+
+
+def judged(found: Mapping[str, float], levels: bool, noise: Arrays) -> str:
+    """`same`, `rounding` or `differs`, with the columns above the limit."""
+    above = [key for key, value in found.items() if not value <= LIMIT]
+    if levels and not above:
+        return "same"
+    if levels and all(found[key] <= ROUNDING * noise.get(key, 0.0) for key in above):
+        return f"rounding: {' '.join(above)}"
+    return f"differs: {' '.join([*above, *([] if levels else ['level'])])}"
 
 
 # --- the two commands -------------------------------------------------------------------------------------------
@@ -262,29 +231,30 @@ def record_all(path: str, names: Sequence[str]) -> int:
     kept: dict[str, np.ndarray] = {}
     for name in names:
         one, times = timed(partial(record, name))
-        kept |= put(name, one)
-        residual = float(np.max(one["after/residual"]))
-        print(f"{name:36} {one['steps']:4d} steps, growth {one['growth']:8.1e}, ", end="")
-        print(
-            f"residual {residual:8.1e}, highest level {np.max(one['after/level']):2d}, {times['seconds']:4.1f} s",
-            flush=True,
-        )
+        kept |= {f"{name}/{group}/{key}": value for group, part in one.items() for key, value in part.items()}
+        steps, growth = one["run"]["steps"], one["run"]["growth"]
+        level = np.max(one["after"]["level"])
+        print(f"{name:36} {steps:4d} steps, growth {growth:8.1e}, highest level {level:2d}, {times['seconds']:4.1f} s")
     np.savez_compressed(path, **kept)
     return 0
 
 
 def compare_all(path: str, names: Sequence[str], rounding: bool) -> int:
     """Compare the scenes of a file; the exit status."""
+    kept: dict[str, dict[str, dict[str, np.ndarray]]] = {}
     with np.load(path) as file:
-        kept = dict(file)
-    recorded = sorted({key.split("/")[0] for key in kept})
+        for place, value in file.items():
+            name, group, key = place.split("/")
+            kept.setdefault(name, {}).setdefault(group, {})[key] = value
     print(f"{'':36} " + " ".join([f"{key:>8}" for key in COLUMNS] + [" level", "   noise"]))
     verdicts = []
-    for name in names or recorded:
-        row = compare(name, part(name, kept)) if name in dj.scene_names() else None
-        verdicts.append(row.verdict() if row else "differs: is no packaged scene here")
-        print(f"{name:36} {row.text() if row else verdicts[-1]}", flush=True)
-    if new := sorted(set(dj.scene_names()) - set(recorded)):
+    for name in names or sorted(kept):
+        text = verdict = "differs: is no packaged scene here"
+        if name in dj.scene_names():
+            text, verdict = compare(name, kept[name])
+        verdicts.append(verdict)
+        print(f"{name:36} {text}", flush=True)
+    if new := sorted(set(dj.scene_names()) - set(kept)):
         print("not recorded:", *new)
     counts = {kind: sum(v.startswith(kind) for v in verdicts) for kind in ("same", "rounding", "differs")}
     print(", ".join(f"{count} {kind}" for kind, count in counts.items()))

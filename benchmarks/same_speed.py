@@ -1,11 +1,13 @@
 """Whether two checkouts step equally fast and compile equally fast: medians of interleaved pairs, processor time.
 
     python benchmarks/same_speed.py OTHER_CHECKOUT [--pairs 7] [--cases NAME ...]
+    python benchmarks/same_speed.py --pairs 5       what this one gains by one kernel: with the tag and without
 
 Each checkout runs in a process of its own, one thread, on the same processor; the two take turns, so that a machine
 which slows down slows both. One that can make a run one kernel does (`--plain`: neither does). A row per case:
 microseconds per step of the other checkout and of this one, their ratio (median of the pairs' ratios, and the range of
-the middle half), and the same of compilation. Only public names are used, so that the other may be old.
+the middle half), and the same of compilation. Only public names are used, so that the other may be old. Without another
+checkout rows are stored in results/one_kernel.json, compiled once.
 """
 
 import os
@@ -17,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from study import command
+from study import RESULTS, Found, collect, command, describe, versions
 
 HERE = Path(__file__).parents[1]
 #: Environment variable of the processes whose functions are one kernel by the tag.
@@ -109,10 +111,6 @@ class Side:
         given.flush()
         return float(answered.readline())
 
-    def close(self) -> None:
-        self.process.stdin.close()
-        self.process.wait()
-
 
 def pairs(other: Side, own: Side, word: str, count: int) -> tuple[float, float, list[float]]:
     """Median times of both and the sorted ratios of the pairs; who begins changes from pair to pair."""
@@ -128,19 +126,36 @@ def measure_both(other: Side, own: Side, compilations: int, runs: int) -> tuple:
     built = pairs(other, own, "compile", compilations)
     pairs(other, own, "run", 1)
     ran = pairs(other, own, "run", runs)
-    other.close()
-    own.close()
+    for side in (other, own):
+        side.process.communicate()  # its input ends, and so does it
     return built, ran
 
 
-@command({"other": Path}, pairs=7, compilations=3, cases=list(CASES), plain=False)
+def one_kernel(name: str, count: int) -> Found:
+    """Microseconds per step and seconds of compilation, without and with the tag."""
+    compiled, ran = measure_both(Side(HERE, name, True), Side(HERE, name, False), 1, count)
+    scale = 1e6 / CASES[name]["steps"]
+    return {
+        "case": name,
+        "plain_us": ran[0] * scale,
+        "one_kernel_us": ran[1] * scale,
+        "times_faster": 1.0 / statistics.median(ran[2]),
+        "plain_compile_s": compiled[0],
+        "one_kernel_compile_s": compiled[1],
+    }
+
+
+@command({"other": [Path]}, pairs=7, compilations=3, cases=list(CASES), plain=False, out=RESULTS / "one_kernel.json")
 def main(args) -> None:
-    if not (args.other / "dropper_jax").is_dir():
-        sys.exit("OTHER_CHECKOUT: a folder with dropper_jax/ is needed")
+    if not args.other:
+        rows = (one_kernel(name, args.pairs) for name in args.cases)
+        collect(args.out, {"rows": rows}, machine=describe(), **versions("jax"))
+        return
+    (other,) = args.other
     print(f"{'case':34s} {'us/step':>9s} {'now':>9s} {'ratio':>7s} {'middle half':>13s}   compile    now ratio")
     for name in args.cases:
         built, ran = measure_both(
-            Side(args.other, name, args.plain), Side(HERE, name, args.plain), args.compilations, args.pairs
+            Side(other, name, args.plain), Side(HERE, name, args.plain), args.compilations, args.pairs
         )
         scale, ratios = 1e6 / CASES[name]["steps"], ran[2]
         quarter = len(ratios) // 4

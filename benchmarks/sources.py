@@ -1,21 +1,32 @@
 """Every table of the thesis and the paper and what is here: the numbers of docs/sources.md.
 
-    python benchmarks/sources.py
+    python benchmarks/sources.py [--poses]
 
 Takes about a minute. Writes results/sources.json, of which `python benchmarks/tables.py` makes tables.
+
+`--poses`: static release poses against the measured ones. For each scenario of the lab experiment the two components of
+the force at the lifted node are fitted to the mean link angles of the measured runs, with equivalent simple links
+(either order of the two kinds) and with the compound bars. The misfits are printed, in Markdown.
 """
 
+import csv
 import tomllib
 from collections.abc import Iterator
 from importlib import resources
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from static_validation import measured
-from study import command, store
+from scipy.optimize import least_squares
+from study import command, show, store
 
 import dropper_jax as dj
+from dropper_jax.statics import nodal_loads
 from dropper_jax.study.sea_facts import tidal_cycle
 
+DATA = resources.files("dropper_jax") / "data"
+#: Lifted node of each scenario of the lab experiment.
+LIFTED = {"A": 1, "B": 2, "C": 3}
 #: Nominal diameter [m] of the backbone in the paper's Table 1.
 NOMINAL = 0.068
 LINES = ("ground", "leg", "backbone", "sock")
@@ -223,7 +234,7 @@ def nominal_diameters() -> Row:
 
 def figures() -> Iterator[Row]:
     """(figure, caption, scenes, note) of every one that `dropper figure` draws."""
-    rows = tomllib.loads((resources.files("dropper_jax") / "data" / "source_figures.toml").read_text())["figure"]
+    rows = tomllib.loads((DATA / "source_figures.toml").read_text())["figure"]
     for row in rows:
         note = f"missing there, chosen: {row['note']}" if row.get("note") else ""
         yield (row["name"], row["caption"], ", ".join(f"`{name}`" for name in row["scenes"]), note)
@@ -233,8 +244,76 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-@command()
-def main() -> None:
+def measured() -> dict[str, dict[str, np.ndarray]]:
+    """Mean of the runs and the thesis' model column, by scenario, theta > 0 for a link that goes down as x grows."""
+    rows: dict[str, dict[str, np.ndarray]] = {}
+    for row in csv.DictReader((DATA / "release_angles_rad.csv").read_text().splitlines()):
+        sign = 1.0 if row["scenario"] == "A" else -1.0  # B and C are printed with the opposite sign
+        angles = sign * np.array([float(row[f"theta_{i}"]) for i in range(1, 8)])
+        rows.setdefault(row["scenario"], {})[row["column"]] = angles
+    return {
+        scenario: {"mean": np.mean([v for k, v in columns.items() if k.startswith("run")], axis=0), **columns}
+        for scenario, columns in rows.items()
+    }
+
+
+def lab_models() -> dict[str, dj.Model]:
+    """The lab dropper by kinds of its links."""
+    scene = dj.load_scene("dropper-release-a")
+    line, order = scene.lines[0], [1, 0] * 3 + [1]
+    swapped = {"line.0.length": line.length[order], "line.0.mass": line.mass[order]}
+    scenes = {
+        "simple links, A first": scene.with_values(swapped),
+        "simple links, B first": scene,
+        "compound bars": "dropper-release-a-compound",
+    }
+    return {kind: dj.build(scene)[0] for kind, scene in scenes.items()}
+
+
+def planar_angles(model: dj.Model, r: jax.Array) -> jax.Array:
+    """Angles of the links below the horizontal (n,) [rad] in the x-z plane."""
+    d = model.links(r, model.ends(jnp.zeros(())))
+    return jnp.arctan2(-d[:, 2], d[:, 0])
+
+
+def misfit(model: dj.Model, node: int, target: np.ndarray) -> float:
+    """RMS misfit [rad] to the target angles of the nearest pose under a force (fx, fz) [N] at `node`.
+
+    The Jacobian is exact (the pose's derivative by the implicit function theorem). A direction of the force that
+    turns nothing is left where it is.
+    """
+
+    def pose(force: np.ndarray) -> dj.State:
+        return dj.equilibrium(model, nodal_loads(model, [node], [[force[0], 0.0, force[1]]])).state
+
+    @jax.jit
+    def slope(force: jax.Array, near: dj.State) -> jax.Array:
+        def angles(f: jax.Array) -> jax.Array:
+            loads = jnp.zeros((model.free_nodes, 3)).at[node - 1].set(jnp.array([f[0], 0.0, f[1]]))
+            return planar_angles(model, dj.settle(model, near, loads).r)
+
+        return jax.jacfwd(angles)(force)
+
+    found = least_squares(
+        lambda force: np.asarray(planar_angles(model, pose(force).r)) - target,
+        np.array([0.0, 0.9]),
+        jac=lambda force: np.asarray(slope(jnp.asarray(force), pose(force))),
+        x_scale=0.1,
+        xtol=1e-12,
+        ftol=1e-12,
+    )
+    return rms(found.fun)
+
+
+@command(poses=False)
+def main(args) -> None:
+    if args.poses:
+        show("links", *LIFTED, "thesis' model column of A")
+        targets = measured()
+        cases = [*((node, targets[scenario]["mean"]) for scenario, node in LIFTED.items()), (1, targets["A"]["model"])]
+        for kind, model in lab_models().items():
+            show(kind, *(f"{misfit(model, node, target):.4f}" for node, target in cases))
+        return
     found = {
         "schema": 1,
         "thesis": list(thesis()),

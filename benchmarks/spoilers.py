@@ -40,12 +40,11 @@ POLAR = np.array([1.3, -0.2, 0.2, -0.9])
 CLOSED = 1e-6
 
 
-@dataclass
+@dataclass(frozen=True)
 class Draw:
-    """A trace, what its rig really is, and what would have to be free."""
+    """What a rig and its camera really are, what would have to be free, and its name."""
 
-    rng: np.random.Generator
-    chain: Chain
+    length: np.ndarray = field(default_factory=lambda: LENGTH)
     rate: float = 1.0
     turn: np.ndarray = field(default_factory=lambda: np.zeros(4))
     node: tuple[int, np.ndarray] | None = None
@@ -57,55 +56,50 @@ class Draw:
     name: str = ""
 
 
-def lengths(d: Draw) -> None:
-    d.chain = replace(d.chain, length=LENGTH * (1 + 0.01 * d.rng.standard_normal(4)))
-    d.free, d.name = ("line.0.length",), "lengths of links"
+def lengths(rng: np.random.Generator) -> Found:
+    length = LENGTH * (1 + 0.01 * rng.standard_normal(4))
+    return {"length": length, "free": ("line.0.length",), "name": "lengths of links"}
 
 
-def roll(d: Draw) -> None:
-    d.turn = d.turn + np.deg2rad(2.0) * _share(d.rng)
-    d.free, d.name = ("camera.offset",), "roll of the camera"
+def roll(rng: np.random.Generator) -> Found:
+    turn = np.full(4, np.deg2rad(2.0) * _share(rng))
+    return {"turn": turn, "free": ("camera.offset",), "name": "roll of the camera"}
 
 
-def rate(d: Draw) -> None:
-    d.rate = 1 + 0.005 * _share(d.rng)
-    d.free, d.name = ("clock.rate",), "rate of the clock"
+def rate(rng: np.random.Generator) -> Found:
+    return {"rate": 1 + 0.005 * _share(rng), "free": ("clock.rate",), "name": "rate of the clock"}
 
 
-def lost_frames(d: Draw) -> None:
-    d.lost = int(d.rng.integers(round(0.15 * DURATION * RATE), round(0.9 * DURATION * RATE)))
+def lost_frames(rng: np.random.Generator) -> Found:
+    lost = int(rng.integers(round(0.15 * DURATION * RATE), round(0.9 * DURATION * RATE)))
     # counted from the first frame at rest on
-    d.free, d.name = (f"clock.lost.0.{round(REST * RATE) + d.lost}",), "lost frames"
+    return {"lost": lost, "free": (f"clock.lost.0.{round(REST * RATE) + lost}",), "name": "lost frames"}
 
 
-def marker_of_a_link(d: Draw) -> None:
-    link = int(d.rng.integers(4))
-    d.turn = d.turn + np.deg2rad(1.0) * _share(d.rng) * np.eye(4)[link]
-    d.free, d.name = (f"marker.offset.{link}",), f"marker of link {link}"
+def marker_of_a_link(rng: np.random.Generator) -> Found:
+    link = int(rng.integers(4))
+    turn = np.deg2rad(1.0) * _share(rng) * np.eye(4)[link]
+    return {"turn": turn, "free": (f"marker.offset.{link}",), "name": f"marker of link {link}"}
 
 
-def marker_of_a_node(d: Draw) -> None:
-    node, way = int(d.rng.integers(1, 4)), d.rng.uniform(0, 2 * np.pi)
-    d.node = node, 3e-3 * abs(_share(d.rng)) * np.array([np.cos(way), np.sin(way)])
-    d.free, d.name = (f"marker.node.{node}",), f"marker of node {node}"
+def marker_of_a_node(rng: np.random.Generator) -> Found:
+    node, way = int(rng.integers(1, 4)), rng.uniform(0, 2 * np.pi)
+    beside = 3e-3 * abs(_share(rng)) * np.array([np.cos(way), np.sin(way)])
+    return {"node": (node, beside), "free": (f"marker.node.{node}",), "name": f"marker of node {node}"}
 
 
-def noise(**values: float | str) -> Callable[[Draw], None]:
-    """A systematic error of the noise alone, by these values of the draw."""
-    return lambda d: vars(d).update(values)
+def lengths_and_roll(rng: np.random.Generator) -> Found:
+    both = (lengths(rng), roll(rng))
+    named = {"free": ("line.0.length", "camera.offset"), "name": "lengths of links and roll of the camera"}
+    return {**both[0], **both[1], **named}
 
 
-def lengths_and_roll(d: Draw) -> None:
-    lengths(d)
-    roll(d)
-    d.free, d.name = ("line.0.length", "camera.offset"), "lengths of links and roll of the camera"
-
-
-SPOILERS: dict[str, Callable[[Draw], None]] = {
-    "clean": lambda d: None, "lengths": lengths, "roll": roll, "rate": rate, "lost frames": lost_frames,
+#: Systematic errors: values of a draw, or a function of a generator that draws them.
+SPOILERS: dict[str, Found | Callable[[np.random.Generator], Found]] = {
+    "clean": {}, "lengths": lengths, "roll": roll, "rate": rate, "lost frames": lost_frames,
     "marker of a link": marker_of_a_link, "marker of a node": marker_of_a_node,
-    "outliers": noise(outliers=0.01, name="outliers"), "jitter": noise(jitter=0.004, name="jitter"),
-    "AR(1)": noise(kept=0.9, name="correlated"), "lengths and roll": lengths_and_roll,
+    "outliers": {"outliers": 0.01, "name": "outliers"}, "jitter": {"jitter": 0.004, "name": "jitter"},
+    "AR(1)": {"kept": 0.9, "name": "correlated"}, "lengths and roll": lengths_and_roll,
 }  # fmt: skip
 
 
@@ -117,27 +111,25 @@ def _share(rng: np.random.Generator) -> float:
 def draw(kind: str, number: int) -> tuple[Draw, Trace]:
     """A spoiled rig and what its camera told."""
     rng = np.random.default_rng([list(SPOILERS).index(kind), number])
-    d = Draw(rng, Chain(LENGTH, MASS[:-1], END, LINEAR, QUADRATIC))
-    SPOILERS[kind](d)
+    spoiler = SPOILERS[kind]
+    d = Draw(**(spoiler(rng) if callable(spoiler) else spoiler))
+    chain = Chain(d.length, MASS[:-1], END, LINEAR, QUADRATIC)
     polar = POLAR + np.array([*rng.uniform(-0.25, 0.25, 2), 0.0, 0.0])
-    frames = round(DURATION * RATE)
     missing = 0 if d.lost is None else 12
-    fine = np.arange(-4, 4 * (frames + missing) + 8) / (4 * RATE) * max(d.rate, 1.0)
-    p = d.chain.swing(polar, np.r_[0.0, fine[fine > 0]])
-    spline = CubicSpline(np.r_[0.0, fine[fine > 0]], d.chain.angles(p))
-    frame = np.arange(frames)
+    frame, resting = np.arange(round(DURATION * RATE)), np.arange(round(REST * RATE))
+    fine = np.arange(-4, 4 * (len(frame) + missing) + 8) / (4 * RATE) * max(d.rate, 1.0)
+    t = np.r_[0.0, fine[fine > 0]]
+    spline = CubicSpline(t, chain.angles(chain.swing(polar, t)))
     seen = (frame + missing * (frame >= (d.lost or 0))) / RATE * d.rate
-    theta = spline(np.maximum(seen + d.jitter * rng.standard_normal(frames), 0.0))
-    resting = np.arange(round(REST * RATE))
-    still = d.chain.angles(d.chain.hanging(POLAR)[None])[0]
-    theta = np.concatenate([np.tile(still, (len(resting), 1)), theta])
-    t = np.concatenate([resting / RATE, BEGIN + frame / RATE])
-    theta = _seen(d, theta) + d.turn
+    theta = spline(np.maximum(seen + d.jitter * rng.standard_normal(len(frame)), 0.0))
+    still = np.repeat(chain.angles(chain.hanging(POLAR)[None]), len(resting), axis=0)
+    theta = _seen(d, np.concatenate([still, theta])) + d.turn
     e = rng.standard_normal(theta.shape)
     for i in range(1, len(e)):
         e[i] = d.kept * e[i - 1] + np.sqrt(1 - d.kept**2) * e[i]
     off = rng.random(theta.shape) < d.outliers
     theta = theta + NOISE * e + np.where(off, rng.choice([-1, 1], off.shape) * rng.uniform(0.05, 0.3, off.shape), 0.0)
+    t = np.concatenate([resting / RATE, BEGIN + frame / RATE])
     return d, Trace("film", t, theta, convention=Convention("horizontal", 1, "rad"))
 
 
@@ -146,7 +138,7 @@ def _seen(d: Draw, theta: np.ndarray) -> np.ndarray:
     if d.node is None:
         return theta
     node, beside = d.node
-    link = d.chain.length[:, None] * np.stack([np.cos(theta), -np.sin(theta)], axis=-1)
+    link = d.length[:, None] * np.stack([np.cos(theta), -np.sin(theta)], axis=-1)
     along = np.stack([np.cos(theta[:, node - 1]), -np.sin(theta[:, node - 1])], axis=-1)
     across = np.stack([-np.sin(theta[:, node - 1]), -np.cos(theta[:, node - 1])], axis=-1)
     moved = beside[0] * along + beside[1] * across
@@ -190,8 +182,7 @@ def bound(prepared: Prepared, d: Draw, simulator: Simulator) -> np.ndarray:
     true = with_freed(replace(prepared, noise=None), d.free, None, simulator, 0.2 if d.lost is not None else None)
     true = replace(true, begin=np.concatenate([TRUTH, true.values[2:]]))
     solution = estimate(true, "windows")
-    interval = 1 / RATE
-    decay = -np.log(d.kept) / interval if d.kept else np.inf
+    decay = -np.log(d.kept) * RATE if d.kept else np.inf
     claimed = np.array(prepared.sigma)
     noise = Noise(NOISE / claimed, np.full(claimed.shape, decay), np.array([d.jitter]))
     point = ResidualNoiseModel(solution, prepared.claimed_windows(solution), prepared.traces, prepared.floor).at(noise)

@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import platform
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -72,9 +73,8 @@ def describe() -> dict[str, object]:
 
 def _processor() -> str:
     information = Path("/proc/cpuinfo")
-    lines = information.read_text().splitlines() if information.exists() else []
-    named = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.processor() or platform.machine())
+    named = re.findall(r"model name\s*: (.*)", information.read_text()) if information.exists() else []
+    return next(iter(named), platform.processor() or platform.machine())
 
 
 def versions(*names: str) -> dict[str, str]:
@@ -106,8 +106,8 @@ def joined(values: Sequence[float], form: str, between: str = ", ") -> str:
     return between.join(form.format(value) for value in values)
 
 
-def percent(x: float, digits: int = 0) -> str:
-    return f"{100 * x:.{digits}f} %"
+def percent(x: float, digits: int = 0, sign: str = "") -> str:
+    return f"{100 * x:{sign}.{digits}f} %"
 
 
 def kilo(newton: float) -> str:
@@ -136,18 +136,22 @@ def command(
     return entered
 
 
-def collect(name: str | Path, parts: Mapping[str, Iterable[Found]], only: str | None = None, **head: Any) -> None:
-    """Measure the rows of all parts, or of one that replaces its stored rows; print each row and store it with `head`.
+def collect(
+    name: str | Path, parts: Mapping[str, Iterable[Found]], only: str | None = None, by: str | None = None, **head: Any
+) -> None:
+    """Measure the rows of all parts, or of one, instead of the stored ones; print each row and store it with `head`.
 
     Args:
         parts: rows by part, measured as they are taken.
+        by: where given, rows replace only those with the same value of it.
     """
-    found = {**(stored(name, {}) if only else {}), **head}
+    found = {**(stored(name, {}) if only or by else {}), **head}
     for part, rows in parts.items():
         if only in (None, part):
-            found[part] = []
-            for row in rows:
-                found[part].append(row)
+            known = {row[by]: row for row in found.get(part, [])} if by else {}
+            for i, row in enumerate(rows):
+                known[row[by] if by else i] = row
+                found[part] = list(known.values())
                 say(row)
                 store(name, found)
 
@@ -161,16 +165,6 @@ def resume(name: str | Path, part: str, cases: Iterable[Found], measure: Callabl
             rows.append({**case, **measure(**case)})
             say(rows[-1])
             store(name, found)
-
-
-def renew(name: str | Path, part: str, rows: Iterable[Found], by: str, **head: Any) -> None:
-    """Measure rows that replace stored ones with the same value of `by`; print and store every row."""
-    found = {**stored(name, {}), **head}
-    known = {row[by]: row for row in found.get(part, [])}
-    for row in rows:
-        known[row[by]] = row
-        say(row)
-        store(name, {**found, part: list(known.values())})
 
 
 def show(*cells: object) -> None:

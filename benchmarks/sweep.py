@@ -8,15 +8,12 @@ Prints steps per second, the gain over a Python loop over single compiled runs, 
 
 import os
 import resource
-import sys
 import tempfile
-import time
 from functools import partial
-from typing import Any
 
 import jax
 import numpy as np
-from study import RESULTS, command, describe, say, store, timed
+from study import RESULTS, Found, command, describe, say, store, timed, versions
 
 import dropper_jax as dj
 from fitting.cli.sweep import use_cores
@@ -32,7 +29,7 @@ def scene(duration: float) -> dj.Scene:
     )
 
 
-def measure(cases: int, duration: float, folder: str) -> dict[str, Any]:
+def measure(cases: int, duration: float, folder: str) -> Found:
     """One sweep over a damping coefficient."""
     values = {"b_l": np.linspace(0.001, 0.004, cases)}
     found, times = timed(partial(sweep, scene(duration), values, f"{folder}/{cases}.zarr"))
@@ -54,11 +51,8 @@ def loop(runs: int, duration: float) -> float:
     stepper = dj.make_stepper(model, "rattle", track_work=False)
     steps = round(duration / DT)
     one = jax.jit(lambda m, s: dj.integrate(stepper, m, s, DT, steps)[1].tension.max())
-    one(model, start).block_until_ready()
-    begun = time.perf_counter()
-    for _ in range(runs):
-        one(model, start).block_until_ready()
-    return runs * steps / (time.perf_counter() - begun) / 1e6
+    spent = [timed(lambda: one(model, start).block_until_ready())[1]["seconds"] for _ in range(runs + 1)]
+    return steps / np.mean(spent[1:]) / 1e6  # the first one compiles
 
 
 @command(cases=1000, duration=50.0, out=RESULTS / "sweep.json")
@@ -71,7 +65,7 @@ def main(args) -> None:
         "machine": describe(),
         "device": jax.devices()[0].device_kind,
         "load": os.getloadavg()[0],
-        "versions": {"jax": jax.__version__, "python": sys.version.split()[0]},
+        "versions": versions("jax"),
         "rows": rows,
         "single_runs_million_steps_per_s": single,
         "times_faster_than_single_runs": rows[-1]["million_steps_per_s"] / single,

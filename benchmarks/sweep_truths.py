@@ -12,12 +12,12 @@ from functools import partial
 
 import numpy as np
 from closed_chain import Chain
-from study import RESULTS, Found, command, describe, say, store, timed
+from study import RESULTS, Found, collect, command, describe, timed
 
 import dropper_jax as dj
 from fitting import Convention, Trace, fit
 from fitting.cli.sweep import use_cores
-from fitting.sweep.against_trace import PARTS, TraceScores, sweep_against_trace
+from fitting.sweep.against_trace import PARTS, sweep_against_trace
 
 #: Thesis Table E.1: b_l [kg/s] and b_q [kg/m].
 PAIRS = {
@@ -41,21 +41,10 @@ def truth(scene: str | Found, b_l: float, b_q: float, duration: float, seed: int
     return Trace(f"truth-{b_l:g}-{b_q:g}", t, theta, convention=Convention("horizontal", 1, "rad"))
 
 
-def rank(scores: TraceScores, case: int) -> dict[str, Found]:
-    """Rank of a case (1: best), its score and the best other one [rad], by part and measure."""
-    found: dict[str, Found] = {}
-    for part, name in enumerate(PARTS):
-        found[name] = {}
-        for by in MEASURES:
-            score = getattr(scores, by)[:, part]
-            others = np.delete(score, case)
-            score_row = {
-                "rank": 1 + int(np.sum(others < score[case])),
-                "true": score[case],
-                "other": np.nanmin(others),
-            }
-            found[name][by] = score_row
-    return found
+def rank(score: np.ndarray, case: int) -> Found:
+    """Rank of a case (1: best), its score and the best other one [rad]."""
+    others = np.delete(score, case)
+    return {"rank": 1 + int(np.sum(others < score[case])), "true": score[case], "other": np.nanmin(others)}
 
 
 def fitted(trace: Trace, pair: np.ndarray) -> Found:
@@ -73,20 +62,20 @@ def fitted(trace: Trace, pair: np.ndarray) -> Found:
 @command(duration=50.0, out=RESULTS / "sweep_truths.json")
 def main(args) -> None:
     use_cores(None)
-    found = {"machine": describe(), "noise_rad": NOISE, "duration_s": args.duration, "rows": []}
-    traces = []
+    pairs = list(zip(*PAIRS.values(), strict=True))
+    traces = [truth(SCENE, *pair, args.duration, case) for case, pair in enumerate(pairs)]
+
+    def row(case: int, folder: str) -> Found:
+        given = SCENE, PAIRS, traces[case], f"{folder}/pairs.zarr"
+        # all truths have one sweep, which the first one runs
+        scores, times = timed(partial(sweep_against_trace, *given, listed=True, chunk=8, quantities=[]))
+        ranks = {
+            name: {by: rank(getattr(scores, by)[:, part], case) for by in MEASURES} for part, name in enumerate(PARTS)
+        }
+        fit_, fit_times = timed(partial(fitted, traces[case], np.array(pairs[case])))
+        cost = {"sweep_cpu_s": times["processor_s"], "fit_cpu_s": fit_times["processor_s"]}
+        return {"b_l": pairs[case][0], "b_q": pairs[case][1], **ranks, "fit": fit_, **cost}
+
     with tempfile.TemporaryDirectory() as folder:
-        for case, pair in enumerate(zip(*PAIRS.values(), strict=True)):
-            traces.append(truth(SCENE, *pair, args.duration, case))
-            given = SCENE, PAIRS, traces[-1], f"{folder}/pairs.zarr"
-            # all truths have one sweep, which the first one runs
-            scores, times = timed(partial(sweep_against_trace, *given, listed=True, chunk=8, quantities=[]))
-            row = {"b_l": pair[0], "b_q": pair[1], **rank(scores, case)}
-            found["rows"].append({**row, "sweep_cpu_s": times["processor_s"]})
-            say(found["rows"][-1])
-    store(args.out, found)
-    for trace, row in zip(traces, found["rows"], strict=True):
-        row["fit"], times = timed(partial(fitted, trace, np.array([row["b_l"], row["b_q"]])))
-        row["fit_cpu_s"] = times["processor_s"]
-        say(row)
-        store(args.out, found)
+        rows = (row(case, folder) for case in range(len(pairs)))
+        collect(args.out, {"rows": rows}, machine=describe(), noise_rad=NOISE, duration_s=args.duration)

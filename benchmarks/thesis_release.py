@@ -39,27 +39,27 @@ def end(solution: dj.Solution) -> Found:
     return {"status": solution.status, "reached_s": float(solution.t[-1]), "energy_share": share}
 
 
+def damped(name: str, b: tuple[float, float]) -> Found:
+    """A release with a damping, by the thesis' scheme."""
+    return {"b_l": b[0], "b_q": b[1], **end(run(name, b, integrator="thesis_angles", gamma=GAMMA))}
+
+
 def scenario(letter: str) -> Found:
     """A scenario from the ramp and from its packaged pose."""
     found = {"scenario": letter.upper()}
     for start in ("ramp", "pose"):
-        name = f"dropper-release-{letter}" + ("-ramp" if start == "ramp" else "")
+        name = f"dropper-release-{letter}" + "-ramp" * (start == "ramp")
         default = run(name, DAMPINGS[1])
-        found[start] = {"default": end(default), "thesis_angles": []}
-        before = default.polar[np.searchsorted(default.t, RELEASE - STEP) if start == "ramp" else 0]
-        found[start]["angles_rad"] = before.tolist()
+        before = default.polar[np.searchsorted(default.t, RELEASE - STEP) * (start == "ramp")]
+        found[start] = {"default": end(default), "thesis_angles": [damped(name, b) for b in DAMPINGS]}
         if letter in MODEL:
             found[start]["rms_to_model_rad"] = float(np.sqrt(np.mean((before - MODEL[letter]) ** 2)))
-        for b in DAMPINGS:
-            row = end(run(name, b, integrator="thesis_angles", gamma=GAMMA))
-            found[start]["thesis_angles"].append({"b_l": b[0], "b_q": b[1], **row})
     return found
 
 
 def damping_row(b: tuple[float, float]) -> Found:
-    """Scenario A with a damping, by the thesis' scheme."""
-    ended = end(run("dropper-release-a-ramp", b, integrator="thesis_angles", gamma=GAMMA))
-    return {"b_l": b[0], "b_q": b[1], "table_e_1": b in TABLE_E_1, **ended}
+    """Scenario A with a damping."""
+    return {**damped("dropper-release-a-ramp", b), "table_e_1": b in TABLE_E_1}
 
 
 class PlaneScheme:
@@ -95,24 +95,26 @@ class PlaneScheme:
         x, z = (np.sum(self.length * part, axis=-1) for part in (np.cos(theta), np.sin(theta)))
         return np.concatenate([turned, motion[0], motion[1], (x - 0.28)[..., None], z[..., None]], axis=-1)
 
-    def run(self, old: np.ndarray) -> float:
+    def step(self, old: np.ndarray, t: float) -> np.ndarray | None:
+        """The state after a step from t; None where Newton's method finds none."""
+        y, tiny = old, 1e-30
+        for _ in range(30):
+            tried = y.reshape(1, 3, -1) + 1j * tiny * np.eye(old.size).reshape(old.size, 3, -1)
+            jacobian = np.imag(self.rows(tried, old, t)).T / tiny
+            if not np.all(np.isfinite(jacobian)):
+                return None
+            change = np.linalg.solve(jacobian, self.rows(y, old, t))
+            y = y - change.reshape(3, -1)
+            if np.max(np.abs(change)) < 1e-11 * (1.0 + np.max(np.abs(y))):
+                return y
+        return None
+
+    def run(self, state: np.ndarray) -> float:
         """Time of the last step that Newton's method solves, up to 65 s."""
-        size, step = old.size, 1e-30
         for i in range(round(DURATION / self.dt)):
-            y, t = old.copy(), i * self.dt
-            for _ in range(30):
-                tried = y.reshape(1, 3, -1) + 1j * step * np.eye(size).reshape(size, 3, -1)
-                jacobian = np.imag(self.rows(tried, old, t)).T / step
-                residual = self.rows(y, old, t)
-                change = np.linalg.solve(jacobian, residual) if np.all(np.isfinite(jacobian)) else np.full(size, np.nan)
-                y = y - change.reshape(3, -1)
-                if not np.all(np.isfinite(change)) or np.max(np.abs(change)) < 1e-11 * (1.0 + np.max(np.abs(y))):
-                    break
-            else:
-                change = np.full(size, np.nan)
-            if not np.all(np.isfinite(change)):
-                return t
-            old = y
+            state = self.step(state, i * self.dt)
+            if state is None:
+                return i * self.dt
         return DURATION
 
 

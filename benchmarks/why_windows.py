@@ -11,13 +11,12 @@ import numpy as np
 from study import command
 
 from dropper_jax.plots import style
-from fitting import prepare
+from fitting import Camera, observe, prepare, simulate_truth
 from fitting.calibration.fit import estimate
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import Solution
 from fitting.estimate.windows import Starts, cut
-from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 SCENE, NAME, TRUTH = "dropper-release-a", "effects.linear_damping.b_l", 0.002
 PICTURE = Path(__file__).parent.parent / "docs" / "pictures" / "why_windows.png"

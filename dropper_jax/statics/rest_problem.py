@@ -180,7 +180,7 @@ def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax
 
 def balanced(model: Model, s: State, loads: jax.Array) -> State:
     """The state with tensions from its lengths."""
-    return state(model, s.r, tension=unbalanced(model, s, loads)[1], t=s.t)
+    return state(model, s.r, tension=RestProblem(model, s, loads).tension(jnp.zeros_like(s.r)), t=s.t)
 
 
 # Traced once: a program that searches for an equilibrium uses it five times.

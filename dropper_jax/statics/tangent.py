@@ -25,7 +25,7 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Geometry, Model, State, state
 from dropper_jax.solvers.dense import LU
 from dropper_jax.solvers.elimination import Elimination, Order, eliminate, elimination_order, solve
-from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale, unbalanced_at
+from dropper_jax.statics.rest_problem import SMALLEST, balanced, name_of, rest, soft_scale, unbalanced_at
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -207,7 +207,7 @@ class NodeMoves:
 
     def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
         """The configuration at the displacement x from s."""
-        return state(self.model, s.r + x, tension=unbalanced_at(self.model, s, loads, x)[1], t=s.t)
+        return balanced(self.model, state(self.model, s.r + x, t=s.t), loads)
 
 
 def stiffness_matrix(moves: NodeMoves, s: State, loads: jax.Array) -> jax.Array:

@@ -163,8 +163,8 @@ class _EqualSteps:
         self.plain = stepper.until_converged or not model.laws
         if stepper.until_converged:
             self.advance = _advance_briefly if steps < WORTH_ONE_KERNEL else _advance
-            # link-steps below which half the compile time (4 s for `edulis-longline`) is more than 0.1 ms for each
-            if steps * model.line.links < 10_000:
+            # link-steps below which half the compile time (4 s for `edulis-longline`) is worth 0.1 ms for each
+            if steps * model.line.links < 5_000:
                 self.advance = _advance_at_once
         else:  # optimised, the run of a single line compiles a second longer, and each step takes 7 us less
             self.advance = _advance_quickly if steps < 100_000 else _advance

@@ -222,7 +222,7 @@ def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tup
     """The stable equilibrium reached by descent from `s`, and its maximum scaled unbalanced force."""
     # number of links from which the optimised descent saves more time than its compilation takes longer
     find = descend if model.line.links >= 1000 else _descend_quickly
-    found, residual = find(model, s, loads, tolerance, soft_scale(model), ROUNDS)
+    found, residual = find(model, s, loads, tolerance, soft_scale(model, np), ROUNDS)
     return found, float(residual)
 
 

@@ -237,7 +237,7 @@ def factor_softened(model: Model, matrix: csc_array) -> SuperLU:
     from scipy.sparse import eye_array  # noqa: PLC0415
     from scipy.sparse.linalg import splu  # noqa: PLC0415
 
-    return splu((matrix + SMALLEST * float(soft_scale(model)) * eye_array(matrix.shape[0])).tocsc())
+    return splu((matrix + SMALLEST * float(soft_scale(model, np)) * eye_array(matrix.shape[0])).tocsc())
 
 
 def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.ndarray]:
@@ -263,7 +263,7 @@ def free_motion(model: Model, s: State, loads: jax.Array) -> str:
         return ""
     least, way = softest_motion(model, s, loads)
     # stiffness, over the weight of a link per its length, below which a motion counts as free
-    if least > 1e-7 * float(soft_scale(model)):
+    if least > 1e-7 * float(soft_scale(model, np)):
         return ""
     node = int(np.argmax(np.max(np.abs(way), axis=1)))
     along = ", ".join(f"{x:.2f}" for x in way[node])

@@ -16,7 +16,7 @@ import json
 import os
 import sys
 import threading
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -39,9 +39,9 @@ R = TypeVar("R")
 #: of functions, are switched off. One step of Edulis compiles in 36 s as one kernel, 16.2 s otherwise and 11.2 s
 #: without the emitters, and runs as fast.
 BRIEFLY = {"xla_disable_hlo_passes": "small-while-loop-hoisting", "xla_cpu_use_fusion_emitters": False}
-#: Options of programs as one kernel that run for a second at most: the lab dropper compiles in 0.8 instead of 2.0 s and
-#: takes 13 instead of 6 us per step.
-QUICKLY = {"xla_backend_optimization_level": 0}
+#: Options of programs that run for a second at most: the lab dropper compiles in 0.8 instead of 2.0 s and takes 13
+#: instead of 6 us per step. Parts for several threads of the compiler cost a tenth of what is left.
+QUICKLY = {"xla_backend_optimization_level": 0, "xla_cpu_parallel_codegen_split_count": 1}
 #: Environment variable that enables them (`on`), for processes that run each scene once.
 QUICK, ON = "DROPPER_QUICK_COMPILATION", "on"
 #: Compiler contexts by the number of their thread.
@@ -203,8 +203,9 @@ class CachedJit(Generic[P, R]):
     """A function compiled as by `jax.jit`, with its programs in a store; inside another trace it is `jax.jit`
     itself."""
 
-    def __init__(self, function: Callable[P, R], static: Iterable[str], store: Store, brief: bool, quick: bool):
+    def __init__(self, function: Callable[P, R], static: Iterable[str], store: Store, brief: bool, quick: float):
         functools.update_wrapper(self, function)
+        self._calls: Counter[Hashable] = Counter()
         self._function, self._store = function, store
         self._brief, self._quick = brief, quick
         self._signature = inspect.signature(function)
@@ -232,10 +233,12 @@ class CachedJit(Generic[P, R]):
         leaves, tree = jax.tree.flatten(values)
         kinds = tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
         device_settings = jax.config.jax_enable_x64, jax.config.jax_default_device, jax.config.jax_debug_nans
-        key = self._function, frozenset(settings.items()), tree, kinds, device_settings, self._brief, self._quick
-        return self._store.get(key, lambda: self._compile(settings, values))
+        kind = self._function, frozenset(settings.items()), tree, kinds, device_settings, self._brief
+        self._calls[kind] += 1
+        quick = self._calls[kind] <= self._quick
+        return self._store.get((*kind, quick), lambda: self._compile(settings, values, quick))
 
-    def _compile(self, settings: dict[str, Hashable], values: list[object]) -> jax.stages.Compiled:
+    def _compile(self, settings: dict[str, Hashable], values: list[object], quick: bool) -> jax.stages.Compiled:
         names = [name for name in self._signature.parameters if name not in self._static]
 
         # A separate function: JAX keeps a trace, and with it the program, as long as the traced function exists.
@@ -244,7 +247,7 @@ class CachedJit(Generic[P, R]):
             return self._function(**settings, **dict(zip(names, values, strict=True)))
 
         del one.__wrapped__  # its signature includes the static arguments
-        options = self._compiler_options()
+        options = self._compiler_options(quick)
         if self._brief or not tags_enabled():
             return lower_cached(self._function, settings, values, one).compile(options)
         try:
@@ -253,23 +256,24 @@ class CachedJit(Generic[P, R]):
         except jax.errors.JaxRuntimeError:  # an operation that this version's compiler does not compile inline
             return lower_cached(self._function, settings, values, one).compile(options)
 
-    def _compiler_options(self) -> dict[str, str | bool | int] | None:
+    def _compiler_options(self, quick: bool) -> dict[str, str | bool | int] | None:
         names = set()
         if self._brief:
             names.update(BRIEFLY)
-        if self._quick and os.environ.get(QUICK) == ON:
+        if quick and os.environ.get(QUICK) == ON:
             names.update(QUICKLY)
         return compiler_options(names)
 
 
 def cached_jit(
-    static: Iterable[str] = (), store: Store = STORE, brief: bool = False, quick: bool = False
+    static: Iterable[str] = (), store: Store = STORE, brief: bool = False, quick: float = 0
 ) -> Callable[[Callable[P, R]], CachedJit[P, R]]:
     """`jax.jit` for a function of whole scenes.
 
     Args:
         static: names of the arguments that determine the kind of scene.
         brief: never compile it to one kernel (see `one_kernel`); for functions that run too briefly to be worth it.
-        quick: compile it without optimisation, if the process has asked for that; for what runs for a second at most.
+        quick: number of calls of a kind for which it is compiled without optimisation, if the process has asked for
+            that; for what runs for a second at most.
     """
     return lambda function: CachedJit(function, static, store, brief, quick)

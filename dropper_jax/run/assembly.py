@@ -48,7 +48,7 @@ def _observe_all(
 
 
 _observe = cached_jit(brief=True)(_observe_all)
-_observe_once = cached_jit(brief=True, quick=True)(_observe_all)
+_observe_once = cached_jit(brief=True, quick=np.inf)(_observe_all)
 
 
 def build_solution(

@@ -84,7 +84,8 @@ GoOn = Callable[[Any, int], tuple[Any, tuple[Trajectory, Beside]]]
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
 _advance = cached_jit(static=("stepper", "capacity", "save_every"))(advance_some)
 _advance_briefly = cached_jit(static=("stepper", "capacity", "save_every"), brief=True)(advance_some)
-_advance_quickly = cached_jit(static=("stepper", "capacity", "save_every"), quick=True)(advance_some)
+_advance_at_once = cached_jit(static=("stepper", "capacity", "save_every"), brief=True, quick=4)(advance_some)
+_advance_quickly = cached_jit(static=("stepper", "capacity", "save_every"), quick=np.inf)(advance_some)
 _advance_adaptively = cached_jit(static=("stepper", "saves"))(advance_adaptively)
 _advance_controlled = cached_jit(static=("stepper", "saves"))(advance_controlled)
 _start_controlled = cached_jit(static=("stepper",))(start_controlled)
@@ -162,6 +163,9 @@ class _EqualSteps:
         self.plain = stepper.until_converged or not model.laws
         if stepper.until_converged:
             self.advance = _advance_briefly if steps < WORTH_ONE_KERNEL else _advance
+            # link-steps below which half the compile time (4 s for `edulis-longline`) is worth 0.1 ms for each
+            if steps * model.line.links < 5_000:
+                self.advance = _advance_at_once
         else:  # optimised, the run of a single line compiles a second longer, and each step takes 7 us less
             self.advance = _advance_quickly if steps < 100_000 else _advance
         self.program = self._program(stepper.plain if self.plain else stepper, progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from itertools import accumulate, groupby
 from typing import Any, NamedTuple
 
@@ -80,8 +81,8 @@ class SceneData:
         """
         carried = [body.name for body in self.bodies]
         loaded = {p.name for p in self.points if p.body or p.on in carried} | {buoy.point for buoy in self.buoys}
-        ends = [name for line in self.lines for name in {line.start, line.end}]
-        alone = {name for name in ends if ends.count(name) == 1} - loaded
+        ends = Counter(name for line in self.lines for name in {line.start, line.end})
+        alone = {name for name, lines in ends.items() if lines == 1} - loaded
         starts = alone - {p.name for p in self.points if p.is_free}
 
         def nodes(line: LineSpec) -> str:

@@ -142,9 +142,9 @@ def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
     return GRAVITY_SCALE * mass
 
 
-def soft_scale(model: Model) -> jax.Array:
-    """Scale of stiffness, a scalar [N/m]: the mean weight of a link per its length."""
-    return force_scale(model) / jnp.mean(model.line.length)
+def soft_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
+    """Scale of stiffness, a scalar [N/m]: the mean weight of a link per its length. NumPy on the host."""
+    return force_scale(model, xp) / xp.mean(xp.asarray(model.line.length))
 
 
 def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
@@ -180,7 +180,7 @@ def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax
 
 def balanced(model: Model, s: State, loads: jax.Array) -> State:
     """The state with tensions from its lengths."""
-    return state(model, s.r, tension=unbalanced(model, s, loads)[1], t=s.t)
+    return state(model, s.r, tension=RestProblem(model, s, loads).tension(jnp.zeros_like(s.r)), t=s.t)
 
 
 # Traced once: a program that searches for an equilibrium uses it five times.
@@ -216,7 +216,7 @@ def polish(
 
 def solve_statics(model: Model, s: State, loads: jax.Array) -> tuple[State, float]:
     """`polish` on the host."""
-    found, residual = polish(model, s, loads, SMALLEST * soft_scale(model))
+    found, residual = polish(model, s, loads, SMALLEST * soft_scale(model, np))
     return found, float(residual)
 
 

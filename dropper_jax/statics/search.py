@@ -201,11 +201,12 @@ def node_positions(model: Model, s: State) -> jax.Array:
 
 
 def _result(model: Model, s: State, residual: float, message: str = "") -> Equilibrium:
+    s = state(model, s.r, tension=s.tension, t=s.t)
     return Equilibrium(
         positions=np.asarray(node_positions(model, s)),
         tension=np.asarray(s.tension),
         residual=residual,
         status="not_converged" if message else "ok",
         message=message,
-        state=state(model, s.r, tension=s.tension, t=s.t),
+        state=s,
     )

@@ -26,7 +26,7 @@ from dropper_jax.base.numerics import scatter_add_many
 from dropper_jax.model import Graph, Model, State, state
 from dropper_jax.solvers.dense import LU
 from dropper_jax.solvers.elimination import Elimination, Order, apply, eliminate, elimination_order, solve
-from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale, unbalanced_at
+from dropper_jax.statics.rest_problem import SMALLEST, balanced, name_of, rest, soft_scale, unbalanced_at
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -207,7 +207,7 @@ class NodeMoves:
 
     def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
         """The configuration at the displacement x from s."""
-        return state(self.model, s.r + x, tension=unbalanced_at(self.model, s, loads, x)[1], t=s.t)
+        return balanced(self.model, state(self.model, s.r + x, t=s.t), loads)
 
 
 def stiffness_matrix(moves: NodeMoves, s: State, loads: jax.Array) -> jax.Array:
@@ -237,7 +237,7 @@ def factor_softened(model: Model, matrix: csc_array) -> SuperLU:
     from scipy.sparse import eye_array  # noqa: PLC0415
     from scipy.sparse.linalg import splu  # noqa: PLC0415
 
-    return splu((matrix + SMALLEST * float(soft_scale(model)) * eye_array(matrix.shape[0])).tocsc())
+    return splu((matrix + SMALLEST * float(soft_scale(model, np)) * eye_array(matrix.shape[0])).tocsc())
 
 
 def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.ndarray]:
@@ -263,7 +263,7 @@ def free_motion(model: Model, s: State, loads: jax.Array) -> str:
         return ""
     least, way = softest_motion(model, s, loads)
     # stiffness, over the weight of a link per its length, below which a motion counts as free
-    if least > 1e-7 * float(soft_scale(model)):
+    if least > 1e-7 * float(soft_scale(model, np)):
         return ""
     node = int(np.argmax(np.max(np.abs(way), axis=1)))
     along = ", ".join(f"{x:.2f}" for x in way[node])

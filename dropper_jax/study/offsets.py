@@ -297,7 +297,7 @@ class _DesignSearch:
         return found.x
 
 
-@cached_jit(static=("moving", "quantities"), quick=True)
+@cached_jit(static=("moving", "quantities"), quick=np.inf)
 def _slopes(
     moving: tuple[int, ...],
     quantities: tuple[Quantity, ...],

@@ -138,3 +138,17 @@ def test_doctor_reports_an_option_that_the_compiler_no_longer_knows(monkeypatch,
     shown = capsys.readouterr().out
     assert "xla_cpu_is_not_an_option UNKNOWN" in shown
     assert all(f"{name} known" in shown for name in programs.BRIEFLY)
+
+
+def test_first_calls_run_without_optimisation_where_the_command_line_asks_for_it(monkeypatch):
+    monkeypatch.setenv(programs.QUICK, programs.ON)
+    store, compiled = programs.Store(), []
+    options = programs.CachedJit._compiler_options
+    monkeypatch.setattr(
+        programs.CachedJit, "_compiler_options", lambda f, quick: compiled.append(quick) or options(f, quick)
+    )
+    double = programs.cached_jit(store=store, brief=True, quick=2)(lambda x: 2.0 * x)
+    assert [float(double(jnp.asarray(x))) for x in (1.0, 2.0, 3.0, 4.0)] == [2.0, 4.0, 6.0, 8.0]
+    assert compiled == [True, False]
+    double(jnp.ones(3))
+    assert compiled == [True, False, True]

@@ -247,7 +247,7 @@ def march_held(
 
 
 def grid_program(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
-    """`march` with the step `grid / every` [s], with spare rows, by the program of the schemes of the same equations."""
+    """`march` with the step `grid / every` [s], with spare rows, by the program of schemes of the same equations."""
     scheme, weight = stepper.integrator.common_form(model)
     fractions = stepper.integrator.stages if len(scheme.stages) == 1 else (1.0,)
     padded = np.array([*fractions, *[0.0] * (5 - len(fractions))])
@@ -264,10 +264,11 @@ def spare_rows(saves: int) -> int:
 def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
     """`march` with the step `grid / every` [s], as numpy arrays (saves, ...).
 
-    First by the program without fallback solvers, a quarter of the code; by the full one if a step does not converge.
+    First by the program that does not halve steps, half of the code; by the full one if a step does not converge.
     """
-    run = grid_program(stepper.plain, model, s, grid, every, saves)
-    if int(run.bad[saves - 1]) >= 0 and stepper != stepper.plain:
+    small = stepper.plain if stepper.halvings else stepper
+    run = grid_program(small, model, s, grid, every, saves)
+    if int(run.bad[saves - 1]) >= 0 and stepper != small:
         run = grid_program(stepper, model, s, grid, every, saves)
     return jax.tree.map(lambda x: np.asarray(x)[:saves], run)
 

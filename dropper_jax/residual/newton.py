@@ -43,7 +43,7 @@ def newton(
     def go(carry: tuple[Any, ...]) -> jax.Array:
         _, residual, count = carry
         # a NaN compares false: more iterations cannot remove it
-        return (count == 0) | ((residual > limit) & (count <= extra // bunch))
+        return (count == 0) | ((residual > limit) & (bunch * count <= extra))
 
     def more(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         u, _, count = carry

@@ -189,9 +189,9 @@ def _can_be_tagged(traced: _Traced) -> bool:
 
 
 def _float_result(program: core.ClosedJaxpr) -> int | None:
-    """Index of the first result of type float64 that is not empty."""
+    """Index of the first result of floating numbers that is not empty."""
     for i, kind in enumerate(program.out_avals):
-        if str(kind.dtype) == "float64" and math.prod(kind.shape):
+        if str(kind.dtype) in ("float64", "float32") and math.prod(kind.shape):
             return i
     return None
 
@@ -223,7 +223,7 @@ def _call_tagged(*values: jax.Array, program: core.ClosedJaxpr) -> list[jax.Arra
         *parts, guard = jnp.split(packed, ends)
         results = _call_plain(*map(_from_float64, parts, values), program=program)
         # A reader that no optimisation removes: the last element, -0, changes no number that it is added to.
-        results[guarded] = results[guarded] + guard[0]
+        results[guarded] = results[guarded] + guard[0].astype(results[guarded].dtype)
         return results
 
     return _tagged_call()(unpack)(jnp.concatenate([*map(_to_float64, values), jnp.full(1, -0.0)]))

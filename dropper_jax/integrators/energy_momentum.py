@@ -41,17 +41,18 @@ class EnergyMomentum(Implicit):
     takes_laws: ClassVar[bool] = True
     takes_constraints: ClassVar[bool] = True
     tension_time: ClassVar[float] = 0.5
+    #: Weight of the new time.
+    gamma: ClassVar[float] = 0.5
 
-    @property
-    def weighting(self) -> float:
-        return 0.5
+    def common_form(self, model: Model) -> tuple[Implicit, float | None]:
+        return (self, None) if sawtooth_grows(model) else (EnergyMomentum(), self.gamma)
 
     def begin(self, model: Model, s: State) -> State:
         """The state with velocities that are consistent with links between moving ends."""
         return replace(s, v=consistent_velocity(model, s.r, s.v, s.t)) if model.moving else s
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
-        return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)
+        return MidpointProblem(model, s, h, self.gamma, alone=len(self.stages) == 1)
 
 
 class MidpointProblem(StepProblem):
@@ -196,7 +197,7 @@ class MidpointProblem(StepProblem):
         work."""
         model = self.model
         jumped = jumps(model, self.s.t, self.h)
-        if self.alone and self.gamma == 0.5 and sawtooth_grows(model):  # a shifted midpoint damps it
+        if self.alone and sawtooth_grows(model) and self.gamma == 0.5:  # a shifted midpoint damps it
             # square of the sawtooth's speed divided by that of the fastest link, above which a step ends with the
             # projection
             rings = feeds_sawtooth(model) & (self._sawtooth(r1, v1) > (1e-3**2))

@@ -148,34 +148,35 @@ class ProjectedRungeKutta(Explicit):
     def attempt(self, model: Model, knot: Knot, h: jax.Array, track: bool) -> tuple[Knot, jax.Array]:
         """The knot one step later, and estimates (k, 2, nodes, 3) of the error of positions and velocities."""
         stages, dtype = len(self.b), knot.y.dtype
-        table = np.zeros((stages, stages))
-        for i, row in enumerate(self.a, start=1):
+        table, errors = np.zeros((stages + 1, stages + 1)), np.zeros((len(self.errors), stages + 1))
+        for i, row in enumerate((*self.a, self.b), start=1):
             table[i, : len(row)] = row
-        rows, times = jnp.asarray(table, dtype), jnp.asarray(table.sum(axis=1), dtype)
+        for i, row in enumerate(self.errors):
+            errors[i, : len(row)] = row
+        rows, times = jnp.asarray(table, dtype), jnp.asarray([*table.sum(axis=1)[:stages], 2.0], dtype)
         low, high = time_just_after(knot.t), time_just_after(knot.t + h, -1.0)
 
-        def stage(i: jax.Array, slopes: jax.Array) -> jax.Array:
+        def end(y: jax.Array) -> jax.Array:
+            r, v, work = split_row(model, y)
+            return _flat(*on_links(model, r, v, high), work)
+
+        def stage(i: jax.Array, carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+            slopes = carry[0]
             y = knot.y + h * _combine_slopes(jax.lax.dynamic_index_in_dim(rows, i, keepdims=False), slopes)
+            y = jax.lax.cond(i == stages, end, lambda y: y, y)
             # a jump at the start of the step has already happened, one at its end happens after it
-            rate, _ = _rate(model, jnp.clip(knot.t + times[i] * h, low, high), y, track)
-            return jax.lax.dynamic_update_index_in_dim(slopes, rate, i, axis=0)
+            rate, tension = _rate(model, jnp.clip(knot.t + times[i] * h, low, high), y, track)
+            return jax.lax.dynamic_update_index_in_dim(slopes, rate, i, axis=0), y, tension
 
         # A loop, not twelve successive stages: XLA would fuse each stage into all that use it and recompute it for
-        # every one (1.8 times as slow, and 20 s to compile).
-        rest = jnp.zeros((stages - 1, *knot.y.shape), dtype)
-        slopes = jax.lax.fori_loop(1, stages, stage, jnp.concatenate([knot.rate[None], rest]))
-        r, v, work = split_row(model, knot.y + h * _combine_slopes(jnp.asarray(self.b, dtype), slopes))
-        y = _flat(*on_links(model, r, v, high), work)
-        rate, tension = _rate(model, high, y, track)
-        size = 2 * r.size
-        known, last = (jax.lax.stop_gradient(a[..., :size]) for a in (slopes, rate))
-        errors = [h * self._guess(e, known, last).reshape(2, *r.shape) for e in self.errors]
-        return Knot(knot.t + h, y, rate, tension), jnp.stack(errors)
-
-    def _guess(self, weights: tuple[float, ...], slopes: jax.Array, last: jax.Array) -> jax.Array:
-        stages = len(self.b)
-        found = _combine_slopes(jnp.asarray(weights[:stages], last.dtype), slopes)
-        return found if len(weights) == stages else found + weights[stages] * last
+        # every one (1.8 times as slow, and 20 s to compile). The last round is the end of the step.
+        rest = jnp.zeros((stages, *knot.y.shape), dtype)
+        first = jnp.concatenate([knot.rate[None], rest]), knot.y, knot.tension
+        slopes, y, tension = jax.lax.fori_loop(1, stages + 1, stage, first)
+        size = 6 * model.free_nodes
+        known = jax.lax.stop_gradient(slopes[:, :size])
+        guesses = [h * _combine_slopes(jnp.asarray(e, dtype), known).reshape(2, -1, 3) for e in errors]
+        return Knot(knot.t + h, y, slopes[stages], tension), jnp.stack(guesses)
 
     def estimate(self, errors: jax.Array, v: jax.Array, tolerance: jax.Array) -> jax.Array:
         """Error of a step divided by the allowed error.

@@ -33,6 +33,9 @@ class Rattle(Implicit):
     iterations: ClassVar[int] = 4
     condensed_iterations: ClassVar[int] = 2  # steps that need more iterations get them
 
+    def common_form(self, model: Model) -> tuple[Implicit, float | None]:
+        return Rattle(), None
+
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)
 

@@ -41,6 +41,9 @@ class ThesisAngles(Implicit):
     def dissipates(self) -> bool:
         return self.gamma > 0.5
 
+    def common_form(self, model: Model) -> tuple[Implicit, float | None]:
+        return ThesisAngles(), self.gamma
+
     def refuse(self, model: Model) -> str | None:
         if model.moving:
             return "the thesis' scheme holds both ends still; use energy_momentum"

@@ -33,11 +33,14 @@ class Theta(Implicit):
 
     @property
     def holds_length(self) -> bool:
-        return self.gamma > 0.0
+        return not _is_explicit(self.gamma)
 
     @property
     def dissipates(self) -> bool:
         return self.gamma > 0.5
+
+    def common_form(self, model: Model) -> tuple[Implicit, float | None]:
+        return (Theta(), self.gamma) if self.holds_length else (self, None)
 
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)
@@ -46,12 +49,16 @@ class Theta(Implicit):
         return ThetaProblem(model, s, h, self.gamma)
 
 
+def _is_explicit(gamma: float | jax.Array) -> bool:
+    return isinstance(gamma, float) and gamma == 0.0
+
+
 class ThetaProblem(SpeedProblem):
     """Unknowns: x = v1 - v0 and the tensions T1 (gamma = 0: T0)."""
 
     def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
         super().__init__(model, s, h)
-        self.gamma = gamma
+        self.gamma, self.explicit = gamma, _is_explicit(gamma)
         self.before = model.instant(s.r, s.v, s.t, self.ends0)
         self.force0 = model.force(self.before)
         self.prepared = model.prepare(model.kinematics(s.r + h * s.v, s.v, s.t + h, self.ends1))
@@ -66,13 +73,13 @@ class ThetaProblem(SpeedProblem):
 
     def _local(self, x: jax.Array) -> jax.Array:
         old = self.mass[:, None] * x / self.h - (1 - self.gamma) * self.force0
-        return old if self.gamma == 0.0 else old - self.gamma * self.model.force(self._end_kinematics(x))
+        return old if self.explicit else old - self.gamma * self.model.force(self._end_kinematics(x))
 
     def residual(self, u: Unknowns) -> Unknowns:
         model, line, gamma = self.model, self.model.line, self.gamma
         after = self._end_kinematics(u.x)
         force = self._local(u.x)
-        if gamma == 0.0:
+        if self.explicit:
             speed = jnp.sum(self.unit_forces(after.links) * model.rates(after.v, self.ends1), axis=-1)
             return Unknowns(force - model.tension_force(u.y, self.pull0), self.h * speed)
         force = force - gamma * model.tension_force(u.y, self.unit_forces(after.links))
@@ -88,7 +95,7 @@ class ThetaProblem(SpeedProblem):
 
     def condensed_parts(self, u: Unknowns) -> CondensedParts:
         gamma, pull1, none = self.gamma, self.unit_forces(self._end_kinematics(u.x).links), jnp.zeros_like(u.y)
-        if gamma == 0.0:
+        if self.explicit:
             return CondensedParts(self.pull0, self.h * pull1, none)
         return CondensedParts(gamma * pull1, gamma * self.h * pull1, none)
 

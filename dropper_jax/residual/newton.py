@@ -12,6 +12,8 @@ from dropper_jax.residual.problem import StepProblem, Unknowns, add, norm
 from dropper_jax.residual.scheme import Solver
 
 Linear = Callable[[Unknowns], Unknowns]
+#: Number of corrections up to which all are made.
+FEW = 2
 #: Fractions for a cycling iteration.
 SEARCHED = (0.85, 0.7, 0.55, 0.4, 0.25, 0.12, 0.06, 0.03)
 #: Sequence of smoothings of set-valued laws, as a fraction of the rate that friction stops within the step.
@@ -22,20 +24,53 @@ CONVERGED = 1e-3
 
 
 def newton(
-    problem: StepProblem, solver: Solver, u: Unknowns, iterations: int, limit: float | None = None
+    problem: StepProblem,
+    solver: Solver,
+    u: Unknowns,
+    iterations: int,
+    limit: float | None = None,
+    extra: jax.Array | None = None,
 ) -> tuple[Unknowns, jax.Array]:
     """`u <- u - P^-1 R(u)` a fixed number of times; returns the unknowns and the maximum scaled row.
 
-    With a limit corrections stop if the rows are at 1e-5 times it, or below it and no longer decreasing.
+    With a limit corrections stop if the rows are at 1e-5 times it, or below it and no longer decreasing. Rows that are
+    still above it get `extra` corrections, in bunches with a matrix of their own.
     """
+    if extra is None:
+        return _correct(problem, solver, u, iterations, limit)
+    bunch = 4
 
+    def go(carry: tuple[Any, ...]) -> jax.Array:
+        _, residual, count = carry
+        # a NaN compares false: more iterations cannot remove it
+        return (count == 0) | ((residual > limit) & (bunch * count <= extra))
+
+    def more(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        u, _, count = carry
+        # the first corrections and the extra ones by the same equations: they are in the program once
+        first = count == 0
+        some = jnp.where(first, iterations, bunch)
+        return *_correct(problem, solver, u, some, limit, first & (iterations > FEW)), count + 1
+
+    start = u, jnp.full((), jnp.inf, u.x.dtype), jnp.zeros((), jnp.int32)
+    return jax.lax.while_loop(go, more, start)[:2]
+
+
+def _correct(
+    problem: StepProblem,
+    solver: Solver,
+    u: Unknowns,
+    iterations: int | jax.Array,
+    limit: float | None,
+    stops: jax.Array | bool = True,
+) -> tuple[Unknowns, jax.Array]:
+    """Corrections with one prepared matrix; if `stops`, they end early at the limit."""
     prepared, scale = solver.prepare(problem, u), problem.row_scale()
 
     def apply_correction(u: Unknowns, rows: Unknowns) -> Unknowns:
         return add(u, solver.apply(solver.factor(problem, u, prepared), rows), -1.0)
 
-    # minimum number of iterations
-    if limit is None or iterations <= 2:
+    if limit is None or (isinstance(iterations, int) and iterations <= FEW):
         u, _ = jax.lax.scan(lambda u, _: (apply_correction(u, problem.residual(u)), None), u, None, length=iterations)
         return u, norm(problem.residual(u), scale)
     # if many iterations are allowed they stop at this fraction of the tolerance, at rounding, to conserve energy
@@ -51,7 +86,7 @@ def newton(
         rows = problem.residual(u)
         after = norm(rows, scale)
         # rows within the tolerance that decrease by less than this factor are rounding
-        return u, rows, after, (after <= enough) | ((after <= limit) & (after > 0.3 * size)), count + 1
+        return u, rows, after, stops & ((after <= enough) | ((after <= limit) & (after > 0.3 * size))), count + 1
 
     rows = problem.residual(u)
     # A good guess is corrected as well: its error would otherwise accumulate over the steps. Under `vmap` a loop ends

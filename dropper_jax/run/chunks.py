@@ -151,7 +151,7 @@ class _EqualSteps:
     """Equal steps by the program without globalisation, until a step fails to converge.
 
     That chunk and all later ones are then run by the program with the fallback solvers. Most runs never compile this
-    program, which is four times as large. Joints that stick need it from the start.
+    program, which is twice as large. Joints that stick need it from the start.
     """
 
     def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, steps: int) -> None:

@@ -19,8 +19,6 @@ from dropper_jax.residual import (
     CONVERGED,
     Implicit,
     Integrator,
-    Solver,
-    StepProblem,
     Unknowns,
     damped_newton,
     newton,
@@ -148,7 +146,7 @@ class Stepper:
 
     @property
     def plain(self) -> Stepper:
-        """The same settings without fallback solvers: a quarter of the code to compile."""
+        """The same settings without fallback solvers: half of the code to compile."""
         return replace(self, extra=0, halvings=0) if self.iterations else self
 
     @property
@@ -212,26 +210,11 @@ def solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Arr
     if model.laws:
         u, residual, seen = newton_until(problem, solver, problem.guess(), stepper.iterations, CONVERGED * limit)
     else:
-        u, residual = newton(problem, solver, problem.guess(), stepper.iterations, limit)
-    first = problem.finish(u, seen), u, residual, jnp.full((), FULL_STEP, jnp.int32)
-    if not (stepper.extra or stepper.halvings):
-        return first
-
-    def resist(carry: tuple[Any, ...]) -> jax.Array:
-        tried, (_, _, residual, _) = carry
-        return ~(residual <= limit) & ~tried & alive
-
-    def escalate(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        _, (s1, u, residual, level) = carry
-        if stepper.extra:
-            u, residual = _more_iterations(problem, solver, u, residual, limit, stepper.extra)
-            s1 = problem.finish(u)
-        if stepper.halvings:
-            s1, residual, level = _halve(stepper, model, s, h, (s1, residual, level))
-        return jnp.ones((), bool), (s1, u, residual, level)
-
-    # one loop around all stages, so that a converged step costs a single test
-    return jax.lax.while_loop(resist, escalate, (jnp.zeros((), bool), first))[1]
+        extra = jnp.where(alive, stepper.extra, 0) if stepper.extra else None
+        u, residual = newton(problem, solver, problem.guess(), stepper.iterations, limit, extra)
+    first = problem.finish(u, seen), residual, jnp.full((), FULL_STEP, jnp.int32)
+    s1, residual, level = _halve(stepper, model, s, h, alive, first) if stepper.halvings else first
+    return s1, u, residual, level
 
 
 def _solve_or_halve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
@@ -265,23 +248,6 @@ def _solve_or_halve(stepper: Stepper, model: Model, s: State, h: jax.Array, aliv
     return jax.lax.while_loop(resist, attempt, start)
 
 
-def _more_iterations(
-    problem: StepProblem, solver: Solver, u: Unknowns, residual: jax.Array, limit: float, extra: int
-) -> tuple[Unknowns, jax.Array]:
-    bunch = 4
-
-    def go(carry: tuple[Any, ...]) -> jax.Array:
-        _, residual, count = carry
-        return (residual > limit) & (count < extra // bunch)  # a NaN compares false: more iterations cannot remove it
-
-    def more(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        u, residual = newton(problem, solver, carry[0], bunch)
-        return u, residual, carry[2] + 1
-
-    u, residual, _ = jax.lax.while_loop(go, more, (u, residual, jnp.zeros((), jnp.int32)))
-    return u, residual
-
-
 @in_chosen_form
 def substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, Unknowns, jax.Array]:
     """One substep by the fallback solver, damped."""
@@ -305,13 +271,13 @@ def limit_pace(model: Model, s: State, s1: State, residual: jax.Array) -> jax.Ar
     return jnp.where(far, jnp.maximum(residual, TOO_FAR), residual)  # a NaN remains NaN
 
 
-def _halve(stepper: Stepper, model: Model, s: State, h: jax.Array, first: tuple[Any, ...]) -> Any:
+def _halve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array, first: tuple[Any, ...]) -> Any:
     limit = stepper.limit(model)
     start = jax.tree.map(jnp.asarray, s)
 
     def go(carry: tuple[Any, ...]) -> jax.Array:
         _, residual, level = carry
-        return ~(residual <= limit) & (level < stepper.halvings)
+        return ~(residual <= limit) & (level < stepper.halvings) & alive
 
     def retry(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         level = carry[2] + 1

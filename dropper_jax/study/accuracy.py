@@ -167,16 +167,12 @@ def accuracy(
 
 
 def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], say: Progress) -> dict[str, Any]:
-    say(0.7, "numerical damping")
+    say(0.7, "convergence by link")  # first, by the programs of the rows, which later ones would displace
+    found = convergence(model, s, target.grid, len(target.t), list(dts))
+    say(0.75, "numerical damping")
     damping = numerical_damping()
-    say(0.85, "Euler's schemes")
-    claims = euler_claims()
-    say(0.92, "convergence by link")
-    return {
-        "numerical_damping": damping,
-        "euler": claims,
-        "convergence": convergence(model, s, target.grid, len(target.t), list(dts)),
-    }
+    say(0.92, "Euler's schemes")
+    return {"numerical_damping": damping, "euler": euler_claims(), "convergence": found}
 
 
 def advice(

@@ -158,28 +158,59 @@ class Marched(NamedTuple):
     path: jax.Array
 
 
+class SchemeNumbers(NamedTuple):
+    """Numbers in which schemes of the same equations differ.
+
+    Attributes:
+        weight: of the new time; None: the scheme's own.
+        fractions: of the substeps of a step (5,); the first `stages` are taken.
+        stages: their number.
+    """
+
+    weight: float | None
+    fractions: np.ndarray
+    stages: int
+
+
 @cached_jit(static=("stepper", "capacity"))
 def march(
-    stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: jax.Array, capacity: int
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    dt: jax.Array,
+    every: jax.Array,
+    saves: jax.Array,
+    capacity: int,
+    numbers: SchemeNumbers,
 ) -> Marched:
     """`saves` times `every` steps of `dt` from s, in the first of `capacity` rows.
 
-    dt, `every` and `saves` are traced, so other step sizes and durations do not compile again.
+    dt, `every`, `saves` and the numbers of the scheme are traced, so other step sizes, durations, weights and
+    compositions do not compile again.
     """
     dt = jnp.asarray(dt, model.dtype)
+    weight, fractions, stages = numbers
+    weight, fractions = jax.tree.map(lambda x: jnp.asarray(x, model.dtype), (weight, fractions))
+    stepper = replace(stepper, integrator=stepper.integrator.with_weight(weight))
 
     def one(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
         progress, first, worst, retried, path = carry
-        after, report, _ = next_progress(stepper, model, progress, dt)
-        worst = jnp.maximum(worst, report.residual)
+
+        def stage(j: jax.Array, so_far: tuple[Any, ...]) -> tuple[Any, ...]:
+            progress, worst, level = so_far
+            after, report, _ = next_progress(stepper, model, progress, fractions[j] * dt)
+            return after, jnp.maximum(worst, report.residual), jnp.maximum(level, report.level)
+
+        level = jnp.full((), FULL_STEP, jnp.int32)
+        after, worst, level = jax.lax.fori_loop(0, stages, stage, (progress, worst, level))
         path = path + jnp.sum((after.state.r - progress.state.r) ** 2) / dt
         first = jnp.where(i == 0, after.state.tension, first)
-        return after, first, worst, retried + (report.level > FULL_STEP), path
+        return after, first, worst, retried + (level > FULL_STEP), path
 
     def row(carry: tuple[Any, ...]) -> Marched:
         progress, first, worst, retried, path = carry
-        s = progress.state
-        return Marched(s.r, s.v, jnp.stack([s.tension, first]), s.work, worst, progress.first_bad, retried, path)
+        s, bad = progress.state, progress.first_bad // stages
+        return Marched(s.r, s.v, jnp.stack([s.tension, first]), s.work, worst, bad, retried, path)
 
     def save(carry: tuple[Any, ...], _: jax.Array) -> tuple[tuple[Any, ...], Marched]:
         carry = jax.lax.fori_loop(0, every, one, carry)
@@ -216,8 +247,13 @@ def march_held(
 
 
 def grid_program(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
-    """`march` with the step `grid / every` [s], with spare rows."""
-    return march(stepper, model, s, grid / every, every, saves, spare_rows(saves))
+    """`march` with the step `grid / every` [s], with spare rows, by the program of schemes of the same equations."""
+    scheme, weight = stepper.integrator.common_form(model)
+    fractions = stepper.integrator.stages if len(scheme.stages) == 1 else (1.0,)
+    padded = np.array([*fractions, *[0.0] * (5 - len(fractions))])
+    numbers = SchemeNumbers(weight, padded, len(fractions))
+    stepper = replace(stepper, integrator=scheme)
+    return march(stepper, model, s, grid / every, every, saves, spare_rows(saves), numbers)
 
 
 def spare_rows(saves: int) -> int:
@@ -228,10 +264,11 @@ def spare_rows(saves: int) -> int:
 def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
     """`march` with the step `grid / every` [s], as numpy arrays (saves, ...).
 
-    First by the program without fallback solvers, a quarter of the code; by the full one if a step does not converge.
+    First by the program that does not halve steps, half of the code; by the full one if a step does not converge.
     """
-    run = grid_program(stepper.plain, model, s, grid, every, saves)
-    if int(run.bad[saves - 1]) >= 0 and stepper != stepper.plain:
+    small = stepper.plain if stepper.halvings else stepper
+    run = grid_program(small, model, s, grid, every, saves)
+    if int(run.bad[saves - 1]) >= 0 and stepper != small:
         run = grid_program(stepper, model, s, grid, every, saves)
     return jax.tree.map(lambda x: np.asarray(x)[:saves], run)
 

@@ -209,7 +209,7 @@ def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, st
 
     Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9-20.
     """
-    # first by the program without fallback solvers, a fifth of the code
+    # first by the program without fallback solvers, half of the code
     found = _measure_growth(model, s, stepper.plain, dt, steps, seed)
     if isinstance(found.converged, jax.core.Tracer) or not found.converged:
         found = _measure_growth(model, s, stepper, dt, steps, seed)

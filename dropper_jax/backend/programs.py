@@ -53,7 +53,7 @@ CONTEXTS: dict[int, Any] = {}
 
 @functools.cache
 def supported_options() -> dict[str, str | bool | int]:
-    """The options in `BRIEFLY`, `QUICKLY` and `WIDELY` that this compiler supports, each tested once on a small program.
+    """The options above that this compiler supports, each tested once on a small program.
 
     The answer is stored in the folder of compiled programs, which belongs to one version of JAX.
     """

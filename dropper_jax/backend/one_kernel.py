@@ -62,7 +62,7 @@ INLINE = ELEMENTWISE | frozenset(
     argmax argmin reduce_precision optimization_barrier
     shift_left shift_right_logical shift_right_arithmetic
     jit pjit closed_call custom_jvp_call custom_vjp_call checkpoint remat2 scan while cond custom_linear_solve
-    first_derivatives_only zero_of_all one_kernel pvary
+    first_derivatives_only zero_of_all one_kernel pvary xla_metadata_call xla_metadata_call2
     """.split()  # noqa: SIM905
 )
 #: Types that float64 contains exactly, and those of its width, whose bits are used.
@@ -134,6 +134,13 @@ def inside(enabled: bool | None) -> Iterator[None]:
         yield
 
 
+def separate_call(f: Callable[P, R]) -> Callable[P, R]:
+    """`f` as a function of its own in the compiled program, so that its results are stored and not computed again by
+    each of their readers; `f` itself if this JAX has no such calls."""
+    call = None if is_plain() else _tagged_call()
+    return f if call is None else call(f, {"inlineable": "false"})
+
+
 @functools.cache
 def _tagged_call() -> Callable[..., Any] | None:
     for module, name in TAGGED_CALLS:
@@ -141,9 +148,7 @@ def _tagged_call() -> Callable[..., Any] | None:
             call = getattr(importlib.import_module(module), name)
         except (ImportError, AttributeError):
             continue
-        if name == "xla_metadata_call2":
-            return lambda f: call(f, TAG)
-        return lambda f: call(f, **TAG)
+        return call if name == "xla_metadata_call2" else lambda f, tag, call=call: call(f, **tag)
     return None
 
 
@@ -226,7 +231,7 @@ def _call_tagged(*values: jax.Array, program: core.ClosedJaxpr) -> list[jax.Arra
         results[guarded] = results[guarded] + guard[0].astype(results[guarded].dtype)
         return results
 
-    return _tagged_call()(unpack)(jnp.concatenate([*map(_to_float64, values), jnp.full(1, -0.0)]))
+    return _tagged_call()(unpack, TAG)(jnp.concatenate([*map(_to_float64, values), jnp.full(1, -0.0)]))
 
 
 def _to_float64(x: jax.Array) -> jax.Array:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.numerics import store_once
 from dropper_jax.residual.problem import StepProblem, Unknowns, add, norm
 from dropper_jax.residual.scheme import Solver
 
@@ -67,11 +68,14 @@ def _correct(
     """Corrections with one prepared matrix; if `stops`, they end early at the limit."""
     prepared, scale = solver.prepare(problem, u), problem.row_scale()
 
+    def rows_at(u: Unknowns) -> Unknowns:
+        return store_once(problem.residual(u))
+
     def apply_correction(u: Unknowns, rows: Unknowns) -> Unknowns:
         return add(u, solver.apply(solver.factor(problem, u, prepared), rows), -1.0)
 
     if limit is None or (isinstance(iterations, int) and iterations <= FEW):
-        u, _ = jax.lax.scan(lambda u, _: (apply_correction(u, problem.residual(u)), None), u, None, length=iterations)
+        u, _ = jax.lax.scan(lambda u, _: (apply_correction(u, rows_at(u)), None), u, None, length=iterations)
         return u, norm(problem.residual(u), scale)
     # if many iterations are allowed they stop at this fraction of the tolerance, at rounding, to conserve energy
     enough = 1e-5 * limit
@@ -83,7 +87,7 @@ def _correct(
     def correct(now: tuple[Any, ...]) -> tuple[Any, ...]:
         u, rows, size, _, count = now
         u = apply_correction(u, rows)
-        rows = problem.residual(u)
+        rows = rows_at(u)
         after = norm(rows, scale)
         # rows within the tolerance that decrease by less than this factor are rounding
         return u, rows, after, stops & ((after <= enough) | ((after <= limit) & (after > 0.3 * size))), count + 1

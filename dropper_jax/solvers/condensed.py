@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
-from dropper_jax.base.numerics import Components, components, dot_components, inverse_rows
+from dropper_jax.base.numerics import Components, components, dot_components, inverse_rows, store_once
 from dropper_jax.model import Graph, Model
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns
 
@@ -78,7 +78,7 @@ def _eliminate(
 def _solve(f: _Factor, rows: Unknowns) -> Unknowns:
     loose = _times(f.inverse, components(rows.x))
     moved = tuple(f.geometry.differences(c, None) for c in loose)
-    y = solve_tridiagonal(*f.matrix, dot_components(f.gradient, moved) - rows.y)
+    y = solve_tridiagonal(*store_once((*f.matrix, dot_components(f.gradient, moved) - rows.y)))
     back = _times(f.inverse, tuple(f.geometry.gather(y * p) for p in f.force))
     return Unknowns(jnp.stack([a + b for a, b in zip(loose, back, strict=True)], axis=-1), y)
 
@@ -106,7 +106,7 @@ class Condensed:
     def prepare(self, problem: StepProblem, u: Unknowns) -> Inverse:
         """Inverses of the node blocks, reused in the iterations of a step: they change little, and cost most."""
         node = problem.node_matrix(u)
-        return 1.0 / node if node.ndim == 1 else inverse_rows(node)
+        return 1.0 / node if node.ndim == 1 else inverse_rows(store_once(node))
 
     def factor(
         self, problem: StepProblem, u: Unknowns, prepared: Inverse | None = None

@@ -102,7 +102,7 @@ class Problem(Residuals):
     near: tuple[State, ...]
     halved: int = 0
     retries: bool = False
-    windows: Series | None = None
+    windows: Series = None
 
     def __post_init__(self) -> None:
         if self.windows is None:

@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Protocol
 
 import numpy as np
 
@@ -31,30 +30,11 @@ from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace, smooth
 
 
-class Samples(Protocol):
-    """Where the residuals of K blocks, S slots and n channels were sampled, and their noise.
-
-    Attributes:
-        source: number of the run, or of the sensor, whose noise a block has (K,).
-        follows: whether a block continues the previous one (K,).
-        weight: 1/sigma (K, S, n), 0 where there is no sample.
-        decay: decay rate of the noise's autocorrelation (K, n) [1/s]; None if it is white.
-        jitter: see `Windows`; None: none.
-    """
-
-    source: np.ndarray
-    follows: np.ndarray
-    weight: np.ndarray
-    decay: np.ndarray | None
-    jitter: np.ndarray | None
-
-    def times(self) -> np.ndarray:
-        """Times of all slots (K, S) [s]."""
-
-
 @dataclass(frozen=True)
 class Noise:
     """The noise of R runs of n links, or of R sensors (n = 1).
+
+    Its samples are windows, or series of sensors, which also have `source`, `follows`, `weight`, `times` and `decay`.
 
     Attributes:
         factor: ratio of the standard deviation to the claimed one (R, n).
@@ -72,17 +52,17 @@ class Noise:
         return cls(np.ones((runs, links)), np.full((runs, links), np.inf), np.zeros(runs))
 
     @classmethod
-    def of_misfit(cls, residual: np.ndarray, known: np.ndarray, run: np.ndarray, floor: np.ndarray) -> Noise:
+    def of_misfit(cls, residual: np.ndarray, mask: np.ndarray, run: np.ndarray, floor: np.ndarray) -> Noise:
         """White noise as large as residuals (K, S, n), in units of the claimed noise, and at least `floor` (R, n)."""
         noise = cls.as_claimed(*floor.shape)
-        return replace(noise, factor=np.maximum(np.sqrt(mean_by_run(residual**2, known, run, len(floor))), floor))
+        return replace(noise, factor=np.maximum(np.sqrt(mean_by_run(residual**2, mask, run, len(floor))), floor))
 
     @property
     def kind(self) -> str:
         """`white`, `correlated` or `jitter`."""
         return "correlated" if np.isfinite(self.decay).any() else "jitter" if self.delay.any() else "white"
 
-    def apply_to(self, windows: Samples, traces: Sequence[Trace] = ()) -> Samples:
+    def apply_to(self, windows: Windows, traces: Sequence[Trace] = ()) -> Windows:
         """Samples of the claimed noise with this noise; frames with delays need the traces."""
         source = windows.source
         weight = windows.weight / self.factor[source][:, None, :]
@@ -121,14 +101,14 @@ def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
     return np.where(windows.weight > 0, found, 0.0)
 
 
-def in_units(evaluation: Evaluation, old: Samples, new: Samples) -> Evaluation:
+def in_units(evaluation: Evaluation, old: Windows, new: Windows) -> Evaluation:
     """An evaluation in units of the old samples' noise, in those of the new ones."""
     ratio = np.where(new.weight > 0, new.weight / np.where(old.weight > 0, old.weight, 1.0), 0.0)
     residual, jacobian = evaluation.residual * ratio, evaluation.jacobian * ratio[..., None]
     return evaluation._replace(residual=residual, jacobian=jacobian)
 
 
-def whiten(windows: Samples, e: Evaluation) -> Evaluation:
+def whiten(windows: Windows, e: Evaluation) -> Evaluation:
     """The evaluation with residuals and derivatives of unit and independent noise."""
     if windows.decay is not None:
         before, phi, size = _memory(windows)
@@ -144,7 +124,7 @@ def whiten(windows: Samples, e: Evaluation) -> Evaluation:
     return e
 
 
-def log_volume(windows: Samples) -> float:
+def log_volume(windows: Windows) -> float:
     """Logarithm of the determinant of the noise's covariance, over all samples [log rad^2]."""
     known = windows.weight > 0
     total = -2 * float(np.sum(np.log(windows.weight[known])))
@@ -155,7 +135,7 @@ def log_volume(windows: Samples) -> float:
     return total
 
 
-def _memory(windows: Samples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For every sample (K, S, n): the previous sample of its channel (-1: none), phi, and the remaining size."""
     known = windows.weight > 0
     slots = np.arange(known.shape[1])[None, :, None]
@@ -199,7 +179,7 @@ def lag_one(residual: np.ndarray, known: np.ndarray) -> tuple[float, float]:
     return float(product.sum() / max(both.sum(), 1) / max(square, 1e-300)), 1 / np.sqrt(max(both.sum(), 1))
 
 
-def lag_one_by_source(windows: Samples, residual: np.ndarray, sources: int) -> tuple[np.ndarray, np.ndarray]:
+def lag_one_by_source(windows: Windows, residual: np.ndarray, sources: int) -> tuple[np.ndarray, np.ndarray]:
     """`lag_one` of every run and link, or of every sensor: correlations and standard errors (R, n)."""
     known = windows.weight > 0
     found = np.zeros((2, sources, known.shape[2]))

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.noise import Noise, Samples, correlates, in_units, lag_one, whiten
+from fitting.estimate.noise import Noise, correlates, in_units, lag_one, whiten
 from fitting.estimate.normal_equations import Evaluation, Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
@@ -72,7 +72,7 @@ class Residuals(ABC):
     memory: float = 1.0
     known: JointPrior = JointPrior()
     descent: Descent | None = None
-    windows: Samples
+    windows: Windows
     noise: Noise | None = None
 
     @property
@@ -113,7 +113,7 @@ class Residuals(ABC):
         """The problem with half the time step."""
 
     @abstractmethod
-    def raw_evaluation(self, point: Solution, claimed: Samples) -> Evaluation:
+    def raw_evaluation(self, point: Solution, claimed: Windows) -> Evaluation:
         """The evaluation of a solution in units of the claimed noise, without whitening."""
 
     @abstractmethod
@@ -124,7 +124,7 @@ class Residuals(ABC):
     def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
         """Correlation of neighbouring weighted residuals, of all or by channel; whether it is significant."""
 
-    def with_noise(self, noise: Noise, windows: Samples, values: np.ndarray) -> Residuals:
+    def with_noise(self, noise: Noise, windows: Windows, values: np.ndarray) -> Residuals:
         """The problem with this noise, which its samples have; `values` (k,) are those of the parameters."""
         return replace(self, windows=windows, noise=noise)
 
@@ -189,7 +189,6 @@ class Problem(Residuals):
     """
 
     simulator: Simulator
-    windows: Windows
     rest: Rest | None = None
 
     @property

@@ -26,7 +26,6 @@ import numpy as np
 from fitting.estimate.noise import (
     WHITE,
     Noise,
-    Samples,
     correlates,
     in_units,
     lag_one,
@@ -39,6 +38,7 @@ from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.problem import Residuals, Solution
 from fitting.estimate.sandwich import leverage, start_covariances
 from fitting.estimate.shooting import level_of
+from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
 
 #: Maximum memory of the noise that is used.
@@ -55,7 +55,7 @@ class ResidualNoiseModel:
         floor: minimum standard deviation of each run's links, or of each sensor (R, n), relative to the claimed one.
     """
 
-    def __init__(self, solution: Solution, claimed: Samples, traces: Sequence[Trace], floor: np.ndarray) -> None:
+    def __init__(self, solution: Solution, claimed: Windows, traces: Sequence[Trace], floor: np.ndarray) -> None:
         self.solution, self.claimed, self.traces, self.floor = solution, claimed, traces, floor
         self.raw = solution.problem.raw_evaluation(solution, claimed)
         times, known = claimed.times(), (claimed.weight > 0).any(axis=2)
@@ -201,7 +201,7 @@ ROUNDS, SAME = 3, 0.05
 def fit_with_noise(
     solution: Solution,
     again: Callable[[Solution], Solution],
-    claimed: Callable[[Solution], Samples],
+    claimed: Callable[[Solution], Windows],
     floor: np.ndarray,
     traces: Sequence[Trace] = (),
     same: float = SAME,

@@ -158,9 +158,14 @@ def by_full_path(
     scene: Scene, start: StartValues | None, bounds: Bounds | None, priors: Priors | None, of_data: Sequence[str] = ()
 ) -> list[dict[str, Any]]:
     """Start values, bounds and priors by full paths; names of the sections `of_data` are full already."""
-    full = lambda name, option: name if ScenePath(name).section in of_data else full_names(scene, [name], option)[0]  # noqa: E731
     given = (("start", start), ("bounds", bounds), ("prior", priors))
-    return [{full(name, option): value for name, value in (values or {}).items()} for option, values in given]
+    return [
+        {
+            name if ScenePath(name).section in of_data else full_names(scene, [name], option)[0]: value
+            for name, value in (values or {}).items()
+        }
+        for option, values in given
+    ]
 
 
 def _is_full(name: str) -> bool:

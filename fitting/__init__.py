@@ -12,22 +12,33 @@ import dropper_jax  # noqa: F401 - turns on float64 before anything is traced
 
 #: Where each public name lives. They load on demand: `dropper --help` needs none of them.
 PUBLIC = {
+    "Camera": "traces.synthetic",
     "ChannelFit": "channels.result",
     "Convention": "traces.trace",
     "FitResult": "calibration.result",
+    "Huber": "estimate.loss",
+    "Motion": "traces.synthetic",
     "SceneFit": "estimate.scene_fit",
+    "StudentT": "estimate.loss",
     "Trace": "traces.trace",
     "TraceLoss": "calibration.trace_loss",
+    "View": "tracking.render",
     "close_chain": "traces.planar",
+    "compare": "calibration.comparison",
+    "film": "tracking.render",
     "fit": "calibration.fit",
     "fit_channels": "channels.fit",
+    "fitted_scene": "parameters.of_scene",
     "loss_of_trace": "calibration.trace_loss",
+    "observe": "traces.synthetic",
     "prepare": "calibration.preparation",
     "read_data": "channels.reading",
     "read_trace": "traces.trace",
+    "simulate_truth": "traces.synthetic",
     "to_state": "traces.planar",
     "wrap": "traces.planar",
     "write_trace": "traces.trace",
+    "write_video": "tracking.video",
 }
 
 __all__ = list(PUBLIC)

@@ -33,8 +33,7 @@ import optax
 
 import dropper_jax as dj
 from dropper_jax.plots import style
-from fitting import close_chain, fit, to_state, wrap
-from fitting.traces.synthetic import Camera, observe, simulate_truth
+from fitting import Camera, close_chain, fit, observe, simulate_truth, to_state, wrap
 
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 

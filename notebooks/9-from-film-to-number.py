@@ -27,13 +27,9 @@ import numpy as np
 
 import dropper_jax as dj
 from dropper_jax.plots import style
-from fitting import fit
+from fitting import View, film, fit, fitted_scene, simulate_truth, write_video
 from fitting.calibration.one_run import one_run
-from fitting.parameters.of_scene import fitted_scene
-from fitting.traces.synthetic import simulate_truth
 from fitting.tracking import track
-from fitting.tracking.render import View, film
-from fitting.tracking.video import write_video
 
 LINKS, DURATION = 3, 12.0
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
@@ -196,7 +192,7 @@ plt.show()
 # --auto-free --report report` does all of this from the command line, and writes `report/fitted.toml`.
 
 # %%
-from dropper_jax.base.toml_text import as_toml  # noqa: E402
+from dropper_jax import as_toml  # noqa: E402
 
 calibrated = fitted_scene(result.scene, result.model, result.parameters, result.values)
 Path("fitted.toml").write_text(as_toml(calibrated.as_written()))

@@ -19,9 +19,8 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
-from dropper_jax import build
+from dropper_jax import build, build_model
 from dropper_jax.effects import EFFECTS
-from dropper_jax.run.build import build_model
 from dropper_jax.study.cost import model_variants
 from dropper_jax.study.stability import all_cases, scenes
 

@@ -119,12 +119,12 @@ def read_run(file: str) -> Solution:
         raise SceneError(f"{file}: cannot be read: {error.strerror or error}") from None
 
     from dropper_jax.effects import register_installed
-    from dropper_jax.run.simulate import load_run
+    from dropper_jax.run.simulate import Solution
 
     register_installed()
     if left:
         recover_leftovers(path)
-    return load_run(file)
+    return Solution.load(file)
 
 
 def recover_leftovers(file: Path) -> None:

@@ -10,8 +10,8 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
 from dropper_jax.plots import panels, style, system, view
+from dropper_jax.plots.panels import Curve, Panel, draw_panel, history, legend
 from dropper_jax.plots.run import ANGLE, TRAVEL, Run, chosen_links, directions, travel
-from dropper_jax.plots.series import Curve, Panel, draw_panel, history, legend
 from dropper_jax.plots.tension import ends_panel
 
 

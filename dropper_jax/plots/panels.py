@@ -1,10 +1,15 @@
-"""Many links in one picture: stacked traces, a grid of panels, or a map when there are too many for either."""
+"""Many links in one picture, and panels against time that stay legible.
+
+Stacked traces, a grid of panels, or a map when there are too many links for either; long records as envelope and mean,
+with a zoom.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -161,3 +166,173 @@ def _nothing(run: Run, path: str | Path, what: str) -> Path:
     figure = style.new_figure(6.0, 2.0)
     figure.text(0.5, 0.45, f"no link turns by more than {ANGLE:g} rad", ha="center", color=style.FAINT)
     return style.finish(figure, run, what, path)
+
+
+#: Intervals of an envelope, and cycles of a zoom.
+INTERVALS, CYCLES = 320, 8
+#: Dashes of the later of two curves that look like one, so that both are visible.
+DASHES = (0.0, (4.0, 4.0))
+
+
+class Curve(NamedTuple):
+    """One quantity against time: values (k,) at t (k,) [s], and the range (k,) of each sample if it has one."""
+
+    name: str
+    t: np.ndarray
+    values: np.ndarray
+    low: np.ndarray | None = None
+    high: np.ndarray | None = None
+    colour: str | None = None
+
+
+class Panel(NamedTuple):
+    """Label with unit, and the series of the panel; `zero` draws the zero line."""
+
+    label: str
+    curves: list[Curve]
+    title: str = ""
+    zero: bool = False
+
+
+def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
+    """Panels one above the other; a long record is an envelope on the left, and a part of it is on the right."""
+    # number of turning points above which a panel shows an envelope: 200 waves of five pixels each are still visible
+    zoom = None if sum(turns(c.values) > 400 for p in panels for c in p.curves) == 0 else zoom_of(panels)
+    figure = style.new_figure(8.5 if zoom is None else 11.5, 1.2 + 1.75 * len(panels))
+    columns = 1 if zoom is None else 2
+    ratios = [1.0] if zoom is None else [1.55, 1.0]
+    grid = figure.subplots(len(panels), columns, sharex="col", squeeze=False, width_ratios=ratios)
+    for row, panel in zip(grid, panels, strict=True):
+        draw_panel(row[0], panel, envelope=None if zoom is None else _shortest(panel, panels))
+        row[0].set_ylabel(panel.label)
+        if panel.title:
+            row[0].set_title(panel.title, loc="left", fontsize=9)
+        if zoom is not None:
+            row[0].axvspan(*zoom, color=style.FAINT, alpha=0.25, lw=0)
+            draw_panel(row[1], panel, part=zoom)
+    for above, panel, row in zip([None, *panels], panels, grid, strict=False):
+        names = [curve.name for curve in panel.curves]
+        if any(names) and (above is None or names != [curve.name for curve in above.curves]):
+            legend(row[-1])
+    for axes in grid[-1]:
+        style.time_axis(axes, run.t)
+    if zoom is not None:
+        grid[-1, 1].set_xlim(*zoom)
+        notes = filter(None, (panels[0].title, "mean, minimum and maximum"))
+        grid[0, 0].set_title("; ".join(notes), loc="left", fontsize=9)
+        grid[0, 1].set_title(f"zoom on the maximum, {zoom[0]:.4g} to {zoom[1]:.4g} s", loc="left", fontsize=9)
+    figure.align_ylabels()
+    return style.finish(figure, run, what, path)
+
+
+def _shortest(panel: Panel, panels: list[Panel]) -> float:
+    """Shortest cycle [s] of the panels of one unit, used for all their means; 0 without any."""
+    alike = [other for other in panels if other.label.rpartition(" ")[2] == panel.label.rpartition(" ")[2]]
+    cycles = [cycle(curve.t, curve.values) for other in alike for curve in other.curves]
+    return min((length for length in cycles if length > 0.0), default=0.0)
+
+
+def legend(axes: Axes) -> None:
+    """Place the legend above the right end, where there is no title."""
+    options = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
+    axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **options)
+
+
+def draw_panel(
+    axes: Axes, panel: Panel, envelope: float | None = None, part: tuple[float, float] | None = None
+) -> None:
+    """Draw all curves of a panel; as an envelope with means over cycles of this length [s], or of a part of the
+    time."""
+    for index, curve in enumerate(panel.curves):
+        colour = curve.colour or style.CYCLE[index % len(style.CYCLE)]
+        dashes = DASHES if hides(panel.curves, index) else "-"
+        t, values, low, high = _cut_curve(curve, part)
+        name = curve.name or None
+        if envelope is not None and len(t) > 2 * INTERVALS:
+            edges, middle, least, largest = reduce_samples(t, values, low, high)
+            middle = _without_beat(edges, middle, envelope)
+            axes.fill_between(edges, least, largest, color=colour, alpha=0.28, lw=0)
+            axes.plot(edges, middle, color=colour, lw=1.1, ls=dashes, label=name)
+            continue
+        if low is not None:
+            axes.fill_between(t, low, high, color=colour, alpha=0.28, lw=0)
+        axes.plot(t, values, color=colour, lw=1.0, ls=dashes, marker=style.marker(t), ms=4, label=name)
+    if panel.zero:
+        axes.axhline(0.0, color=style.FAINT, lw=0.7, zorder=0.5)
+    style.widen(np.concatenate([_cut_curve(curve, part)[1] for curve in panel.curves]), axes.set_ylim)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.margins(y=0.08)
+
+
+def hides(curves: list[Curve], index: int) -> bool:
+    """Whether a curve coincides with a previous one, as in a symmetric farm."""
+    this = curves[index].values
+    reach = max((float(np.ptp(curve.values)) for curve in curves if np.all(np.isfinite(curve.values))), default=0.0)
+    # two curves closer than this fraction of the maximum range look like one
+    return any(
+        other.values.shape == this.shape and np.max(np.abs(other.values - this), initial=0.0) < 0.01 * reach
+        for other in curves[:index]
+    )
+
+
+def _cut_curve(
+    curve: Curve, part: tuple[float, float] | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None]:
+    if part is None:
+        return curve.t, curve.values, curve.low, curve.high
+    # one sample on either side, so that lines reach the edges
+    first = max(int(np.searchsorted(curve.t, part[0])) - 1, 0)
+    last = min(int(np.searchsorted(curve.t, part[1])) + 2, len(curve.t))
+    return tuple(None if a is None else a[first:last] for a in (curve.t, curve.values, curve.low, curve.high))
+
+
+def reduce_samples(
+    t: np.ndarray, values: np.ndarray, low: np.ndarray | None = None, high: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Times, mean, minimum and maximum (m,) of `INTERVALS` stretches of samples (k,), k > INTERVALS."""
+    starts = np.unique(np.linspace(0, len(t), INTERVALS, endpoint=False).astype(int))
+    count = np.diff(np.append(starts, len(t)))
+    mean, at = (np.add.reduceat(a, starts) / count for a in (values, t))
+    least = np.minimum.reduceat(values if low is None else low, starts)
+    largest = np.maximum.reduceat(values if high is None else high, starts)
+    return at, mean, least, largest
+
+
+def _without_beat(t: np.ndarray, mean: np.ndarray, period: float) -> np.ndarray:
+    """Moving average of the means (m,) of stretches about as long as a cycle: single means beat with the cycles."""
+    stretch = float(t[-1] - t[0]) / (len(t) - 1)
+    if 4 * stretch < period:
+        return mean
+    half = min(int(np.ceil(2 * CYCLES * max(period, stretch) / stretch / 2)), len(mean) // 8)
+    window = np.ones(2 * half + 1)
+    return np.convolve(mean, window, mode="same") / np.convolve(np.ones_like(mean), window, mode="same")
+
+
+def turns(values: np.ndarray) -> int:
+    """Number of reversals of a series (k,) by more than about 3 % of its range."""
+    known = values[np.isfinite(values)]
+    # relative change of a series below which it is rounding
+    if known.size < 3 or np.ptp(known) <= 1e-6 * np.abs(known).max():
+        return 0
+    way = np.diff(np.rint((known - known.min()) / (0.03 * np.ptp(known))))
+    way = np.sign(way[way != 0])
+    return int(np.sum(way[1:] != way[:-1]))
+
+
+def zoom_of(panels: list[Panel]) -> tuple[float, float]:
+    """Part of the time [s] around the maximum of the first panel, a few of its cycles long."""
+    first = max(panels[0].curves, key=lambda c: float(np.nanmax(c.values if c.high is None else c.high)))
+    t, values = first.t, first.values
+    span = float(t[-1] - t[0])
+    period = max((cycle(c.t, c.values) for panel in panels for c in panel.curves), default=span)
+    width = min(max(CYCLES * period, 20 * span / max(len(t) - 1, 1)), span / 3)
+    peak = float(t[int(np.nanargmax(values if first.high is None else first.high))])
+    start = min(max(peak - width / 2, float(t[0])), float(t[-1]) - width)
+    return start, start + width
+
+
+def cycle(t: np.ndarray, values: np.ndarray) -> float:
+    """Mean time between upward crossings of the mean [s]; 0 if there are fewer than two."""
+    above = values > np.nanmean(values)
+    up = np.flatnonzero(above[1:] & ~above[:-1])
+    return float(t[up[-1]] - t[up[0]]) / (len(up) - 1) if len(up) > 1 else 0.0

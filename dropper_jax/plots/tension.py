@@ -9,8 +9,8 @@ import numpy as np
 from dropper_jax.analysis.spectrum import balance_drift
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import panels, style
+from dropper_jax.plots.panels import Curve, Panel, history
 from dropper_jax.plots.run import TENSION, Run, changing
-from dropper_jax.plots.series import Curve, Panel, history
 from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import curvature, held_points, point_load
 from dropper_jax.scene import whole_lines

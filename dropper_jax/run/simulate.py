@@ -168,15 +168,6 @@ class Solution(Samples):
         return {key: self.settings[key] for key in keys if key in self.settings}
 
 
-def load_run(path: str | Path) -> Solution:
-    """Read a saved run from an `.npz` or `.nc` file or a `.zarr` folder.
-
-    Raises:
-        SceneError: one line, if the file is missing or is not a saved run.
-    """
-    return Solution.load(path)
-
-
 def simulate(
     scene: SceneLike,
     *,

@@ -22,8 +22,8 @@ from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import style, view
+from dropper_jax.plots.panels import Curve, Panel, history
 from dropper_jax.plots.run import readable
-from dropper_jax.plots.series import Curve, Panel, history
 from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import point_load
 from dropper_jax.run.build import build, build_model

@@ -21,8 +21,8 @@ import numpy as np
 from dropper_jax.base.files import atomic_write
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style
+from dropper_jax.plots.panels import cycle
 from dropper_jax.plots.run import Bodies, Run, readable
-from dropper_jax.plots.series import cycle
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.body import rotation

@@ -13,9 +13,9 @@ import pytest
 from scipy.special import ellipk
 
 import dropper_jax as dj
+from dropper_jax import build_model
 from dropper_jax.axial import Elastic, Groups, LinkStart, Rigid, Rope
 from dropper_jax.residual import Unknowns
-from dropper_jax.run.build import build_model
 from dropper_jax.solvers import SOLVERS
 
 SCENE = "rigid-dropper-longline"

@@ -9,12 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, equilibrium, integrate, load_scene, make_stepper, state
+from dropper_jax import SceneError, build_model, equilibrium, integrate, load_scene, make_stepper, natural_modes, state
 from dropper_jax.axial import LinkStart, Rope, Tabulated
 from dropper_jax.axial.tabulated import ForceTable, stack_tables
 from dropper_jax.model import work_names
-from dropper_jax.run.build import build_model
-from dropper_jax.statics.modes import natural_modes
 from dropper_jax.stepping.integrate import observe
 
 STRAIN, TENSION = [0.02, 0.05, 0.10, 0.12, 0.20], [0.0, 300.0, 1300.0, 1300.0, 4500.0]

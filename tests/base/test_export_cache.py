@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax import build_model
 from dropper_jax.backend import export_cache
 from dropper_jax.backend.compile_cache import Entries
 from dropper_jax.backend.export_cache import PREFIX, Constants, Traces
 from dropper_jax.base.numerics import components, inverse_rows
 from dropper_jax.base.plain_form import NoPlainForm, read, to_plain, tree_read, tree_written
-from dropper_jax.run.build import build_model
 from dropper_jax.stepping.integrate import advance_some, begin
 
 MATRICES = jnp.asarray(np.random.default_rng(1).normal(size=(4, 3, 3)) + 3.0 * np.eye(3))

@@ -12,8 +12,7 @@ import dropper_jax as dj
 from dropper_jax import SceneError
 from dropper_jax.base import renamed
 from dropper_jax.base.toml_text import jsonable
-from dropper_jax.cli import commands
-from dropper_jax.cli.faults import old_names_in_one_line
+from dropper_jax.cli import commands, old_names_in_one_line
 from dropper_jax.effects import RecordedMotion
 from fitting.tracking import Tracked
 

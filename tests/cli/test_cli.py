@@ -15,9 +15,8 @@ import jax
 import numpy as np
 import pytest
 
-from dropper_jax import Scene, Solution, load_scene, scene_names
+from dropper_jax import Scene, Solution, as_toml, load_scene, scene_names
 from dropper_jax.backend.programs import STORE
-from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.cli.options import progress
 from dropper_jax.run import simulate

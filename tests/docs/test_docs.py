@@ -8,10 +8,9 @@ import jax
 import pytest
 
 from dropper_jax import Effect, register
-from dropper_jax.cli.commands import parse
+from dropper_jax.cli import parse
 from dropper_jax.effects import EFFECTS
-from fitting import write_trace
-from fitting.traces.synthetic import Camera, observe, simulate_truth
+from fitting import Camera, observe, simulate_truth, write_trace
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))

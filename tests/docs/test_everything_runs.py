@@ -105,11 +105,10 @@ def test_what_is_run_elsewhere_is_there():
 @pytest.fixture(scope="module")
 def workshop(tmp_path_factory):
     """A folder with the files that the pages name."""
-    from fitting import write_trace
+    from fitting import Camera, Motion, View, film, observe, simulate_truth, write_trace, write_video
     from fitting.site import site_text
-    from fitting.traces.synthetic import Camera, Motion, observe, simulate_truth
-    from fitting.tracking.render import View, chessboards, film
-    from fitting.tracking.video import opencv, write_video
+    from fitting.tracking.render import chessboards
+    from fitting.tracking.video import opencv
 
     folder = tmp_path_factory.mktemp("workshop")
     lab = dj.load_scene("dropper-release-a")

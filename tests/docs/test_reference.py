@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from dropper_jax import Scene, SceneError, scene_names
+from dropper_jax import Scene, SceneError, packaged_scene, scene_names
 from dropper_jax.cli import main
 from dropper_jax.cli.reference import as_markdown
-from dropper_jax.load.packaged import packaged_scene
 from dropper_jax.load.paths import locate
 from dropper_jax.load.reference import find, schema, sections
 

@@ -14,8 +14,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
-from dropper_jax import load_scene, make_stepper, state
-from dropper_jax.run.build import build_model
+from dropper_jax import build_model, load_scene, make_stepper, state
 from dropper_jax.stepping.integrate import begin
 
 PAGE = Path(__file__).parents[2] / "docs" / "physics.md"

@@ -14,16 +14,16 @@ from dropper_jax import (
     Scene,
     SceneError,
     build,
+    build_model,
     equilibrium,
     integrate,
     load_scene,
     make_stepper,
+    report_run,
     simulate,
+    write_vtk,
 )
 from dropper_jax.effects import Bending
-from dropper_jax.report.build import report_run
-from dropper_jax.report.vtk import write_vtk
-from dropper_jax.run.build import build_model
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.solvers.dense import residual_matrix
 

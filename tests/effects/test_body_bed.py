@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax import build_model
 from dropper_jax.effects.body_bed import BodyBed
-from dropper_jax.run.build import build_model
 
 RHO, G, DEPTH = 1025.0, 9.81, 20.0
 SOFT = 1e5

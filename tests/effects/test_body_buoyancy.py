@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import build, equilibrium
+from dropper_jax import build, build_model, equilibrium
 from dropper_jax.effects.hydrostatics import Cylinders, sphere_energy, sphere_volume
-from dropper_jax.run.build import build_model
 
 RHO, G = 1025.0, 9.81
 

@@ -10,14 +10,12 @@ from jax.flatten_util import ravel_pytree
 from scipy.integrate import quad
 
 import dropper_jax as dj
-from dropper_jax import INTEGRATORS, SceneError, build, make_stepper
+from dropper_jax import INTEGRATORS, SceneError, build, build_model, make_stepper, natural_modes
 from dropper_jax.effects.body_bed import BodyBedFriction
 from dropper_jax.residual import Unknowns
-from dropper_jax.run.build import build_model
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.solvers.dense import residual_matrix
 from dropper_jax.statics import equilibrium
-from dropper_jax.statics.modes import natural_modes
 
 G, RHO, DEPTH = 9.81, 1025.0, 20.0
 ARM, MASS, MOMENT = 2.0, 5.0, 3.0

@@ -9,9 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import dropper_jax as dj
-from dropper_jax import SceneError, equilibrium, mooring_stiffness
-from dropper_jax.run.build import build_model
-from dropper_jax.statics.modes import natural_modes
+from dropper_jax import SceneError, build_model, equilibrium, mooring_stiffness, natural_modes
 
 RHO, G = 1025.0, 9.81
 D, H, DRAUGHT, KG, AREA = 1.0, 9.0, 5.0, 2.0, np.pi / 4

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.run.build import build_model
+from dropper_jax import build_model
 
 #: Half-grown mussel dropper (Zhu et al. 2020), its displaced diameter at 1300 kg/m^3.
 OUTER, DISPLACED, MASS, CDN = 0.13, 0.0859, 7.53, 1.3

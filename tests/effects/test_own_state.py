@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import Effect, component, parameter, register
+from dropper_jax import Effect, build_model, component, parameter, register
 from dropper_jax.effects import EFFECTS
-from dropper_jax.run.build import build_model
 
 MASS, LENGTH, GRAVITY, EA = 1.0, 2.0, 9.81, 1.0e5
 #: Slow beside the mass: what accelerates it changes the strain by `m L E2/eta^2` of it, 1e-4.

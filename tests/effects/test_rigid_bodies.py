@@ -9,9 +9,8 @@ from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
 import dropper_jax as dj
-from dropper_jax import SceneError, build, make_stepper
+from dropper_jax import SceneError, build, build_model, make_stepper
 from dropper_jax.load.checks_system import body_warnings
-from dropper_jax.run.build import build_model
 
 INERTIA, RATES = (1.0, 2.0, 3.0), (0.3, 1.0, 0.2)
 

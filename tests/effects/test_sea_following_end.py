@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import dropper_jax as dj
-from dropper_jax.run.build import build_model
+from dropper_jax import build_model
 
 
 def test_an_end_that_follows_the_sea_moves_with_the_water_at_the_surface(hanging):

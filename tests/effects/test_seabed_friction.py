@@ -14,6 +14,7 @@ from dropper_jax import (
     Effect,
     SceneError,
     build,
+    build_model,
     component,
     integrate,
     load_scene,
@@ -23,7 +24,6 @@ from dropper_jax import (
     state,
     step,
 )
-from dropper_jax.run.build import build_model
 
 G = 9.81
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from dropper_jax import equilibrium, load_scene
-from dropper_jax.run.build import build_model
-from dropper_jax.statics.modes import natural_modes
+from dropper_jax import build_model, equilibrium, load_scene, natural_modes
 
 G = 9.81
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
-from dropper_jax.run.build import build_model
+from dropper_jax import SceneError, build_model
 
 OMEGA, AMPLITUDE, HEADING = 2 * np.pi / 8.0, 1.5, 0.4
 ARM, PLACE = np.array([10.0, -3.0, 2.0]), np.array([5.0, 7.0, 0.0])

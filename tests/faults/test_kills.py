@@ -17,12 +17,9 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.toml_text import as_toml
+from dropper_jax import Solution, as_toml, recover
 from dropper_jax.cli import main
-from dropper_jax.run.recovery import recover
-from dropper_jax.run.simulate import load_run
-from fitting import write_trace
-from fitting.traces.synthetic import Camera, observe, simulate_truth
+from fitting import Camera, observe, simulate_truth, write_trace
 
 ROOT = Path(dj.__file__).parents[1]
 #: Moments of each kind and signal: fifty of both kinds together; KILLS asks for more.
@@ -114,7 +111,7 @@ def test_a_run_that_is_ended_is_kept_to_its_last_whole_piece(commands, run_takes
     if not out.exists():  # before the first piece
         assert told == []
         return
-    found = load_run(out)
+    found = Solution.load(out)
     assert found.status in ("ok", "interrupted")
     assert bool(told) == (how == signal.SIGKILL and found.status == "interrupted")
     np.testing.assert_array_equal(found.positions, whole.positions[: len(found.t)])

@@ -14,15 +14,13 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
+from dropper_jax import SceneError, Solution, recover
 from dropper_jax.base import files
 from dropper_jax.base.files import Lock
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.cli import main
 from dropper_jax.run import chunks, row_store
-from dropper_jax.run.recovery import recover
 from dropper_jax.run.row_store import OnDisk
-from dropper_jax.run.simulate import load_run
 
 ROOT = Path(dj.__file__).parents[1]
 RUN = [sys.executable, "-m", "dropper_jax", "run", "conical-pendulum", "--quiet"]
@@ -206,7 +204,7 @@ def test_a_killed_run_is_kept_up_to_its_last_whole_piece(tmp_path, monkeypatch):
     killed_at(20, out, monkeypatch, lambda folder: dj.simulate("conical-pendulum", **SHORT, scratch=folder))
     told = recover(out)
     assert told == [f"{out}: from a run that was killed; the part after t = 0.2 s is lost"]
-    found, whole = load_run(out), dj.simulate("conical-pendulum", **SHORT)
+    found, whole = Solution.load(out), dj.simulate("conical-pendulum", **SHORT)
     assert found.status == "interrupted"
     np.testing.assert_array_equal(found.positions, whole.positions[:21])
     assert [item.name for item in tmp_path.iterdir()] == ["run.npz"]
@@ -245,7 +243,7 @@ def test_a_killed_run_continues_to_the_bit_also_one_that_continued_another(tmp_p
     out = tmp_path / "run.npz"
     killed_at(15, out, monkeypatch, lambda folder: first.continued(0.4, scratch=folder))
     assert len(recover(out)) == 1
-    part = load_run(out)
+    part = Solution.load(out)
     assert part.status == "interrupted"
     rest = part.continued()
     for name in ("t", "positions", "velocities", "tension", "work"):
@@ -268,8 +266,8 @@ def test_sigterm_keeps_what_is_done_as_an_interruption_does(tmp_path):
         said = run.communicate()[0]
     assert run.returncode == 130
     assert json.loads(said)["status"] == "interrupted"
-    assert load_run(out).status == "interrupted"
-    assert len(load_run(out).t) > 1
+    assert Solution.load(out).status == "interrupted"
+    assert len(Solution.load(out).t) > 1
 
 
 def test_a_page_holds_a_description_with_its_own_markers(tmp_path):

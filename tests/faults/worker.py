@@ -21,10 +21,8 @@ from typing import Any
 from mutations import ARCHIVE, BYTES, TEXT
 
 import dropper_jax as dj
-from dropper_jax import SceneError
-from dropper_jax.base.toml_text import as_toml
+from dropper_jax import SceneError, as_toml, packaged_scene
 from dropper_jax.cli import main
-from dropper_jax.load.packaged import packaged_scene
 from dropper_jax.run.summary import write_angles
 from dropper_jax.sea.waves import read_components, read_elevation
 from fitting import read_data, read_trace

@@ -9,9 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
+from dropper_jax import build_model
 from dropper_jax.effects import EndMotion
 from dropper_jax.integrators.consistent import consistent, instant
-from dropper_jax.run.build import build_model
 
 MASS, LENGTH, GRAVITY = 0.1, 1.0, 9.81
 

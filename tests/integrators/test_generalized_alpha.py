@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError, integrate, load_scene, make_stepper
-from dropper_jax.run.build import build_model
+from dropper_jax import SceneError, build_model, integrate, load_scene, make_stepper
 
 G = 9.81
 LENGTH, MASS = 0.5, 0.4

@@ -8,8 +8,7 @@ from jax import lax
 from jax.lax.linalg import tridiagonal_solve
 
 import dropper_jax as dj
-from dropper_jax.lanes import Fallbacks, lanes
-from dropper_jax.lanes.rules import STRUCTURAL
+from dropper_jax.lanes import STRUCTURAL, Fallbacks, lanes
 
 X = np.linspace(0.3, 2.0, 5 * 3 * 4).reshape(5, 3, 4)
 SHARED = np.linspace(-1.0, 1.0, 4)

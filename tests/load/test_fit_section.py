@@ -6,8 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from dropper_jax import Scene, SceneError, load_scene
-from dropper_jax.run.build import build_model
+from dropper_jax import Scene, SceneError, build_model, load_scene
 
 PRIOR = {"of": "line.0.mass", "sigma": 0.3, "unit": "%", "common": True}
 SENSOR = {"channel": "angle", "resolution": 0.36, "unit": "deg"}

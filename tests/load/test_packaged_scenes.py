@@ -8,9 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from dropper_jax import Scene, load_scene, scene_names
+from dropper_jax import Scene, build_model, load_scene, scene_names
 from dropper_jax.load.packaged import DAMPING
-from dropper_jax.run.build import build_model
 
 EXPECTED = {
     *(f"paper-case-{number}" for number in range(1, 6)),

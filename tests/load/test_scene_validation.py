@@ -13,13 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dropper_jax import Scene, SceneError, equilibrium, load_scene
+from dropper_jax import Scene, SceneError, Solution, build_model, equilibrium, load_scene
 from dropper_jax.base.files import read_lines
 from dropper_jax.cli import commands
 from dropper_jax.load.paths import set_value
 from dropper_jax.load.template import evaluate
-from dropper_jax.run.build import build_model
-from dropper_jax.run.simulate import load_run
 
 LOOP = {
     "description": "a loop of four links",
@@ -349,7 +347,7 @@ def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path):
         load_scene(tmp_path / "scene.toml")
     for name in ("run.npz", "run.nc", "trace.csv"):
         os.mkfifo(tmp_path / name)
-    for read, name in ((load_run, "run.npz"), (load_run, "run.nc"), (read_lines, "trace.csv")):
+    for read, name in ((Solution.load, "run.npz"), (Solution.load, "run.nc"), (read_lines, "trace.csv")):
         with pytest.raises(SceneError, match=rf".*{name}' is a named pipe, which may never end"):
             read(tmp_path / name)
 

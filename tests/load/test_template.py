@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import Scene, SceneError
-from dropper_jax.base.toml_text import as_toml
+from dropper_jax import Scene, SceneError, as_toml, build_model, packaged_scene
 from dropper_jax.load.library import float_of
-from dropper_jax.load.packaged import packaged_scene, parse_toml
+from dropper_jax.load.packaged import parse_toml
 from dropper_jax.load.template import evaluate
-from dropper_jax.run.build import build_model
 from fitting.parameters.of_scene import find_parameters
 
 FARM = {

@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, equilibrium, load_scene, simulate
-from dropper_jax.moordyn.reading.reader import read_moordyn
-from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax import SceneError, equilibrium, load_scene, read_moordyn, simulate, write_moordyn
 
 DECK = (Path(__file__).parent / "chain.txt").read_text()
 

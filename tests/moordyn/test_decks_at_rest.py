@@ -16,9 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dropper_jax import equilibrium, load_scene
+from dropper_jax import equilibrium, load_scene, read_moordyn
 from dropper_jax.load.checks_water import bed_height
-from dropper_jax.moordyn.reading.reader import read_moordyn
 
 OTHERS = runpy.run_path(str(Path(__file__).with_name("others.py")))
 DECKS, DEPTH, WHEEL, MOORPY, by_itself = (OTHERS[key] for key in ("DECKS", "DEPTH", "WHEEL", "MOORPY", "by_itself"))

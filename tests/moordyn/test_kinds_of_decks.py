@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dropper_jax import SceneError
-from dropper_jax.moordyn.reading.reader import read_moordyn
+from dropper_jax import SceneError, read_moordyn
 
 DECK = (Path(__file__).parent / "chain.txt").read_text()
 SAME = ("line_type", "point", "line", "effects", "sea")

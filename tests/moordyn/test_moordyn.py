@@ -10,11 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, Solution, equilibrium, load_scene
+from dropper_jax import SceneError, Solution, equilibrium, load_scene, read_moordyn, write_moordyn
 from dropper_jax.cli import main
-from dropper_jax.moordyn.reading.reader import read_moordyn
 from dropper_jax.moordyn.writing.outputs import channel_values, numbers_of, write_out
-from dropper_jax.moordyn.writing.writer import write_moordyn
 
 #: Time [s] in which MoorDyn comes to rest.
 REST = 60.0

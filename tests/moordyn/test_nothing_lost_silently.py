@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dropper_jax import Scene, SceneError, load_scene
+from dropper_jax import Scene, SceneError, load_scene, write_moordyn
 from dropper_jax.load.line_types import LineType
 from dropper_jax.load.scene import SECTIONS
 from dropper_jax.moordyn.writing.differences import MOTIONS, WRITTEN_FIELDS
-from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.run import growth
 from dropper_jax.scene import (
     AnchorSpec,

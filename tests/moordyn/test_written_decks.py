@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, load_scene
+from dropper_jax import SceneError, load_scene, write_moordyn
 from dropper_jax.effects import EFFECTS
 from dropper_jax.moordyn.writing.differences import WRITTEN_FIELDS, differences
-from dropper_jax.moordyn.writing.writer import write_moordyn
 
 CHAIN, FLOAT = ((Path(__file__).parent / f"{name}.txt").read_text() for name in ("chain", "float"))
 

@@ -10,9 +10,8 @@ import pytest
 from PIL import Image
 
 import dropper_jax as dj
-from dropper_jax import plots
+from dropper_jax import plots, report_run
 from dropper_jax.plots.run import readable
-from dropper_jax.report.build import report_run
 from dropper_jax.report.parts import bodies_text
 from dropper_jax.view import view_page
 

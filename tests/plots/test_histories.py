@@ -8,7 +8,7 @@ from PIL import Image
 
 from dropper_jax import plots
 from dropper_jax.cli.outputs import draw
-from dropper_jax.plots import motion, series, style
+from dropper_jax.plots import motion, panels, style
 from dropper_jax.plots.run import chosen_links, readable
 from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import end_tensions, held_points, point_load
@@ -17,8 +17,8 @@ from dropper_jax.run.bends import end_tensions, held_points, point_load
 def test_envelope_of_a_long_record_holds_every_sample():
     t = np.linspace(0.0, 3600.0, 50001)
     values = np.sin(t) + 5.0 * np.exp(-((t - 1234.5) ** 2))  # one short peak
-    at, mean, least, largest = series.reduce_samples(t, values)
-    assert len(at) == series.INTERVALS
+    at, mean, least, largest = panels.reduce_samples(t, values)
+    assert len(at) == panels.INTERVALS
     assert (largest.max(), least.min()) == (values.max(), values.min())
     assert np.all((least <= mean) & (mean <= largest))
     assert mean.mean() == pytest.approx(values.mean(), abs=1e-3)
@@ -27,40 +27,40 @@ def test_envelope_of_a_long_record_holds_every_sample():
 def test_mean_of_a_long_record_has_no_beat_with_its_waves():
     t = np.linspace(0.0, 3600.0, 36001)
     values = 2.0 + np.sin(2 * np.pi * t / 8.33)
-    at, mean, _, _ = series.reduce_samples(t, values)
+    at, mean, _, _ = panels.reduce_samples(t, values)
     assert np.ptp(mean) > 0.2  # stretches of 11 s beat with waves of 8.33 s
-    assert np.ptp(series._without_beat(at, mean, 8.33)[20:-20]) < 0.05
+    assert np.ptp(panels._without_beat(at, mean, 8.33)[20:-20]) < 0.05
     slow = np.linspace(0.0, 1.0, 320)
-    np.testing.assert_array_equal(series._without_beat(at, slow, 100.0), slow)
+    np.testing.assert_array_equal(panels._without_beat(at, slow, 100.0), slow)
 
 
 def test_ratio_of_heave_to_surface_is_that_of_their_amplitudes():
     t = np.linspace(0.0, 200.0, 4001)
     eta = sum(np.cos(w * t + w**2) for w in (0.5, 0.7, 0.9))
-    panels = [
-        series.Panel("z from its start [m]", [series.Curve("buoy", t, 0.4 * eta)]),
-        series.Panel("surface [m]", [series.Curve("", t, eta)]),
+    both = [
+        panels.Panel("z from its start [m]", [panels.Curve("buoy", t, 0.4 * eta)]),
+        panels.Panel("surface [m]", [panels.Curve("", t, eta)]),
     ]
-    (ratio,) = motion._heave_ratio([motion._spectra(panel) for panel in panels])
+    (ratio,) = motion._heave_ratio([motion._spectra(panel) for panel in both])
     frequency = ratio.curves[0].t
     assert 0.05 < frequency.min() < 0.5 / (2 * np.pi) < 0.9 / (2 * np.pi) < frequency.max() < 0.2
     np.testing.assert_allclose(ratio.curves[0].values, 0.4, rtol=1e-9)
-    assert motion._heave_ratio([motion._spectra(panels[0])]) == []
+    assert motion._heave_ratio([motion._spectra(both[0])]) == []
 
 
 def test_turns_count_waves_and_not_rounding():
     t = np.linspace(0.0, 100.0, 20001)
-    assert series.turns(np.sin(2 * np.pi * t / 8.0)) == 25  # two in each of 12.5 waves
-    assert series.turns(1.0 + 1e-9 * np.sin(t)) == 0
-    assert series.cycle(t, 3.0 + np.sin(2 * np.pi * t / 8.0)) == pytest.approx(8.0, abs=0.01)
+    assert panels.turns(np.sin(2 * np.pi * t / 8.0)) == 25  # two in each of 12.5 waves
+    assert panels.turns(1.0 + 1e-9 * np.sin(t)) == 0
+    assert panels.cycle(t, 3.0 + np.sin(2 * np.pi * t / 8.0)) == pytest.approx(8.0, abs=0.01)
 
 
 def test_zoom_holds_the_largest_value_and_a_few_cycles():
     t = np.linspace(0.0, 3600.0, 36001)
     values = np.sin(2 * np.pi * t / 8.0) * (1.0 + np.exp(-(((t - 2000.0) / 20) ** 2)))
-    start, end = series.zoom_of([series.Panel("x [m]", [series.Curve("", t, values)])])
+    start, end = panels.zoom_of([panels.Panel("x [m]", [panels.Curve("", t, values)])])
     assert start < t[np.argmax(values)] < end
-    assert end - start == pytest.approx(series.CYCLES * 8.0, rel=0.02)
+    assert end - start == pytest.approx(panels.CYCLES * 8.0, rel=0.02)
 
 
 @pytest.mark.parametrize(("forces", "unit"), [([1.0, 4999.0], "N"), ([1.0, -5000.0], "kN"), ([np.nan], "N")])
@@ -121,19 +121,19 @@ def test_a_run_in_which_nothing_moves_has_no_pictures_of_motion(longline, tmp_pa
 
 def test_of_two_curves_that_coincide_the_later_is_dashed():
     t = np.linspace(0.0, 10.0, 50)
-    curves = [series.Curve(name, t, values) for name, values in (("a", np.sin(t)), ("b", np.cos(t)), ("c", np.sin(t)))]
-    assert [series.hides(curves, i) for i in range(3)] == [False, False, True]
+    curves = [panels.Curve(name, t, values) for name, values in (("a", np.sin(t)), ("b", np.cos(t)), ("c", np.sin(t)))]
+    assert [panels.hides(curves, i) for i in range(3)] == [False, False, True]
     axes = style.new_figure(4, 3).subplots()
-    series.draw_panel(axes, series.Panel("x [m]", curves))
+    panels.draw_panel(axes, panels.Panel("x [m]", curves))
     assert [line.get_linestyle() for line in axes.get_lines()] == ["-", "-", "--"]
 
 
 @pytest.mark.parametrize(("waves", "columns"), [(195, 1), (260, 2)])
 def test_a_record_of_at_most_200_waves_is_drawn_wave_by_wave(waves, columns, tmp_path, monkeypatch):
     t = np.linspace(0.0, 60.0, 6001)
-    panel = series.Panel("tension [N]", [series.Curve("", t, np.sin(2 * np.pi * waves * t / 60.0))])
+    panel = panels.Panel("tension [N]", [panels.Curve("", t, np.sin(2 * np.pi * waves * t / 60.0))])
     figures = []
     monkeypatch.setattr(style, "finish", lambda figure, run, what, path: figures.append(figure) or path)
     run = SimpleNamespace(t=t, name="sine", status="ok", settings={"integrator": "energy_momentum", "dt": 0.01})
-    series.history(run, tmp_path / "tension.png", "tension", [panel])
+    panels.history(run, tmp_path / "tension.png", "tension", [panel])
     assert len(figures[0].axes) == columns

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
-from dropper_jax.report.build import report_runs
+from dropper_jax import SceneError, report_runs
 from dropper_jax.report.text import markdown
 from dropper_jax.scene import AnchorSpec, utilisations
 from dropper_jax.study.sea_facts import tidal_cycle

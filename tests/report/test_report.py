@@ -9,8 +9,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from dropper_jax import report_run
 from dropper_jax.report import sections
-from dropper_jax.report.build import report_run
 from dropper_jax.report.extremes import snap_events
 from dropper_jax.report.motion import segment_distance
 from dropper_jax.report.settings import Settings

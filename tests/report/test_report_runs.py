@@ -10,11 +10,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError
+from dropper_jax import SceneError, report_run, report_runs, write_vtk
 from dropper_jax.cli import main
-from dropper_jax.report.build import report_run, report_runs
 from dropper_jax.report.extremes import Gumbel, fit_gumbel, storm_extreme
-from dropper_jax.report.vtk import write_vtk
 
 pytest.importorskip("rainflow")
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dropper_jax.report.build import report_runs
+from dropper_jax import report_runs
 from dropper_jax.report.parts import parts, parts_text
 from dropper_jax.report.sections import SECTION_ROWS, watch
 from dropper_jax.report.text import markdown

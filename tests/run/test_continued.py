@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
+from dropper_jax import SceneError, Solution
 from dropper_jax.cli import main
-from dropper_jax.run.simulate import load_run
 
 ARRAYS = ("t", "t_tension", "positions", "velocities", "tension", "work", "kinetic")
 PENDULUM = "conical-pendulum-damped"
@@ -33,7 +32,7 @@ def halves(scene, tmp_path, suffix, **settings):
     whole = dj.simulate(scene, **settings)
     first = dj.simulate(scene, **{**settings, "duration": 0.5 * whole.settings["duration"]})
     file = first.save(tmp_path / f"first{suffix}")
-    return whole, first, load_run(file).continued()
+    return whole, first, Solution.load(file).continued()
 
 
 @pytest.mark.parametrize(
@@ -94,7 +93,7 @@ def test_the_command_goes_on_with_or_without_its_scene(half, tmp_path, capsys):
         assert main([*argv, "--out", str(out), "--plot", str(tmp_path / "p.png")]) == 0
         found = json.loads(capsys.readouterr().out)
         assert (found["continued_from_s"], found["status"]) == (0.5, "ok")
-        np.testing.assert_array_equal(load_run(out).positions, half.continued(0.1).positions)
+        np.testing.assert_array_equal(Solution.load(out).positions, half.continued(0.1).positions)
 
 
 def told(half, tmp_path, capsys, *argv, **last):

@@ -140,7 +140,7 @@ def test_command_and_table_say_the_numbers(tmp_path, capsys):
     rows = flow_table(scene)
     assert rows[0]["cdn"]["min"] < rows[0]["cdn"]["max"]
     assert not rows[0]["post_critical"]
-    from dropper_jax.base.toml_text import as_toml
+    from dropper_jax import as_toml
 
     file = tmp_path / "scene.toml"
     file.write_text(as_toml(scene.to_dict()))

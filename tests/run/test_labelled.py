@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError
+from dropper_jax import SceneError, Solution
 from dropper_jax.run.labelled import select_line
-from dropper_jax.run.simulate import load_run
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("h5netcdf")
@@ -61,7 +60,7 @@ def test_elevation_is_the_regular_wave_at_the_origin(solution, opened):
 
 
 def test_a_file_gives_back_the_run_and_its_names(solution, file, opened):
-    again = load_run(file)
+    again = Solution.load(file)
     np.testing.assert_array_equal(again.t, solution.t)
     assert again.work_names == solution.work_names
     assert opened.position.sel(axis="z").dims == ("time", "node")
@@ -101,7 +100,7 @@ def test_cf_checker_finds_no_error_and_does_not_stumble(file, tmp_path):
 def test_paraview_files_are_read_back_by_another_reader(solution, tmp_path):
     import pyvista
 
-    from dropper_jax.report.vtk import write_vtk
+    from dropper_jax import write_vtk
 
     reader = pyvista.get_reader(str(write_vtk(solution, tmp_path, every=10)))
     np.testing.assert_allclose(reader.time_values, solution.t[::10])

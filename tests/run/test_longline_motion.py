@@ -9,8 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import build, equilibrium, integrate, load_scene, make_stepper, settle, simulate
-from dropper_jax.run.build import build_model
+from dropper_jax import build, build_model, equilibrium, integrate, load_scene, make_stepper, settle, simulate
 
 G = 9.81
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
-from dropper_jax.base.toml_text import as_toml
+from dropper_jax import SceneError, as_toml
 from dropper_jax.cli import main
 from dropper_jax.run.bends import curvature
 from dropper_jax.run.quantities import quantity, static_quantity

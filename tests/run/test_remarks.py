@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError, load_scene
-from dropper_jax.base.toml_text import as_toml
+from dropper_jax import SceneError, as_toml, load_scene
 from dropper_jax.cli import main
 from dropper_jax.load.checks_system import motion_warnings
 from dropper_jax.run.growth import end_forces

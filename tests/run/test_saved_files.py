@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import Coupled
+from dropper_jax import Coupled, Solution, recover
 from dropper_jax.base import files
-from dropper_jax.run.recovery import recover
-from dropper_jax.run.simulate import load_run
 
 SAVED = Path(__file__).with_name("saved-files.zip")
 SCENE = "conical-pendulum-damped"
@@ -37,7 +35,7 @@ def run():
 def test_a_run_of_each_format_has_its_numbers_and_continues(saved, run, suffix):
     pytest.importorskip("zarr")
     pytest.importorskip("h5netcdf")
-    found = load_run(saved / f"run.{suffix}")
+    found = Solution.load(saved / f"run.{suffix}")
     assert (found.status, len(found.t)) == ("ok", 11)
     np.testing.assert_allclose(found.positions, run.positions[:11], atol=1e-9)
     np.testing.assert_allclose(found.continued(0.1).positions, run.positions[10:], atol=1e-9)
@@ -51,7 +49,7 @@ def test_rows_of_a_killed_run_are_recovered(saved, run):
     assert recover(saved / "old.npz") == [
         f"{saved}/old.npz: from a run that was killed; the part after t = 0.06 s is lost"
     ]
-    found = load_run(saved / "old.npz")
+    found = Solution.load(saved / "old.npz")
     assert found.status == "interrupted"
     np.testing.assert_allclose(found.positions, run.positions[:7], atol=1e-9)
     assert found.last == {}

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.report.build import report_run
+from dropper_jax import build_model, report_run
 from dropper_jax.report.parts import crop_text
-from dropper_jax.run.build import build_model
 from dropper_jax.run.growth import overgrown, season_table
 from fitting.parameters.of_scene import scene_parameter
 

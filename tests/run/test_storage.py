@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
+from dropper_jax import SceneError, Solution
 from dropper_jax.cli import main
 from dropper_jax.run.samples import ARRAYS
-from dropper_jax.run.simulate import load_run
 from dropper_jax.run.summary import write_angles, write_tensions
 from fitting import read_trace
 
@@ -27,7 +26,7 @@ def run():
 
 def test_netcdf_gives_back_every_number_and_setting(run, tmp_path):
     path = run.save(tmp_path / "run.nc")
-    again = load_run(path)
+    again = Solution.load(path)
     for name in ARRAYS:
         saved, read = getattr(run, name), getattr(again, name)
         assert saved.dtype == read.dtype, name
@@ -39,13 +38,13 @@ def test_netcdf_gives_back_every_number_and_setting(run, tmp_path):
 
 def test_both_formats_go_through_one_loader(run, tmp_path):
     files = [run.save(tmp_path / name) for name in ("run.nc", "run.npz")]
-    first, second = (load_run(file) for file in files)
+    first, second = (Solution.load(file) for file in files)
     assert first.provenance() == second.provenance()
     np.testing.assert_array_equal(first.positions, second.positions)
 
 
 def test_a_reopened_run_repeats_to_the_bit(run, tmp_path):
-    again = load_run(run.save(tmp_path / "run.nc")).rerun()
+    again = Solution.load(run.save(tmp_path / "run.nc")).rerun()
     np.testing.assert_array_equal(again.positions, run.positions)
 
 
@@ -64,7 +63,7 @@ def test_command_line_writes_netcdf_and_tables(tmp_path, capsys):
     argv = ["run", "double-pendulum-chaotic", "--duration", "0.2", "--dt", "0.01", "--quiet", "--json"]
     assert main([*argv, "--out", str(out), "--tables", str(tables)]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert load_run(out).summary()["final_positions_m"] == found["final_positions_m"]
+    assert Solution.load(out).summary()["final_positions_m"] == found["final_positions_m"]
     assert sorted(item.name for item in tables.iterdir()) == ["angles.csv", "tensions.csv"]
 
 
@@ -99,15 +98,15 @@ def test_files_that_are_no_runs_are_refused_in_one_line(tmp_path):
     xarray.Dataset({"a": ("x", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
     for name in ("text.nc", "other.nc"):
         with pytest.raises(SceneError, match=rf"{name}: not a saved run; allowed") as caught:
-            load_run(tmp_path / name)
+            Solution.load(tmp_path / name)
         assert "\n" not in str(caught.value)
     with pytest.raises(SceneError, match=r"none\.nc: cannot be read"):
-        load_run(tmp_path / "none.nc")
+        Solution.load(tmp_path / "none.nc")
 
 
 def test_systems_of_lines_keep_their_names_in_netcdf_and_tables(longline, tmp_path):
     solution = longline()
-    again = load_run(solution.save(tmp_path / "system.nc"))
+    again = Solution.load(solution.save(tmp_path / "system.nc"))
     np.testing.assert_array_equal(again.positions, solution.positions)
     assert again.scene == solution.scene
     dataset = solution.to_xarray()
@@ -130,11 +129,11 @@ def test_the_state_from_which_a_run_continues_is_a_group_of_the_file(run, tmp_pa
     assert [name for name in names if name.startswith("last_")] == []
     with xarray.open_dataset(path, engine="h5netcdf", group="restart") as restart:
         assert set(map(str, restart.variables)) == set(run.last)
-    again = load_run(path)
+    again = Solution.load(path)
     assert set(again.last) == set(run.last)
     for name, value in run.last.items():
         np.testing.assert_array_equal(again.last[name], value)
         assert again.last[name].dtype == value.dtype
     older = tmp_path / "older.nc"  # a file of before, with these among its other variables
     run.to_xarray().to_netcdf(older, engine="h5netcdf")
-    assert set(load_run(older).last) == set(run.last)
+    assert set(Solution.load(older).last) == set(run.last)

@@ -7,12 +7,22 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import Line, Model, Point, SceneError, equilibrium, load_scene, make_stepper, simulate, state
+from dropper_jax import (
+    Line,
+    Model,
+    Point,
+    SceneError,
+    build_model,
+    equilibrium,
+    load_scene,
+    make_stepper,
+    simulate,
+    state,
+)
 from dropper_jax.axial import Rope
 from dropper_jax.effects import LinearDamping, Weight
 from dropper_jax.model import Graph, Member
 from dropper_jax.residual import Unknowns
-from dropper_jax.run.build import build_model
 from dropper_jax.scene import held_loads, line_offsets
 from dropper_jax.solvers import SOLVERS
 

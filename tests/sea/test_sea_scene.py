@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax import build_model
 from dropper_jax.load.checks_water import sea_warnings
-from dropper_jax.run.build import build_model
 from dropper_jax.sea import Waves
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, sea_names

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.run.build import build_model
+from dropper_jax import build_model
 from dropper_jax.scene import line_slices
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec

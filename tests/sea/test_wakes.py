@@ -201,7 +201,7 @@ def test_scenes_take_the_shares_by_the_direction_of_the_current(tmp_path, capsys
     given, _ = dj.build({**SCENE, "effects": {**SCENE["effects"], **numbers}})
     assert jax.tree.structure(model) == jax.tree.structure(given)
     assert dj.Scene.from_dict(scene.to_dict()) == scene
-    from dropper_jax.base.toml_text import as_toml
+    from dropper_jax import as_toml
 
     file, picture = tmp_path / "scene.toml", tmp_path / "flow.png"
     file.write_text(as_toml(scene.to_dict()))

@@ -10,9 +10,8 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
-from dropper_jax import Model
+from dropper_jax import Model, build_model
 from dropper_jax.residual import Unknowns
-from dropper_jax.run.build import build_model
 from dropper_jax.solvers import SOLVERS
 
 SLACK = {"weight": {}, "linear_damping": {"b_l": 0.02}, "quadratic_damping": {"b_q": 0.3}}

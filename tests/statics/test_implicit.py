@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import natural_periods
-from dropper_jax.statics.modes import natural_modes
+from dropper_jax import natural_modes, natural_periods
 from dropper_jax.statics.tangent import free_motion
 
 G, RHO = 9.81, 1025.0

@@ -8,9 +8,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq, fsolve
 from scipy.special import jn_zeros
 
-from dropper_jax import SceneError, build, equilibrium, load_scene
-from dropper_jax.run.build import build_model
-from dropper_jax.statics.modes import natural_modes
+from dropper_jax import SceneError, build, build_model, equilibrium, load_scene, natural_modes
 from dropper_jax.study.offsets import solve_design
 
 G = 9.81

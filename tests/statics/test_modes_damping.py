@@ -9,8 +9,9 @@ import pytest
 from scipy.linalg import eigh
 
 import dropper_jax as dj
+from dropper_jax import natural_modes
 from dropper_jax.cli import main
-from dropper_jax.statics.modes import damping_at, natural_modes
+from dropper_jax.statics.modes import damping_at
 
 G = 9.81
 

@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import brentq, fsolve
 
 import dropper_jax as dj
-from dropper_jax.run.build import build_model
+from dropper_jax import build_model
 from dropper_jax.statics import rest
 from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
 from dropper_jax.statics.system import find_rest, guess

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from dropper_jax import SceneError, build, integrate, load_scene, make_stepper
-from dropper_jax.run.build import build_model
+from dropper_jax import SceneError, build, build_model, integrate, load_scene, make_stepper
 from dropper_jax.stepping.adjoint import backward_pass, check_recordable, record
 
 STEPS, H = 24, 0.05

@@ -16,9 +16,8 @@ import jax.numpy as jnp
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import Effect, component, parameter
+from dropper_jax import Effect, build_model, component, parameter
 from dropper_jax.effects import EFFECTS
-from dropper_jax.run.build import build_model
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "operations.json"
 SCENES = (

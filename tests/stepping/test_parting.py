@@ -10,11 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, build, integrate, load_scene, make_stepper, simulate, state
+from dropper_jax import SceneError, build, build_model, integrate, load_scene, make_stepper, report_run, simulate, state
 from dropper_jax.cli.run import text
 from dropper_jax.model import as_parted
-from dropper_jax.report.build import report_run
-from dropper_jax.run.build import build_model
 from dropper_jax.stepping.step import step_and_part
 from fitting.sensitivity import study, windows
 from fitting.sweep import open_sweep, sweep

@@ -11,10 +11,9 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
-from dropper_jax import INTEGRATORS, load_scene, make_stepper, state
+from dropper_jax import INTEGRATORS, build_model, load_scene, make_stepper, state
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.residual import Implicit
-from dropper_jax.run.build import build_model
 from dropper_jax.stepping.integrate import begin
 
 GEOMETRY = (".length", ".position", ".r", ".angles")

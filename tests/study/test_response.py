@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base.toml_text import as_toml
+from dropper_jax import as_toml
 from dropper_jax.cli import main
 from dropper_jax.study.sea_facts import responses
 from dropper_jax.study.stability import sea_cases

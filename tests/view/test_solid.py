@@ -11,8 +11,8 @@ import subprocess
 import numpy as np
 import pytest
 
+from dropper_jax import build_model
 from dropper_jax.plots.run import readable
-from dropper_jax.run.build import build_model
 from dropper_jax.view import IN_A_WAVE, choose_samples, pair_page, view_page, wave_period
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)

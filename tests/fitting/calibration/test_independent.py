@@ -8,8 +8,8 @@ import optax
 import pytest
 
 from dropper_jax import SceneError
-from fitting import fit
-from fitting.calibration.comparison import Law, compare, with_bic
+from fitting import compare, fit
+from fitting.calibration.comparison import Law, with_bic
 from fitting.calibration.fit import estimate, summarise
 from fitting.calibration.one_run import PARTED, check_energy, energy_check, one_run
 from fitting.estimate.gauss_newton import fit_windows

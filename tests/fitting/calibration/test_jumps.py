@@ -9,11 +9,10 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import integrate
-from fitting import prepare
+from fitting import Camera, Motion, observe, prepare
 from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.fit import summarise
 from fitting.calibration.kicks import alone, best_jump, without_kicks
-from fitting.traces.synthetic import Camera, Motion, observe
 
 
 def swinging(count):

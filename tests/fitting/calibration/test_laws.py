@@ -10,9 +10,8 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 import dropper_jax as dj
-from fitting import Convention, Trace, prepare
+from fitting import Convention, Trace, compare, prepare
 from fitting.calibration import comparison
-from fitting.calibration.comparison import compare
 from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
 from fitting.calibration.decision import chance, decide, decide_joined, shares, unseen, verdict
 from fitting.calibration.law_fits import LADDER, PARTS, Law, contains

@@ -8,11 +8,10 @@ import pytest
 
 from dropper_jax import load_scene, simulate
 from dropper_jax.run.summary import write_angles
-from fitting import fit, prepare, read_trace
+from fitting import Camera, fit, observe, prepare, read_trace, simulate_truth
 from fitting.calibration.estimating import estimate, lost_windows, recover_windows, with_sound_windows
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts, fill
-from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 pytestmark = pytest.mark.usefixtures("optimised")
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")

@@ -9,9 +9,8 @@ import pytest
 
 from dropper_jax import SceneError
 from dropper_jax.cli import main
-from fitting import fit
+from fitting import Camera, fit, observe, simulate_truth
 from fitting.calibration.plan import plan
-from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 NOISE, DURATION = 0.01, 8.0
 

@@ -11,13 +11,12 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import dropper_jax as dj
-from dropper_jax.run.build import build_model
-from fitting import Convention, Trace, fit, prepare
+from dropper_jax import build_model
+from fitting import Convention, StudentT, Trace, fit, prepare
 from fitting.calibration.advice import Candidate, advise, groups, wide
 from fitting.calibration.fit import estimate, summarise
 from fitting.calibration.freeing import promising
 from fitting.calibration.result import window_length
-from fitting.estimate.loss import StudentT
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 

@@ -12,10 +12,9 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from fitting import TraceLoss, fit, loss_of_trace, write_trace
+from fitting import Camera, TraceLoss, fit, loss_of_trace, observe, simulate_truth, write_trace
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts
-from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 DOCS = Path(__file__).parents[3] / "docs"
 pytestmark = pytest.mark.usefixtures("optimised")

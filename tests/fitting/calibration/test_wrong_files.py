@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError, load_scene
+from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.cli import main
-from dropper_jax.run.build import build_model
-from fitting import Convention, fit, prepare, write_trace
+from fitting import Camera, Convention, fit, observe, prepare, simulate_truth, write_trace
 from fitting.calibration import wrong_files
 from fitting.calibration.wrong_files import name_wrong_file, refuse_rising_energy, refuse_wrong_file
 from fitting.traces.conventions import settle_convention
-from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 pytestmark = pytest.mark.usefixtures("optimised")
 HELD = """

@@ -17,8 +17,8 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from dropper_jax.cli import commands, main
-from dropper_jax.cli.options import INVALID_INPUT, OK
+from dropper_jax.cli import OK, commands, main
+from dropper_jax.cli.options import INVALID_INPUT
 from dropper_jax.report.record import record
 from dropper_jax.report.tension import anchors
 from dropper_jax.scene import line_slices

@@ -10,8 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
-from dropper_jax import SceneError
-from dropper_jax.base.toml_text import as_toml
+from dropper_jax import SceneError, as_toml
 from dropper_jax.cli import main
 from fitting import fit_channels
 from fitting.channels.fit import growth, pose

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from fitting import Huber, StudentT
 from fitting.channels.channel import Data, Run, Sensor
 from fitting.channels.noise import Evaluation, Noise, estimate_noise, first_noise, lag_one, rows_of
 from fitting.channels.sensors import Angle
-from fitting.estimate.loss import LEAST_SQUARES, Huber, StudentT
+from fitting.estimate.loss import LEAST_SQUARES
 
 N = 4000
 T = np.arange(N) * 0.1

@@ -7,9 +7,8 @@ import pytest
 
 from dropper_jax import load_scene
 from dropper_jax.cli import main
-from fitting import write_trace
+from fitting import Camera, observe, simulate_truth, write_trace
 from fitting.cli.fit import held_out_spans
-from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 PENDULUM = {
     "run": {"dt": 0.01, "duration": 10.0},

@@ -13,13 +13,11 @@ import pytest
 from scipy.optimize import least_squares
 
 import dropper_jax as dj
-from dropper_jax import SceneError
-from dropper_jax.run.build import build_model
-from fitting import prepare
+from dropper_jax import SceneError, build_model
+from fitting import Camera, Huber, observe, prepare, simulate_truth
 from fitting.calibration.fit import estimate, summarise
 from fitting.estimate import shooting
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.loss import Huber
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.scene_fit import profile
 from fitting.estimate.shooting import fit_shooting, loosest, solve_to_end
@@ -27,7 +25,6 @@ from fitting.estimate.uncertainty import bootstrap
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import apply, resolve
 from fitting.traces import planar
-from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 SCENE = "dropper-release-a"
 FREE = ["effects.linear_damping.b_l", "effects.quadratic_damping.b_q"]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
-from fitting.estimate.loss import LEAST_SQUARES, Huber, StudentT, initial_loss, loss_of
+from fitting import Huber, StudentT
+from fitting.estimate.loss import LEAST_SQUARES, initial_loss, loss_of
 from fitting.estimate.uncertainty import robust_variance
 
 RESIDUALS = np.array([-7.0, -2.1, -1.9, -0.3, 0.0, 0.4, 1.0, 2.5, 40.0])

@@ -8,9 +8,9 @@ from scipy.stats import genpareto, norm
 from scipy.stats import t as student
 
 from dropper_jax import SceneError
-from fitting import fit
+from fitting import Camera, fit
 from fitting.estimate.posterior import Posterior, importance, pareto, smooth_weights
-from fitting.traces.synthetic import Camera, synthetic_traces
+from fitting.traces.synthetic import synthetic_traces
 
 
 @pytest.mark.parametrize("shape", [-0.3, 0.2, 0.5, 0.9])

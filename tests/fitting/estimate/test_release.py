@@ -10,11 +10,9 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from fitting import Trace, prepare
-from fitting.calibration.comparison import compare
+from fitting import Camera, Trace, compare, observe, prepare, simulate_truth
 from fitting.calibration.cross_validation import blocks, fair
 from fitting.calibration.fit import estimate, summarise
-from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 #: Two links, the lower one held aside by a force at the free end.
 SCENE = {

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fitting.estimate.loss import Huber, LeastSquares
+from fitting import Huber, Trace
+from fitting.estimate.loss import LeastSquares
 from fitting.estimate.noise import Noise, log_volume, whiten
 from fitting.estimate.normal_equations import Evaluation, Factor
 from fitting.estimate.sandwich import Pieces, memory, resample
 from fitting.estimate.windows import Windows
-from fitting.traces.trace import Trace
 
 SIGMA, STEP, SLOTS = np.array([0.004, 0.01]), 0.02, 40
 

@@ -5,8 +5,7 @@ import copy
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError
-from dropper_jax.load.packaged import packaged_scene
+from dropper_jax import SceneError, packaged_scene
 from dropper_jax.scene import held_loads, line_slices
 from fitting.optimise.goals import read_goals
 from fitting.optimise.models import read_variables, still, still_model

@@ -3,9 +3,10 @@
 import numpy as np
 
 import dropper_jax as dj
-from dropper_jax.run.build import build_model
+from dropper_jax import build_model
+from fitting import fitted_scene
 from fitting.channels.free import find_free
-from fitting.parameters.of_scene import find_parameters, fitted_scene
+from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import apply
 
 LINE = {"name": "l", "from": "a", "to": "b", "links": 3, "length": 0.3, "mass": 0.1}

@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, load_scene
-from dropper_jax.run.build import build_model
+from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.run.quantities import quantity
 from fitting.parameters.of_scene import find_parameters, scene_parameter
 from fitting.parameters.parameter import apply, resolve

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import Scene, SceneError
-from dropper_jax.run.build import build_model
+from dropper_jax import Scene, SceneError, build_model
 from fitting.estimate.normal_equations import prior_of
 from fitting.parameters.of_scene import default_free, find_parameters, power_of_mass, rig_priors
 from fitting.parameters.parameter import resolve

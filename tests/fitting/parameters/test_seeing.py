@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
-from dropper_jax.run.build import build_model
+from dropper_jax import SceneError, build_model
 from fitting.parameters.parameter import apply, resolve
 from fitting.parameters.target import camera_angles
 

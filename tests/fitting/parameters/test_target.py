@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import load_scene
-from dropper_jax.run.build import build_model
+from dropper_jax import build_model, load_scene
 from fitting.parameters.parameter import Parameter, apply, resolve
 from fitting.parameters.target import Direction
 

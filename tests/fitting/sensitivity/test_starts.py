@@ -6,8 +6,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from dropper_jax import SceneError, build, load_scene
-from dropper_jax.statics.modes import natural_modes
+from dropper_jax import SceneError, build, load_scene, natural_modes
 from fitting.sensitivity import local, study
 
 TABLE = {

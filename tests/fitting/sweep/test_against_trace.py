@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
-from dropper_jax.base.toml_text import as_toml
+from dropper_jax import SceneError, as_toml
 from dropper_jax.cli import main
 from fitting import Convention, Trace, write_trace
 from fitting.sweep import sweep_against_trace

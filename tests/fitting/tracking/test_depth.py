@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from fitting import Convention, read_trace, write_trace
+from fitting import Convention, Motion, View, film, read_trace, write_trace, write_video
 from fitting.traces.conventions import settle_convention
-from fitting.traces.synthetic import Motion
 from fitting.tracking import track
 from fitting.tracking.flattening import OUT_OF_PLANE, out_of_plane
-from fitting.tracking.render import View, film
-from fitting.tracking.video import write_video
 
 POLAR = np.array([1.2, 0.9, 0.6])
 

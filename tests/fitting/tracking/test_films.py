@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dropper_jax.cli import main
-from fitting import read_trace
+from fitting import read_trace, write_video
 from fitting.tracking import track
-from fitting.tracking.video import opencv, write_video
+from fitting.tracking.video import opencv
 
 NAMES = (
     "loop, slanting camera",

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from fitting import Convention, Trace, read_trace, write_trace
+from fitting import Convention, Trace, View, read_trace, write_trace
 from fitting.tracking.flattening import Flat, flatten, four_quadrant, scatter
 from fitting.tracking.hindsight import exposure_share, second_differences
 from fitting.tracking.marks import find_marks
-from fitting.tracking.render import View
 
 
 @pytest.mark.parametrize("name", ["loop, slanting camera", "chain, slanting camera"])

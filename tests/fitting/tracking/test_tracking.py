@@ -7,12 +7,11 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.cli import main
-from fitting import fit, read_trace
-from fitting.traces.synthetic import Motion
+from fitting import Motion, View, film, fit, read_trace, write_video
 from fitting.tracking import track
 from fitting.tracking.calibration import calibrate
-from fitting.tracking.render import View, chessboards, film
-from fitting.tracking.video import opencv, write_video
+from fitting.tracking.render import chessboards
+from fitting.tracking.video import opencv
 
 FPS, FRAMES = 60.0, 130
 #: Node 3 is covered for 10 frames; nodes 5 and 6 swing behind a post, in part and as a whole.

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import SuperLU
 
 Linear = Callable[[jax.Array], jax.Array]
+Array = TypeVar("Array", jax.Array, np.ndarray)
 
 #: Maximum number of corrections of a linear solve, and the remaining fraction of the right side above which the system
 #: has no solution.
@@ -46,6 +47,26 @@ class Pattern(NamedTuple):
     column: np.ndarray
     colour: np.ndarray
     colours: int
+
+    @property
+    def seeds(self) -> np.ndarray:
+        """Displacements (colours, 3, free, 3) [m] of the nodes of one colour along one axis."""
+        picked = self.colour == np.arange(self.colours)[:, None]
+        return 1.0 * picked[:, None, :, None] * np.eye(3)[None, :, None, :]
+
+    def blocks(self, answer: Array) -> Array:
+        """Blocks (entries, 3, 3) [N/m], from the forces (colours, 3, free, 3) [N] that answer the seeds."""
+        return answer[self.colour[self.column], :, self.row, :].swapaxes(-1, -2)
+
+    def sparse(self, blocks: np.ndarray) -> csc_array:
+        """The matrix (3 free, 3 free) [N/m] of these blocks."""
+        from scipy.sparse import csc_array  # noqa: PLC0415
+
+        axis = np.arange(3)
+        rows = np.broadcast_to(3 * self.row[:, None, None] + axis[:, None], blocks.shape)
+        columns = np.broadcast_to(3 * self.column[:, None, None] + axis, blocks.shape)
+        size = 3 * len(self.colour)
+        return csc_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))
 
 
 @lru_cache(maxsize=64)
@@ -72,6 +93,11 @@ def pattern(geometry: Graph, reach: int) -> Pattern:
     return Pattern(entries.row, entries.col, colour, int(colour.max(initial=0)) + 1)
 
 
+def pattern_of(model: Model) -> Pattern:
+    """The pattern of a model's static forces."""
+    return pattern(model.geometry, max(model.reach, 1))
+
+
 @lru_cache(maxsize=64)
 def _order(geometry: Graph, reach: int) -> Order:
     near = pattern(geometry, reach)
@@ -95,12 +121,8 @@ class Tangent:
     def matrix(self, linear: Linear, x: jax.Array) -> jax.Array:
         """Blocks (entries, 3, 3) [N/m] of a linear map from displacements like x to forces, in the order of the
         pattern."""
-        row, column, colour, colours = self.pattern
-        picked = jnp.asarray(colour == np.arange(colours)[:, None], x.dtype)
-        axes = jnp.eye(3, dtype=x.dtype)
-        seeds = picked[:, None, :, None] * axes[None, :, None, :]
-        answer = jax.vmap(jax.vmap(linear))(seeds)  # (colours, axes, free, 3)
-        return answer[colour[column], :, row, :].mT
+        seeds = jnp.asarray(self.pattern.seeds, x.dtype)
+        return self.pattern.blocks(jax.vmap(jax.vmap(linear))(seeds))
 
     def dense(self, blocks: jax.Array) -> jax.Array:
         """The map as one matrix (3 free, 3 free)."""
@@ -223,13 +245,7 @@ def _blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
 def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:
     """Minus the derivative of all forces by all positions (3 free, 3 free) [N/m], including drag and contact. On the
     host."""
-    from scipy.sparse import csc_array  # noqa: PLC0415
-
-    near, axis = pattern(model.geometry, max(model.reach, 1)), np.arange(3)
-    blocks = np.asarray(_blocks(model, s, loads))
-    rows = np.broadcast_to(3 * near.row[:, None, None] + axis[:, None], blocks.shape)
-    columns = np.broadcast_to(3 * near.column[:, None, None] + axis, blocks.shape)
-    return csc_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * model.free_nodes,) * 2)
+    return pattern_of(model).sparse(np.asarray(_blocks(model, s, loads)))
 
 
 def factor_softened(model: Model, matrix: csc_array) -> SuperLU:

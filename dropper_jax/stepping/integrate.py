@@ -175,7 +175,7 @@ def advance(
     sizes = dt if jnp.ndim(dt) else None
 
     def save(carry: Progress, row: jax.Array | None) -> tuple[Progress, Trajectory]:
-        return _advance_and_save(stepper, model, carry, dt if row is None else row, save_every)
+        return advance_and_save(stepper, model, carry, dt if row is None else row, save_every)
 
     return jax.lax.scan(save, progress, sizes, length=saves)
 
@@ -194,13 +194,17 @@ def advance_some(
 
     One program runs chunks of any length, which allows progress reports and interruption.
     """
+    rows = empty_rows(row_of(progress), capacity)
+    return scan_steps(lambda carry, _: advance_and_save(stepper, model, carry, dt, save_every), progress, count, rows)
+
+
+def row_of(progress: Progress) -> Trajectory:
+    """The state as a saved one, without steps before it."""
     s, number = progress.state, jnp.zeros((), jnp.int32)
-    row = Trajectory(s.r, s.v, s.tension, s.work, jnp.zeros((), model.dtype), number, number, number, s.parted, s.own)
-    rows = empty_rows(row, capacity)
-    return scan_steps(lambda carry, _: _advance_and_save(stepper, model, carry, dt, save_every), progress, count, rows)
+    return Trajectory(s.r, s.v, s.tension, s.work, jnp.zeros((), s.r.dtype), number, number, number, s.parted, s.own)
 
 
-def _advance_and_save(
+def advance_and_save(
     stepper: Stepper, model: Model, carry: Progress, dt: jax.Array, save_every: int
 ) -> tuple[Progress, Trajectory]:
     """Advance by `save_every` steps of dt [s], scalar or (save_every,), and save the result."""

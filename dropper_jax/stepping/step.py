@@ -56,13 +56,23 @@ def _solved_jvp(
     stepper: Stepper, primals: tuple[Model, State, jax.Array, jax.Array], tangents: tuple[Any, ...]
 ) -> tuple[Stepped, Stepped]:
     model, s, h, alive = primals
-    s1, u, residual, level = solve_once(stepper, model, s, h, alive)
     leaves, tree = jax.tree.flatten(model)
     dmodel, ds, dh = (jax.tree.leaves(dot, is_leaf=_is_zero) for dot in tangents[:3])
     moving = tuple(i for i, dot in enumerate(dmodel) if not _is_zero(dot))
     filled = [jnp.zeros_like(x) if _is_zero(dot) else dot for x, dot in zip(jax.tree.leaves(s), ds, strict=True)]
     given = _At([dmodel[i] for i in moving], jax.tree.unflatten(jax.tree.structure(s), filled), _nonzero(dh))
     at = _At([leaves[i] for i in moving], s, [h] if given.h else [])
+    if stepper.until_converged and not (stepper.reverse or model.constraints):
+        leaves, at, h = jax.tree.map(_refusing.bind, (leaves, at, h))
+        following = dataclasses.replace(stepper, follows=True)
+
+        def solve_at(at: _At) -> tuple[State, tuple[jax.Array, jax.Array]]:
+            s1, _, residual, level = solve(following, *_inputs(tree, moving, (leaves, h), at), alive)
+            return s1, (residual, level)
+
+        s1, ds1, (residual, level) = jax.jvp(solve_at, (at,), (given,), has_aux=True)
+        return (s1, residual, level), (ds1, jnp.zeros_like(residual), jnp.zeros(level.shape, jax.dtypes.float0))
+    s1, u, residual, level = solve_once(stepper, model, s, h, alive)
     zeros = jnp.zeros_like(residual), jnp.zeros(level.shape, jax.dtypes.float0)
     if not stepper.reverse:
         frozen = leaves, h, jax.tree.map(_refusing.bind, u), level

@@ -129,6 +129,7 @@ class Stepper:
         systems.
         one_kernel: whether tridiagonal systems are solved in the form that one kernel can contain; None: where the
             stepping is traced by `dj.one_kernel`.
+        follows: the iterations of a step follow its tangents (`newton_until`).
     """
 
     integrator: Integrator
@@ -143,6 +144,7 @@ class Stepper:
     reverse: bool = True
     batched: bool = False
     one_kernel: bool | None = None
+    follows: bool = False
 
     @property
     def plain(self) -> Stepper:
@@ -254,9 +256,11 @@ def substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[Sta
     problem = stepper.integrator.problem(model, s, h)
     solver = SOLVERS[stepper.fallback]
     if stepper.until_converged:
-        u, residual, seen = newton_until(problem, solver, problem.guess(), stepper.iterations, stepper.limit(model))
+        still = stepper.integrator.problem(*jax.lax.stop_gradient((model, s, h))) if stepper.follows else None
+        limit = stepper.limit(model)
+        u, residual, seen = newton_until(problem, solver, problem.guess(), stepper.iterations, limit, still)
         s1 = problem.finish(u, seen)
-        return s1, u, limit_pace(model, s, s1, residual)
+        return s1, u, limit_pace(*jax.lax.stop_gradient((model, s, s1)), residual)
     u, residual = damped_newton(problem, solver, problem.guess(), 3 * stepper.integrator.iterations)
     return problem.finish(u), u, residual
 

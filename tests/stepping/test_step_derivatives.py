@@ -168,6 +168,37 @@ def test_forward_and_reverse_mode_and_differences_agree_in_every_input(name):
     np.testing.assert_allclose(rest, 0.0, atol=1e-10 * np.max(np.abs(reverse)))
 
 
+#: The weight, 1 cm deep in the seabed, slides along it.
+SLIDING = system(
+    sea={"depth": 1.4},
+    effects={"weight": {}, "seabed": {"stiffness": 1e5}, "seabed_friction": {"kinetic": 0.4}},
+)
+
+
+@pytest.mark.parametrize(
+    ("source", "choice", "level"),
+    [
+        pytest.param(SLIDING, {"halvings": 0}, -1, id="sliding", marks=pytest.mark.slow),
+        pytest.param(system(), {"iterations": 2}, 1, id="halved", marks=pytest.mark.check),
+    ],
+)
+def test_forward_steps_of_a_system_have_the_derivatives_of_both_modes(source, choice, level):
+    """They come from the iterations of the step, not from a linear solve after it."""
+    model = build_model(load_scene(source))
+    both = make_stepper(model, track_work=False, **choice)
+    s = begin(both, model, state(model, PLACES - [0.0, 0.0, 0.01], VELOCITIES, jnp.asarray([4.0, 6.0]), T)).state
+    forward = {}
+    for stepper in (both, replace(both, reverse=False)):
+        function, values = differentiated(stepper, model, s)
+        values = {name: values[name] for name in ("['s'].r", "['s'].v", "['model'].lines[0].length", "['h']")}
+        x, unravel = ravel_pytree(values)
+        push = lambda d, f=function, x=x, unravel=unravel: jax.jvp(lambda x: f(unravel(x)), (x,), (d,))  # noqa: E731
+        forward[stepper.reverse] = jax.jit(jax.vmap(push, out_axes=(None, 0)))(directions(values))
+    assert dj.step(both, model, s, jnp.asarray(H))[1].level == level
+    for one, other in zip(*(jax.tree.leaves(forward[key]) for key in (False, True)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-10 * np.max(np.abs(other), initial=0.0))
+
+
 @pytest.mark.parametrize(
     "name", cases("energy_momentum", "rattle", "theta", "energy_momentum, system", often=("rattle",))
 )

@@ -107,6 +107,16 @@ def test_a_wrong_name_shows_the_near_ones(posed, name, words):
     assert str(caught.value).startswith(f"to: {name!r}")
 
 
+def test_the_anchor_of_a_single_line_is_its_fixed_end_also_if_the_free_end_is_listed_first():
+    low = {"name": "low", "kind": "free", "position": [0.0, 0.0, -1.2]}
+    line = {"name": "chain", "from": "top", "to": "low", "links": 4, "length": 0.3, "mass": 0.1}
+    points = [low, {"name": "top", "position": [0.0, 0.0, 0.0]}]
+    scene = {"run": {"dt": 0.01, "duration": 1.0}, "point": points, "line": [line], "effects": {"weight": {}}}
+    model = dj.build_model(dj.load_scene(scene))
+    found = {end: quantity(f"tension.chain.{end}.max", model, "to").members for end in ("anchor", "fairlead")}
+    assert found == {"anchor": (0,), "fairlead": (3,)}
+
+
 def test_a_static_target_needs_no_statistic(posed):
     _, model, pose = posed
     for name in ("tension.west-leg.fairlead", "depth.buoy", "anchor.west.horizontal", "tension.west-leg.max"):

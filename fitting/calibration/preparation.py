@@ -174,6 +174,17 @@ def prepare(
     )
 
 
+def check_step(traces: Sequence[Trace], dt: float) -> None:
+    """Reject a requested step that is longer than the sampling interval.
+
+    Between steps angles are interpolated. A step that skips samples is probably a mistyped one: the default is shorter
+    than any motion that a camera can follow.
+    """
+    longest = max(trace.interval for trace in traces)
+    if not dt <= longest * (1 + 1e-6):
+        raise SceneError(f"dt: {dt:g} s is longer than the sampling interval; allowed: at most {longest:.4g} s")
+
+
 def check_spans(
     traces: Sequence[Trace], spans: Sequence[tuple[float, float]], option: str = "held-out"
 ) -> tuple[tuple[float, float], ...]:
@@ -240,6 +251,18 @@ def without_held_starts(
     return [(run, low, high) for run, low, high in found if low < high], notes
 
 
+def time_step(traces: Sequence[Trace], requested: float) -> float:
+    """The step [s] nearest below `requested` that divides the sampling interval, for uniform sampling.
+
+    Times in files are rounded: a step may exceed `requested` by that rounding.
+    """
+    intervals = [round(trace.interval, 12) for trace in traces]
+    if np.ptp(intervals) > 1e-9:
+        return requested
+    # relative change of a step that rounded times of samples may cause
+    return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - 1e-3)))
+
+
 # Windows that are as long as the growth of small errors in the motion allows.
 #
 # Let M_k be the transition of window k, the derivative of its end by its start in units of a gap's scale. Errors grow
@@ -284,26 +307,3 @@ def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]
             found.append(piece)
             product = matrix
     return found
-
-
-def check_step(traces: Sequence[Trace], dt: float) -> None:
-    """Reject a requested step that is longer than the sampling interval.
-
-    Between steps angles are interpolated. A step that skips samples is probably a mistyped one: the default is shorter
-    than any motion that a camera can follow.
-    """
-    longest = max(trace.interval for trace in traces)
-    if not dt <= longest * (1 + 1e-6):
-        raise SceneError(f"dt: {dt:g} s is longer than the sampling interval; allowed: at most {longest:.4g} s")
-
-
-def time_step(traces: Sequence[Trace], requested: float) -> float:
-    """The step [s] nearest below `requested` that divides the sampling interval, for uniform sampling.
-
-    Times in files are rounded: a step may exceed `requested` by that rounding.
-    """
-    intervals = [round(trace.interval, 12) for trace in traces]
-    if np.ptp(intervals) > 1e-9:
-        return requested
-    # relative change of a step that rounded times of samples may cause
-    return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - 1e-3)))

@@ -92,15 +92,13 @@ def largest_step(scene: Scene) -> float | None:
     return float(f"{min(PART * min(times), LARGEST_STEP):.2g}")
 
 
-def there(
-    folder: Path, file: str, held: list[float], span: float = SPAN
-) -> tuple[np.ndarray, np.ndarray, float, float]:
+def there(folder: Path, held: list[float], span: float = SPAN) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Links (lines,), end tensions (lines, 2) [N] in MoorDyn after `span` [s]; largest speed [m/s], height [m]."""
     import moordyn
 
     still = [0.0] * len(held)
     with contextlib.chdir(folder), quiet():
-        system = moordyn.Create(file)
+        system = moordyn.Create("deck.txt")
         try:
             moordyn.Init(system, held, still)
             moordyn.Step(system, held, still, 0.0, span)
@@ -119,13 +117,13 @@ def alone(scene: Scene, pose: Equilibrium, number: int, times: int) -> float:
     """Largest difference of a line's end tensions, the line alone between its ends' positions with finer links."""
     line = scene.lines[number]
     node, link = (sum(one.links + more for one in scene.lines[:number]) for more in (1, 0))
-    kind = {"name": "rope", "mass": line.mass[0] / line.length[0], "diameter": line.diameter[0], "EA": line.EA[0]}
+    kind = {"mass": line.mass[0] / line.length[0], "diameter": line.diameter[0], "EA": line.EA[0], "damping_ratio": 0.3}
     kind |= {key: np.broadcast_to(scene.effects["morison_drag"][key], scene.line.links)[link] for key in ("cdn", "cdt")}
     ends = {"a": pose.positions[node], "b": pose.positions[node + line.links]}
     row = {"name": "one", "from": "a", "to": "b", "type": "rope", "length": line.total, "links": times * line.links}
     values = {
         "run": {"dt": scene.run.dt, "duration": 1.0},
-        "line_type": [{**{key: x if key == "name" else float(x) for key, x in kind.items()}, "damping_ratio": 0.3}],
+        "line_type": [{"name": "rope", **{key: float(x) for key, x in kind.items()}}],
         "point": [{"name": name, "position": position.tolist()} for name, position in ends.items()],
         "line": [row],
         "sea": scene.to_dict()["sea"],
@@ -135,7 +133,7 @@ def alone(scene: Scene, pose: Equilibrium, number: int, times: int) -> float:
     single = load_scene(values)
     with tempfile.TemporaryDirectory() as folder:
         write_moordyn(single, Path(folder) / "deck.txt", dt=largest_step(single))
-        theirs = there(Path(folder), "deck.txt", [], BRIEF)[1]
+        theirs = there(Path(folder), [], BRIEF)[1]
     return float(np.max(np.abs(rest_of(single).tension[[0, -1]] / theirs[0] - 1.0)))
 
 
@@ -151,7 +149,7 @@ def compare(name: str) -> Found:
             write_moordyn(moved_to(scene, own), folder / "deck.txt", dt=dt)
             deck = load_scene(folder / "deck.txt")
             held = [float(x) for point in scene.points if point.name in moved for x in point.position]
-            counts, ends, speed, highest = there(folder, "deck.txt", held)
+            counts, ends, speed, highest = there(folder, held)
             read = rest_of(deck)
     except (SceneError, ArithmeticError, RuntimeError) as error:
         return {"scene": name, "status": str(error)}
@@ -161,12 +159,19 @@ def compare(name: str) -> Found:
     status = "ok" if speed < AT_REST else f"MoorDyn moves by {1e3 * speed:.2g} mm/s after {SPAN:g} s"
     if highest > DRY + max(float(np.max(own.positions[:, 2])), 0.0):
         status = f"floats leave the water in MoorDyn, by {highest:.2g} m: the volume of a point stays wet there"
-    apart = [np.abs(links[own_ends] - ends) / scale for links in (own.tension, read.tension)]
-    found = {"scene": name, "status": status, "dt_s": dt, "lines": len(counts)}
-    found |= {"speed": speed, "largest_n": float(np.max(ends))}
-    found |= dict(zip(("scene_difference", "deck_difference"), map(float, map(np.max, apart)), strict=True))
+    apart, deck_apart = (np.abs(links[own_ends] - ends) / scale for links in (own.tension, read.tension))
+    found = {
+        "scene": name,
+        "status": status,
+        "dt_s": dt,
+        "lines": len(counts),
+        "speed": speed,
+        "largest_n": float(np.max(ends)),
+        "scene_difference": float(np.max(apart)),
+        "deck_difference": float(np.max(deck_apart)),
+    }
     if status == "ok" and found["deck_difference"] > CLOSE:  # goes with finer links if it is the drag at bends
-        worst = int(np.argmax(apart[1])) // 2
+        worst = int(np.argmax(deck_apart)) // 2
         found["alone"] = [alone(scene, own, worst, times) for times in FINER]
     return found
 

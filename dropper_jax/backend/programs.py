@@ -78,11 +78,6 @@ def compiler_options(names: Iterable[str]) -> dict[str, str | bool | int] | None
     return {name: value for name, value in supported_options().items() if name in names}
 
 
-def brief_options() -> dict[str, str | bool | int] | None:
-    """Compiler options of programs that should compile fast."""
-    return compiler_options(BRIEFLY)
-
-
 def memory_maps() -> int:
     """Number of memory maps of this process; 0 if the kernel does not report it (it then has no such limit)."""
     try:
@@ -195,8 +190,7 @@ def lower_cached(
         function, settings: the identity of the program: a function of this project, and everything else that tracing
             depends on; arrays among it as `Constants`.
     """
-    found = None if TRACES is None else TRACES.lower(function, settings, values, one)
-    return found or jax.jit(one).lower(*values)
+    return (TRACES and TRACES.lower(function, settings, values, one)) or jax.jit(one).lower(*values)
 
 
 class CachedJit(Generic[P, R]):
@@ -257,12 +251,8 @@ class CachedJit(Generic[P, R]):
             return lower_cached(self._function, settings, values, one).compile(options)
 
     def _compiler_options(self, quick: bool) -> dict[str, str | bool | int] | None:
-        names = set()
-        if self._brief:
-            names.update(BRIEFLY)
-        if quick and os.environ.get(QUICK) == ON:
-            names.update(QUICKLY)
-        return compiler_options(names)
+        quick = quick and os.environ.get(QUICK) == ON
+        return compiler_options([*BRIEFLY] * self._brief + [*QUICKLY] * quick)
 
 
 def cached_jit(

@@ -14,7 +14,7 @@ import numpy as np
 from jax.sharding import PartitionSpec
 
 from dropper_jax import SceneError
-from dropper_jax.backend.programs import brief_options
+from dropper_jax.backend.programs import BRIEFLY, compiler_options
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.model import Model, State
@@ -77,7 +77,7 @@ class Program:
         if self._compiled is None:
             brief = self.system and self.plan.cases * self.plan.scene.run.steps < WORTH_ONE_KERNEL
             lowered = self._program().lower(*self._arguments(chunks)[0])
-            self._compiled = lowered.compile(brief_options() if brief else None)
+            self._compiled = lowered.compile(compiler_options(BRIEFLY) if brief else None)
 
     def __call__(self, chunks: list[int]) -> Pending:
         """Start the chunks (at most one per device); `collect` waits for the results."""

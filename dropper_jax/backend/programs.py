@@ -228,8 +228,10 @@ class CachedJit(Generic[P, R]):
         kinds = tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
         device_settings = jax.config.jax_enable_x64, jax.config.jax_default_device, jax.config.jax_debug_nans
         kind = self._function, frozenset(settings.items()), tree, kinds, device_settings, self._brief
-        self._calls[kind] += 1
-        quick = self._calls[kind] <= self._quick
+        quick = self._quick > 0 and os.environ.get(QUICK) == ON
+        if quick:
+            self._calls[kind] += 1
+            quick = self._calls[kind] <= self._quick
         return self._store.get((*kind, quick), lambda: self._compile(settings, values, quick))
 
     def _compile(self, settings: dict[str, Hashable], values: list[object], quick: bool) -> jax.stages.Compiled:
@@ -251,7 +253,6 @@ class CachedJit(Generic[P, R]):
             return lower_cached(self._function, settings, values, one).compile(options)
 
     def _compiler_options(self, quick: bool) -> dict[str, str | bool | int] | None:
-        quick = quick and os.environ.get(QUICK) == ON
         return compiler_options([*BRIEFLY] * self._brief + [*QUICKLY] * quick)
 
 

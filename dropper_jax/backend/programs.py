@@ -81,16 +81,6 @@ def compiler_options(names: Iterable[str]) -> dict[str, str | bool | int] | None
     return {name: value for name, value in supported_options().items() if name in names}
 
 
-def brief_options() -> dict[str, str | bool | int] | None:
-    """Compiler options of programs that should compile fast."""
-    return compiler_options(BRIEFLY)
-
-
-def batch_options() -> dict[str, str | bool | int] | None:
-    """Compiler options of batches as one kernel."""
-    return compiler_options(WIDELY)
-
-
 def memory_maps() -> int:
     """Number of memory maps of this process; 0 if the kernel does not report it (it then has no such limit)."""
     try:
@@ -203,8 +193,7 @@ def lower_cached(
         function, settings: the identity of the program: a function of this project, and everything else that tracing
             depends on; arrays among it as `Constants`.
     """
-    found = None if TRACES is None else TRACES.lower(function, settings, values, one)
-    return found or jax.jit(one).lower(*values)
+    return (TRACES and TRACES.lower(function, settings, values, one)) or jax.jit(one).lower(*values)
 
 
 class CachedJit(Generic[P, R]):
@@ -242,8 +231,10 @@ class CachedJit(Generic[P, R]):
         kinds = tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
         device_settings = jax.config.jax_enable_x64, jax.config.jax_default_device, jax.config.jax_debug_nans
         kind = self._function, frozenset(settings.items()), tree, kinds, device_settings, self._brief
-        self._calls[kind] += 1
-        quick = self._calls[kind] <= self._quick
+        quick = self._quick > 0 and os.environ.get(QUICK) == ON
+        if quick:
+            self._calls[kind] += 1
+            quick = self._calls[kind] <= self._quick
         return self._store.get((*kind, quick), lambda: self._compile(settings, values, quick))
 
     def _compile(self, settings: dict[str, Hashable], values: list[object], quick: bool) -> jax.stages.Compiled:
@@ -265,12 +256,7 @@ class CachedJit(Generic[P, R]):
             return lower_cached(self._function, settings, values, one).compile(options)
 
     def _compiler_options(self, quick: bool) -> dict[str, str | bool | int] | None:
-        names = set()
-        if self._brief:
-            names.update(BRIEFLY)
-        if quick and os.environ.get(QUICK) == ON:
-            names.update(QUICKLY)
-        return compiler_options(names)
+        return compiler_options([*BRIEFLY] * self._brief + [*QUICKLY] * quick)
 
 
 def cached_jit(

@@ -151,8 +151,8 @@ def correct_pose(
     # factors on kappa after a full, a good and a short step, and its minimum after a short one over the weight of a
     # link per its length
     kappa = jnp.where(share == 1.0, 0.2 * kappa, jnp.where(share >= 0.25, 0.7 * kappa, harder))
-    before = jnp.max(jnp.abs(rows), initial=0.0)
-    return moves.move_pose(s, loads, share * dx), size, before, jnp.maximum(kappa, SMALLEST * soft)
+    s = moves.move_pose(s, loads, share * dx)
+    return s, size, jnp.max(jnp.abs(rows), initial=0.0), jnp.maximum(kappa, SMALLEST * soft)
 
 
 @cached_jit(brief=True)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.export_cache import Constants
-from dropper_jax.backend.programs import brief_options, lower_cached
+from dropper_jax.backend.programs import BRIEFLY, compiler_options, lower_cached
 from dropper_jax.model import Model
 from dropper_jax.stepping.stepper import Stepper
 from fitting.estimate.marching import at_samples, choose_stepper, march
@@ -261,7 +261,7 @@ class Simulator:
         }
         program = lower_cached(Simulator.window, known_by, (values, seeds, count, count, *like), batched)
         # in a batch, windows run equally fast this way and compile in half the time; one by one 1.2 to 1.4 times slower
-        self._programs[key] = program.compile(brief_options() if key.size > 1 else None)
+        self._programs[key] = program.compile(compiler_options(BRIEFLY) if key.size > 1 else None)
         self.compile_s += time.perf_counter() - started
         return key, self._programs[key]
 

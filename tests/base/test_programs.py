@@ -152,3 +152,7 @@ def test_first_calls_run_without_optimisation_where_the_command_line_asks_for_it
     assert compiled == [True, False]
     double(jnp.ones(3))
     assert compiled == [True, False, True]
+    monkeypatch.delenv(programs.QUICK)
+    for _ in range(4):
+        double(jnp.ones(2))
+    assert compiled == [True, False, True, False]

@@ -45,7 +45,8 @@ TAGGED_CALLS = (
     ("jax.experimental.xla_metadata", "xla_metadata_call2"),
     ("jax.experimental.scheduling_groups", "xla_metadata_call"),
 )
-TAG = {"xla_cpu_small_call": "true", "inlineable": "false"}
+TAG_NAME = "xla_cpu_small_call"
+TAG = {TAG_NAME: "true", "inlineable": "false"}
 ELEMENTWISE = frozenset(
     """
     add sub mul div rem max min neg sign abs square sqrt rsqrt cbrt exp exp2 log log1p expm1 logistic

@@ -42,17 +42,17 @@ class EnergyMomentum(Implicit):
     takes_constraints: ClassVar[bool] = True
     tension_time: ClassVar[float] = 0.5
     #: Weight of the new time.
-    gamma: ClassVar[float] = 0.5
+    weighting: ClassVar[float] = 0.5
 
     def common_form(self, model: Model) -> tuple[Implicit, float | None]:
-        return (self, None) if sawtooth_grows(model) else (EnergyMomentum(), self.gamma)
+        return (self, None) if sawtooth_grows(model) else (EnergyMomentum(), self.weighting)
 
     def begin(self, model: Model, s: State) -> State:
         """The state with velocities that are consistent with links between moving ends."""
         return replace(s, v=consistent_velocity(model, s.r, s.v, s.t)) if model.moving else s
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
-        return MidpointProblem(model, s, h, self.gamma, alone=len(self.stages) == 1)
+        return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)
 
 
 class MidpointProblem(StepProblem):

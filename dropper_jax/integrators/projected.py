@@ -153,6 +153,7 @@ class ProjectedRungeKutta(Explicit):
             table[i, : len(row)] = row
         for i, row in enumerate(self.errors):
             errors[i, : len(row)] = row
+        # the last time is beyond the end of the step, at which it is cut
         rows, times = jnp.asarray(table, dtype), jnp.asarray([*table.sum(axis=1)[:stages], 2.0], dtype)
         low, high = time_just_after(knot.t), time_just_after(knot.t + h, -1.0)
 

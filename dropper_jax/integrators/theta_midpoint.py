@@ -24,3 +24,7 @@ class ThetaMidpoint(EnergyMomentum):
     @property
     def dissipates(self) -> bool:
         return self.gamma > 0.5
+
+    @property
+    def weighting(self) -> float:
+        return self.gamma

@@ -13,8 +13,6 @@ from dropper_jax.residual.problem import StepProblem, Unknowns, add, norm
 from dropper_jax.residual.scheme import Solver
 
 Linear = Callable[[Unknowns], Unknowns]
-#: Number of corrections up to which all are made.
-FEW = 2
 #: Fractions for a cycling iteration.
 SEARCHED = (0.85, 0.7, 0.55, 0.4, 0.25, 0.12, 0.06, 0.03)
 #: Sequence of smoothings of set-valued laws, as a fraction of the rate that friction stops within the step.
@@ -49,9 +47,8 @@ def newton(
     def more(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         u, _, count = carry
         # the first corrections and the extra ones by the same equations: they are in the program once
-        first = count == 0
-        some = jnp.where(first, iterations, bunch)
-        return *_correct(problem, solver, u, some, limit, first & (iterations > FEW)), count + 1
+        some, stops = jnp.where(count == 0, iterations, bunch), (count == 0) & (iterations > 2)
+        return *_correct(problem, solver, u, some, limit, stops), count + 1
 
     start = u, jnp.full((), jnp.inf, u.x.dtype), jnp.zeros((), jnp.int32)
     return jax.lax.while_loop(go, more, start)[:2]

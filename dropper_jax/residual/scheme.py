@@ -96,7 +96,7 @@ class Integrator:
         """This scheme with a weight that an argument of the program gives."""
         other = copy(self)
         if weight is not None:
-            vars(other)["gamma"] = weight
+            vars(other).update(gamma=weight, weighting=weight)
         return other
 
     def refuse(self, model: Model) -> str | None:

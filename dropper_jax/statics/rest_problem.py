@@ -214,9 +214,14 @@ def polish(
     return state(model, s.r + u.x, tension=u.y, t=s.t), residual
 
 
+# a short line is solved in a millisecond: it compiles in 0.2 instead of 0.4 s without optimisation
+_polish_quickly = cached_jit(static=("iterations", "damped"), brief=True, quick=np.inf)(polish.__wrapped__)
+
+
 def solve_statics(model: Model, s: State, loads: jax.Array) -> tuple[State, float]:
     """`polish` on the host."""
-    found, residual = polish(model, s, loads, SMALLEST * soft_scale(model, np))
+    solve = _polish_quickly if rest_solver(model) is SOLVERS["dense"] else polish
+    found, residual = solve(model, s, loads, SMALLEST * soft_scale(model, np))
     return found, float(residual)
 
 

@@ -172,7 +172,7 @@ class SchemeNumbers(NamedTuple):
     stages: int
 
 
-@cached_jit(static=("stepper", "capacity"))
+@cached_jit(static=("stepper", "capacity"), emitters=False)
 def march(
     stepper: Stepper,
     model: Model,
@@ -193,31 +193,29 @@ def march(
     weight, fractions = jax.tree.map(lambda x: jnp.asarray(x, model.dtype), (weight, fractions))
     stepper = replace(stepper, integrator=stepper.integrator.with_weight(weight))
 
-    def one(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        progress, first, worst, retried, path = carry
-
-        def stage(j: jax.Array, so_far: tuple[Any, ...]) -> tuple[Any, ...]:
-            progress, worst, level = so_far
-            after, report, _ = next_progress(stepper, model, progress, fractions[j] * dt)
-            return after, jnp.maximum(worst, report.residual), jnp.maximum(level, report.level)
-
-        level = jnp.full((), FULL_STEP, jnp.int32)
-        after, worst, level = jax.lax.fori_loop(0, stages, stage, (progress, worst, level))
-        path = path + jnp.sum((after.state.r - progress.state.r) ** 2) / dt
-        first = jnp.where(i == 0, after.state.tension, first)
-        return after, first, worst, retried + (level > FULL_STEP), path
+    def stage(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        progress, before, first, worst, level, retried, path = carry
+        number = i % stages
+        last = number == stages - 1
+        after, report, _ = next_progress(stepper, model, progress, fractions[number] * dt)
+        worst, level, r = jnp.maximum(worst, report.residual), jnp.maximum(level, report.level), after.state.r
+        path = path + jnp.where(last, jnp.sum((r - before) ** 2) / dt, 0.0)
+        first = jnp.where(i == stages - 1, after.state.tension, first)
+        retried = retried + (last & (level > FULL_STEP))
+        return after, jnp.where(last, r, before), first, worst, jnp.where(last, FULL_STEP, level), retried, path
 
     def row(carry: tuple[Any, ...]) -> Marched:
-        progress, first, worst, retried, path = carry
+        progress, _, first, worst, _, retried, path = carry
         s, bad = progress.state, progress.first_bad // stages
         return Marched(s.r, s.v, jnp.stack([s.tension, first]), s.work, worst, bad, retried, path)
 
     def save(carry: tuple[Any, ...], _: jax.Array) -> tuple[tuple[Any, ...], Marched]:
-        carry = jax.lax.fori_loop(0, every, one, carry)
+        carry = jax.lax.fori_loop(0, every * stages, stage, carry)
         return carry, row(carry)
 
-    zero = jnp.zeros((), model.dtype)
-    start = begin(stepper, model, s), jnp.zeros_like(s.tension), zero, jnp.zeros((), jnp.int32), zero
+    zero, none = jnp.zeros((), model.dtype), jnp.full((), FULL_STEP, jnp.int32)
+    progress = begin(stepper, model, s)
+    start = progress, progress.state.r, jnp.zeros_like(s.tension), zero, none, jnp.zeros((), jnp.int32), zero
     return scan_steps(save, start, saves, empty_rows(jax.eval_shape(row, start), capacity))[1]
 
 

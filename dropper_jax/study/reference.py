@@ -164,7 +164,7 @@ def instant_tension(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -
     return np.asarray(_tensions(model, r, v, jnp.asarray(t, model.dtype)))
 
 
-@cached_jit(brief=True)
+@cached_jit(brief=True, quick=np.inf)
 def _tensions(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
     def one(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
         k = model.instant(r, v, t)
@@ -235,7 +235,7 @@ def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | jax.Ar
     return Lyapunov((growth[-1] - growth[half - 1]) / ((steps - half) * dt), growth, ~jnp.any(bad))
 
 
-@cached_jit(brief=True)
+@cached_jit(brief=True, quick=np.inf)
 def unit_perturbation(model: Model, s: State, seed: int) -> jax.Array:
     """A velocity (nodes, 3) [m/s] of size 1, drawn from `seed`, that does not stretch rigid links."""
     v = jax.random.normal(jax.random.key(seed), s.v.shape, model.dtype)

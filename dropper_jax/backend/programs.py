@@ -42,9 +42,6 @@ BRIEFLY = {"xla_disable_hlo_passes": "small-while-loop-hoisting", "xla_cpu_use_f
 #: Options of programs as one kernel that run for a second at most: the lab dropper compiles in 0.8 instead of 2.0 s and
 #: takes 13 instead of 6 us per step.
 QUICKLY = {"xla_backend_optimization_level": 0}
-#: Options of batches as one kernel. XLA prefers half of the widest vector registers: rattle on the lab dropper takes
-#: 1.18 times as long with them.
-WIDELY = {"xla_cpu_prefer_vector_width": 512}
 #: Environment variable that enables `QUICKLY` (`on`), for processes that run each scene once.
 QUICK, ON = "DROPPER_QUICK_COMPILATION", "on"
 #: Compiler contexts by the number of their thread.
@@ -58,7 +55,8 @@ def supported_options() -> dict[str, str | bool | int]:
     The answer is stored in the folder of compiled programs, which belongs to one version of JAX.
     """
     entries = None if FOLDER is None else Entries(FOLDER)
-    options = BRIEFLY | QUICKLY | WIDELY
+    # XLA prefers half of the widest vector registers, with which a batch as one kernel takes 1.18 times as long
+    options = BRIEFLY | QUICKLY | {"xla_cpu_prefer_vector_width": 512}
     asked = json.dumps([options, jaxlib.__version__], sort_keys=True).encode()
     key = f"compiler-options-{hashlib.sha256(asked).hexdigest()[:16]}"
     names = None if entries is None else entries.get(key)
@@ -87,8 +85,8 @@ def brief_options() -> dict[str, str | bool | int] | None:
 
 
 def batch_options() -> dict[str, str | bool | int] | None:
-    """Compiler options of batches as one kernel."""
-    return compiler_options(WIDELY)
+    """Compiler options of batches as one kernel: the widest vector registers."""
+    return compiler_options(["xla_cpu_prefer_vector_width"])
 
 
 def memory_maps() -> int:

@@ -34,8 +34,8 @@ def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, r
 def one_kernel_of(rows: int) -> bool:
     """Whether a run with `rows` unknowns in a line becomes one kernel, if nothing else in it prevents that.
 
-    Batches gain nothing from it. Their operations are long, and a single function for all of them is optimised less
-    well than each alone (windows of a fit: 0.8 of the time, 0.7 of the compilation).
+    Batches by `vmap` gain nothing from it. Their operations are long, and a single function for all of them is
+    optimised less well than each alone (windows of a fit: 0.8 of the time, 0.7 of the compilation).
     """
     if jax.default_backend() != "cpu":
         return False

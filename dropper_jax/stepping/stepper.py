@@ -125,8 +125,8 @@ class Stepper:
             for systems of lines.
         reverse: derivatives in both modes; False means forward mode only and leaves the transposed step out of all
         traces.
-        batched: the step is in a batch, which is not compiled to one kernel: the library of the device solves its
-        systems.
+        batched: the step is in a batch: the library of the device solves its systems, or `lanes` those of all members
+        at once, and not the form for one kernel.
         one_kernel: whether tridiagonal systems are solved in the form that one kernel can contain; None: where the
             stepping is traced by `dj.one_kernel`.
         follows: the iterations of a step follow its tangents (`newton_until`).

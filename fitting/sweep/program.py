@@ -15,7 +15,7 @@ from jax.sharding import PartitionSpec
 
 from dropper_jax import SceneError
 from dropper_jax.backend.one_kernel import one_kernel
-from dropper_jax.backend.programs import BRIEFLY, WIDELY, compiler_options
+from dropper_jax.backend.programs import BRIEFLY, VECTORS, compiler_options
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.model import Model, State
@@ -157,7 +157,7 @@ class Program:
         if stepper not in self._compiled:
             run = partial(run_case, self.plan, stepper)
             chunk = one_by_one(run, self.in_axes) if self.system else lanes(run, self.in_axes, self.fallbacks)
-            options = None if self.system else compiler_options(WIDELY)
+            options = None if self.system else compiler_options([VECTORS])
             if self.system and self.plan.cases * self.plan.scene.run.steps < WORTH_ONE_KERNEL:
                 options = compiler_options(BRIEFLY)
             if stepper.batched:

@@ -128,7 +128,7 @@ def differentiate_channels(
     plan: Plan, setup: Setup, tangents: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
 ) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...], State, jax.Array]:
     """Channel values, their derivatives (k, m, directions), the start, and the first failed step."""
-    # one kernel is faster for single lines only
+    # one kernel takes twice as long to compile, which pays for single lines only
     program = _differentiate_system if plan.stepper.until_converged else _differentiate_line
     return program(plan, setup, tangents, near, dt, times)
 

@@ -112,14 +112,14 @@ class Found(NamedTuple):
 
 
 @jax.custom_jvp
-def _shortened(du: Unknowns, fraction: jax.Array) -> Unknowns:
-    """A correction times a fraction, whose derivative is that of the whole correction."""
-    return jax.tree.map(lambda d: fraction * d, du)
+def _apply_correction(u: Unknowns, du: Unknowns, fraction: jax.Array) -> Unknowns:
+    """`u - fraction du`, whose derivative is that of the whole correction."""
+    return add(u, du, -fraction)
 
 
-@_shortened.defjvp
-def _shortened_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Unknowns, Unknowns]:
-    return _shortened(*primals), tangents[0]
+@_apply_correction.defjvp
+def _apply_correction_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Unknowns, Unknowns]:
+    return _apply_correction(*primals), add(*tangents[:2], -1.0)
 
 
 def newton_until(
@@ -172,7 +172,7 @@ def newton_until(
         def try_fraction(trial: tuple[Any, ...]) -> tuple[Any, ...]:
             k, best, least, _ = trial
             fraction = jnp.where(k < most_trials, fractions[jnp.minimum(k, len(SEARCHED) - 1)], best)
-            rows, evaluated = problem.evaluate(add(u, _shortened(du, fraction), -1.0))
+            rows, evaluated = problem.evaluate(_apply_correction(u, du, fraction))
             size = norm(fixed(rows), scale)
             better = (k < most_trials) & (size < least)  # false where they are not finite
             return (
@@ -186,7 +186,7 @@ def newton_until(
         whole = jnp.where(solved, 0.0, 1.0)
         first = none, jnp.where(circling, fractions[0], whole), never, (never, rows, evaluated, size)
         fraction, rows, evaluated, after = jax.lax.while_loop(unseen, try_fraction, first)[-1]
-        return add(u, _shortened(du, fraction), -1.0), rows, evaluated, after, (size, last), count + 1
+        return _apply_correction(u, du, fraction), rows, evaluated, after, (size, last), count + 1
 
     # no rows yet: arrays of their shapes, with tangents where they will have some, so that JAX differentiates once
     start = u, u, evaluated, never, (never, never), jnp.full((), -1, jnp.int32)

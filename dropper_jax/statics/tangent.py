@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 Linear = Callable[[jax.Array], jax.Array]
 Array = TypeVar("Array", jax.Array, np.ndarray)
+Tree = TypeVar("Tree")
 
 #: Maximum number of corrections of a linear solve, and the remaining fraction of the right side above which the system
 #: has no solution.
@@ -206,6 +207,32 @@ def refine_solution(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
     never = jnp.full((), jnp.inf, jnp.finfo(b.dtype).dtype)
     x, left, *_ = jax.lax.while_loop(keep_iterating, correct, (jnp.zeros_like(b), b, never, never, jnp.zeros((), int)))
     return jnp.where(jnp.max(jnp.abs(left)) <= LEFT * jnp.max(jnp.abs(b)), x, jnp.nan)
+
+
+def follow_parameters(
+    model: Model, count: int, slopes: Callable[[np.ndarray, np.ndarray], tuple[jax.Array, Tree]]
+) -> tuple[Tree, np.ndarray]:
+    """Derivatives of an equilibrium by `count` parameters, `dx = -K^-1 dR/dp`, solved on the host.
+
+    Args:
+        slopes: derivatives of the unbalanced forces R (k, free, 3) [N] and of a tree along k directions of parameters
+            (k, count) and positions (k, free, 3) [m]. One program serves K and R.
+
+    Returns:
+        the tree, whose last `count` directions are those of the parameters, and where there is no solution (count,).
+    """
+    near = pattern_of(model)
+    by_position = np.concatenate([near.seeds.reshape(-1, model.free_nodes, 3), np.zeros((count, model.free_nodes, 3))])
+    by_value = np.concatenate([np.zeros((len(by_position) - count, count)), np.eye(count)])
+    rows, found = slopes(by_value, by_position)
+    blocks = near.blocks(np.asarray(rows[:-count]).reshape(near.colours, 3, -1, 3))
+    factor, right = factor_softened(model, near.sparse(blocks)), rows[-count:]
+    for _ in range(2):  # the second correction reduces the rounding error, and the error by the softening
+        dx = factor.solve(np.asarray(rows[-count:]).reshape(count, -1).T)
+        by_position[-count:] -= dx.T.reshape(count, -1, 3)
+        rows, found = slopes(by_value, by_position)
+    left, size = (np.max(np.abs(part), axis=(1, 2)) for part in (rows[-count:], right))
+    return found, left > LEFT * size
 
 
 @dataclass(frozen=True)

@@ -194,14 +194,15 @@ def advance_some(
 
     One program runs chunks of any length, which allows progress reports and interruption.
     """
-    rows = empty_rows(row_of(progress), capacity)
+    rows = empty_trajectory(progress, capacity)
     return scan_steps(lambda carry, _: advance_and_save(stepper, model, carry, dt, save_every), progress, count, rows)
 
 
-def row_of(progress: Progress) -> Trajectory:
-    """The state as a saved one, without steps before it."""
+def empty_trajectory(progress: Progress, capacity: int) -> Trajectory:
+    """A trajectory with `capacity` rows of zeros for states like this one."""
     s, number = progress.state, jnp.zeros((), jnp.int32)
-    return Trajectory(s.r, s.v, s.tension, s.work, jnp.zeros((), s.r.dtype), number, number, number, s.parted, s.own)
+    counts = jnp.zeros((), s.r.dtype), number, number, number
+    return empty_rows(Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own), capacity)
 
 
 def advance_and_save(

@@ -36,6 +36,7 @@ from dropper_jax.stepping.stepper import (
 #     du = -R_u^-1 R_theta dtheta,    dS = S_theta dtheta + S_u du,
 #
 # and its transpose for reverse mode. A halved step chains its substeps, which are recomputed when needed.
+# In forward mode alone (`Stepper.reverse`), the iterations of a system's step carry du: half the program.
 
 #: A step's end state, scaled residual and level of halving.
 Stepped = tuple[State, jax.Array, jax.Array]

@@ -13,7 +13,7 @@ axis in front), so that one compiled program serves every choice of free paramet
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -294,6 +294,9 @@ def observe_channels(
     """Channel values at the stamps `times`, (k, m) each [SI]; the start; the first failed step (-1: none)."""
     model = setup.model
     s = begin(plan, setup, near)
+    # tangents in all that a step changes, so that JAX differentiates the loop over the steps once
+    zero = 0.0 * jnp.sum(s.r)
+    s = replace(s, v=s.v + zero, tension=s.tension + zero)
     _, run = integrate(plan.stepper, model, s, dt, plan.saves * plan.every, plan.every)
     spacing = dt * plan.every
     t = jnp.arange(plan.saves + 1) * spacing
@@ -317,15 +320,25 @@ def shift_setup(setup: Setup, tangents: Setup, e: jax.Array) -> Setup:
     return jax.tree.map(lambda a, d: a + jnp.tensordot(e, d, 1), setup, tangents)
 
 
-@cached_jit(static=("plan",))
 def differentiate_channels(
     plan: Plan, setup: Setup, tangents: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
 ) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...], State, jax.Array]:
     """Channel values, their derivatives (k, m, directions), the start, and the first failed step."""
+    # one kernel takes twice as long to compile, which pays for single lines only
+    program = _differentiate_system if plan.stepper.until_converged else _differentiate_line
+    return program(plan, setup, tangents, near, dt, times)
 
+
+def _differentiate(
+    plan: Plan, setup: Setup, tangents: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
+) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...], State, jax.Array]:
     def of(e: jax.Array) -> Any:
         shown, s, bad = observe_channels(plan, shift_setup(setup, tangents, e), near, dt, times)
         return shown, (shown, s, bad)
 
     slopes, (shown, s, bad) = jax.jacfwd(of, has_aux=True)(jnp.zeros(len(jax.tree.leaves(tangents)[0]), dt.dtype))
     return shown, slopes, s, bad
+
+
+_differentiate_line = cached_jit(static=("plan",))(_differentiate)
+_differentiate_system = cached_jit(static=("plan",), brief=True)(_differentiate)

@@ -22,16 +22,8 @@ from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.rest_problem import rest, unbalanced_at
 from dropper_jax.statics.search import outward
 from dropper_jax.statics.static_pose import nodal_loads
-from dropper_jax.statics.tangent import LEFT, factor_softened, free_motion, pattern_of
-from dropper_jax.stepping.integrate import (
-    Trajectory,
-    advance_and_save,
-    begin,
-    empty_rows,
-    integrate,
-    row_of,
-    scan_steps,
-)
+from dropper_jax.statics.tangent import follow_parameters, free_motion
+from dropper_jax.stepping.integrate import Trajectory, advance_and_save, begin, empty_trajectory, integrate, scan_steps
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.march import spare_rows
 from fitting.parameters.of_scene import find_parameters, full_names
@@ -200,31 +192,12 @@ def _vary(
 
 
 def vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
-    """The initial state s of the model with these values, and its derivatives.
-
-    For an equilibrium of lines that stretch, `dx = -K^-1 dR/dp` is solved on the host. Its rows R and its matrix K are
-    directional derivatives by one program, a quarter of that of the general case.
-    """
+    """The initial state s of the model with these values, and its derivatives; a small program for elastic lines."""
     still = rest(model)
     if not plan.start.is_static or still.constraints or outward(model) or not still.line.axial.elastic:
         return _vary_start(plan, model, s, values)
-    near, count = pattern_of(still), len(values)
-    seeds = near.seeds.reshape(-1, *s.r.shape)
-    by_value = np.concatenate([np.zeros((len(seeds), count)), np.eye(count)])
-    by_position = np.concatenate([seeds, np.zeros((count, *s.r.shape))])
-
-    def directional() -> tuple[np.ndarray, np.ndarray, Varied]:
-        directions = (jnp.asarray(part, model.dtype) for part in (by_value, by_position))
-        rows, found = _slopes_at_rest(plan, model, s, values, *directions)
-        return np.asarray(rows[:-count]), np.asarray(rows[-count:]).reshape(count, -1), found
-
-    stiffness, right, _ = directional()
-    factor = factor_softened(still, near.sparse(near.blocks(stiffness.reshape(near.colours, 3, -1, 3))))
-    left = right
-    for _ in range(2):  # the second correction reduces the rounding error, and the error by the softening
-        by_position[-count:] -= factor.solve(left.T).T.reshape(by_position[-count:].shape)
-        _, left, found = directional()
-    unsolved = np.max(np.abs(left), axis=1) > LEFT * np.max(np.abs(right), axis=1)
+    count = len(values)
+    found, unsolved = follow_parameters(still, count, partial(_slopes_at_rest, plan, model, s, values))
     return Varied(found.tree, [x[-count:].at[unsolved].set(jnp.nan) for x in found.slopes])
 
 
@@ -252,7 +225,8 @@ def _slopes_at_rest(
         _, (rows, slopes), found = jax.jvp(at, (values, jnp.zeros_like(s.r)), direction, has_aux=True)
         return rows, Varied(found, slopes)
 
-    return jax.vmap(along, out_axes=(0, Varied(None, 0)))(by_value, by_position)
+    directions = (part.astype(model.dtype) for part in (by_value, by_position))
+    return jax.vmap(along, out_axes=(0, Varied(None, 0)))(*directions)
 
 
 @cached_jit(static=("stepper", "parameters", "every", "capacity"), brief=True)
@@ -268,10 +242,7 @@ def _vary_run(
     capacity: int,
 ) -> Varied:
     """`count` saved states of a run, in the first of `capacity` rows, with derivatives: one program for any duration,
-    quantity and start.
-
-    Values and derivatives are carried from row to row, so that JAX differentiates one step and not the loops around it:
-    a third of the time of tracing.
+    quantity and start. JAX differentiates one step and not the loops around it: a third of the time of tracing.
     """
 
     def advance(now: Varied, _: jax.Array) -> tuple[Varied, Varied]:
@@ -280,9 +251,9 @@ def _vary_run(
         return tuple(map(Varied, found.tree, (found.slopes[:state_floats], found.slopes[state_floats:])))
 
     now = _vary(partial(begin, stepper), parameters, model, values, start)
-    row = row_of(now.tree)
-    slopes = [jnp.zeros((len(values), *jnp.shape(x)), x.dtype) for x in floats_of(row)]
-    run = scan_steps(advance, now, count, empty_rows(Varied(row, slopes), capacity))[1]
+    rows = empty_trajectory(now.tree, capacity)
+    slopes = [jnp.zeros((capacity, len(values), *x.shape[1:]), x.dtype) for x in floats_of(rows)]
+    run = scan_steps(advance, now, count, Varied(rows, slopes))[1]
     return Varied(run.tree, [jnp.swapaxes(x, 0, 1) for x in run.slopes])
 
 

@@ -71,7 +71,8 @@ def _correct(
     def apply_correction(u: Unknowns, rows: Unknowns) -> Unknowns:
         return add(u, solver.apply(solver.factor(problem, u, prepared), rows), -1.0)
 
-    if limit is None or (isinstance(iterations, int) and iterations <= FEW):
+    # minimum number of iterations
+    if limit is None or (isinstance(iterations, int) and iterations <= 2):
         u, _ = jax.lax.scan(lambda u, _: (apply_correction(u, rows_at(u)), None), u, None, length=iterations)
         return u, norm(problem.residual(u), scale)
     # if many iterations are allowed they stop at this fraction of the tolerance, at rounding, to conserve energy

@@ -78,7 +78,7 @@ class Program:
         # steps): compilation 8 s and run 5.3 s, against 21 and 6.1 s side by side, 23 and 28 s padded to a chunk of 64.
         self.system = plan.base[0].geometry.branched and on_processor()
         # Cases run without halved steps first, and those that fail once more with them. For the lab dropper this takes
-        # half of the code and of the compilation, and is as one kernel 1.7 times as fast.
+        # half of the code and of the compilation, and is as one kernel 1.8 times as fast.
         self.small = plan.stepper if plan.stepper.until_converged else replace(plan.stepper, halvings=0, batched=True)
         self._compiled: dict[Stepper, jax.stages.Compiled] = {}
 
@@ -115,7 +115,7 @@ class Program:
         chunks, arguments, refused, found = pending
         found = {name: np.array(value) for name, value in found.items()}
         failed = ~refused & (found["status"] != 0)
-        if failed.any() and self.small != self.plan.stepper:
+        if failed.any() and self.small.halvings != self.plan.stepper.halvings:
             for name, value in self._program(self.plan.stepper, arguments)(*arguments).items():
                 found[name][failed] = np.asarray(value)[failed]
         found["status"] = np.where(refused, STATUS.index("invalid_input"), found["status"]).astype(np.int8)
@@ -157,9 +157,8 @@ class Program:
         if stepper not in self._compiled:
             run = partial(run_case, self.plan, stepper)
             chunk = one_by_one(run, self.in_axes) if self.system else lanes(run, self.in_axes, self.fallbacks)
-            options = None if self.system else compiler_options([VECTORS])
-            if self.system and self.plan.cases * self.plan.scene.run.steps < WORTH_ONE_KERNEL:
-                options = compiler_options(BRIEFLY)
+            brief = self.plan.cases * self.plan.scene.run.steps < WORTH_ONE_KERNEL
+            options = compiler_options(([*BRIEFLY] if brief else []) if self.system else [VECTORS])
             if stepper.batched:
                 chunk = one_kernel(chunk)
             specs = tuple(PartitionSpec() if axis is None else PartitionSpec("device") for axis in self.in_axes)

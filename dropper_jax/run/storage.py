@@ -5,6 +5,7 @@ Needs the extra `io` (xarray, h5netcdf), Zarr folders `sweep` too; `.npz` files 
 
 from __future__ import annotations
 
+import gc
 import importlib
 import json
 import os
@@ -132,6 +133,8 @@ def read_run(path: str | Path, kind: type[Kind]) -> Kind:
             raise
         except Exception:  # any error of the libraries about damaged bytes; own checks are SceneErrors
             pass  # raised below: here it would hold the library's objects until complaints are heard again
+        if found is None:
+            gc.collect()  # those in circles complain when they are deleted
     if found is None:
         raise SceneError(f"{path}: {NOT_A_RUN}")
     return reopen_run(path, *found, kind)

@@ -38,11 +38,13 @@ R = TypeVar("R")
 #: kernel (see `one_kernel`). XLA's emitters of fused operations, which start a separate compiler for each of hundreds
 #: of functions, are switched off. One step of Edulis compiles in 36 s as one kernel, 16.2 s otherwise and 11.2 s
 #: without the emitters, and runs as fast.
-EMITTERS, VECTORS = "xla_cpu_use_fusion_emitters", "xla_cpu_prefer_vector_width"
+EMITTERS = "xla_cpu_use_fusion_emitters"
 BRIEFLY = {"xla_disable_hlo_passes": "small-while-loop-hoisting", EMITTERS: False}
 #: Options of programs that run for a second at most: the lab dropper compiles in 0.8 instead of 2.0 s and takes 13
 #: instead of 6 us per step. Parts for several threads of the compiler cost a tenth of what is left.
 QUICKLY = {"xla_backend_optimization_level": 0, "xla_cpu_parallel_codegen_split_count": 1}
+#: Options of batches as one kernel: XLA prefers half of the widest vector registers, which takes 1.18 times as long.
+WIDELY = {"xla_cpu_prefer_vector_width": 512}
 #: Environment variable that enables `QUICKLY` (`on`), for processes that run each scene once.
 QUICK, ON = "DROPPER_QUICK_COMPILATION", "on"
 #: Compiler contexts by the number of their thread.
@@ -56,8 +58,7 @@ def supported_options() -> dict[str, str | bool | int]:
     The answer is stored in the folder of compiled programs, which belongs to one version of JAX.
     """
     entries = None if FOLDER is None else Entries(FOLDER)
-    # XLA prefers half of the widest vector registers, with which a batch as one kernel takes 1.18 times as long
-    options = BRIEFLY | QUICKLY | {VECTORS: 512}
+    options = BRIEFLY | QUICKLY | WIDELY
     asked = json.dumps([options, jaxlib.__version__], sort_keys=True).encode()
     key = f"compiler-options-{hashlib.sha256(asked).hexdigest()[:16]}"
     names = None if entries is None else entries.get(key)

@@ -15,7 +15,7 @@ from jax.sharding import PartitionSpec
 
 from dropper_jax import SceneError
 from dropper_jax.backend.one_kernel import one_kernel
-from dropper_jax.backend.programs import BRIEFLY, VECTORS, compiler_options
+from dropper_jax.backend.programs import BRIEFLY, WIDELY, compiler_options
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.model import Model, State
@@ -158,7 +158,7 @@ class Program:
             run = partial(run_case, self.plan, stepper)
             chunk = one_by_one(run, self.in_axes) if self.system else lanes(run, self.in_axes, self.fallbacks)
             brief = self.plan.cases * self.plan.scene.run.steps < WORTH_ONE_KERNEL
-            options = compiler_options(([*BRIEFLY] if brief else []) if self.system else [VECTORS])
+            options = compiler_options((BRIEFLY if brief else {}) if self.system else WIDELY)
             if stepper.batched:
                 chunk = one_kernel(chunk)
             specs = tuple(PartitionSpec() if axis is None else PartitionSpec("device") for axis in self.in_axes)

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from dropper_jax.axial import LAWS
 from dropper_jax.base.toml_text import prose
-from dropper_jax.cli.commands import _load, _Parser, command_groups
+from dropper_jax.cli import _load, _Parser, command_groups
 from dropper_jax.cli.reference import as_markdown
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS

@@ -45,6 +45,7 @@ RENAMED = (
     Row("module", "dropper_jax.base", "scatter", "numerics", "0.2"),
     Row("module", "dropper_jax.base", "progress", "errors", "0.2"),
     Row("module", "dropper_jax.cli", "codes", "dropper_jax.cli.options", "0.2"),
+    Row("module", "dropper_jax.cli", "commands", "dropper_jax.cli", "0.2"),
     Row("module", "dropper_jax.cli", "output", "dropper_jax.cli.options", "0.2"),
     Row("module", "dropper_jax.view", "make", "dropper_jax.view", "0.2"),
     Row("module", "dropper_jax.study", "schemes", "dropper_jax.study.march", "0.2"),

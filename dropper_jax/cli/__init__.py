@@ -7,10 +7,17 @@ cached for the next start. With `--json` each command prints exactly one object 
 
 from __future__ import annotations
 
+import argparse
+import gc
+import os
 import sys
+import textwrap
 from collections.abc import Sequence
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from typing import NoReturn, Protocol
 
-from dropper_jax.cli.commands import parse, prepare
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.renamed import new_option
 from dropper_jax.cli.faults import (
     close_stdout,
     old_names_in_one_line,
@@ -19,6 +26,149 @@ from dropper_jax.cli.faults import (
     with_streams,
 )
 from dropper_jax.cli.options import OK
+
+#: `off` in one of these disables it; other values of the first are the folder, `on` is that of the user.
+COMPILE_CACHE, KEEP_TRACES, QUICK, ON = (
+    "DROPPER_COMPILE_CACHE",
+    "DROPPER_KEEP_TRACES",
+    "DROPPER_QUICK_COMPILATION",
+    "on",
+)
+#: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
+XLA_LOG, FATAL = "TF_CPP_MIN_LOG_LEVEL", "3"
+
+
+def prepare() -> None:
+    """Cache programs for the next start, and compile short runs quickly, unless the user disables it."""
+    # allocations between two garbage collections: tracing makes millions of lasting objects, and with Python's default
+    # (700) the collector takes 10 % of the time
+    gc.set_threshold(100_000, 50, 100)
+    os.environ.setdefault(XLA_LOG, FATAL)
+    os.environ.setdefault(COMPILE_CACHE, ON)
+    os.environ.setdefault(KEEP_TRACES, ON)
+    os.environ.setdefault(QUICK, ON)
+    os.environ.setdefault("DROPPER_SOURCE_LINES", "off")  # `on` keeps the lines of Python in programs
+
+
+GROUP = "dropper.commands"
+PACKAGES = ("dropper-jax", "jax")
+HELP = ("-h", "--help")
+#: Commands by what they are for, those in frequent use first. Commands of other packages follow under `Others`.
+GROUPS = {
+    "Simulate": ("new", "check", "run", "equilibrium", "view", "report", "scenes", "demo", "library"),
+    "Sea and farm": ("sea", "cases", "optimise", "design", "season", "growth"),
+    "Fit and design of experiments": ("track", "fit", "plan"),
+    "Studies": ("sweep", "sensitivity", "modes", "stiffness", "offset", "response", "frequency", "figure"),
+    "Checks": ("doctor", "accuracy", "cost", "stability"),
+}
+OTHERS = "Others"
+
+
+class Command(Protocol):
+    """The object of an entry point, usually a module; the name of the entry point is that of the command.
+
+    Attributes:
+        help: one line of help.
+    """
+
+    help: str
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Declare the arguments, without heavy imports."""
+
+    def run(self, args: argparse.Namespace) -> int:
+        """Run the command; returns an exit code of `dropper_jax.cli.options`."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser with one-line errors, like those of all other invalid input."""
+
+    def error(self, message: str) -> NoReturn:
+        raise SceneError(f"{self.prog}: {' '.join(message.split())}")
+
+
+class _Version(argparse.Action):
+    """Print versions and stop; they are looked up only if requested."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        print("\n".join(f"{package} {_version_of(package)}" for package in PACKAGES))
+        parser.exit()
+
+
+def _version_of(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def find_commands() -> list[EntryPoint]:
+    """All commands, by name."""
+    return sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
+
+
+def parse(argv: Sequence[str]) -> argparse.Namespace:
+    """Arguments of a command, with its `run`.
+
+    Raises:
+        SceneError: invalid arguments, or a command that cannot be imported.
+    """
+    # every option in front of the command ends the program, so the first other word is the command
+    asked = next((word for word in argv if not word.startswith("-")), None)
+    argv = [new_option(asked, word) for word in argv]
+    listed = asked is None and (not argv or any(word in HELP for word in argv))
+    about = "Simulate mussel droppers, pendulums and strings.\ndropper COMMAND --help: its options and two examples."
+    plain = argparse.RawDescriptionHelpFormatter
+    parser = _Parser(prog="dropper", description=about, formatter_class=plain, allow_abbrev=False)
+    parser.add_argument("--version", action=_Version, nargs=0, help=f"print the versions of {' and '.join(PACKAGES)}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", help=argparse.SUPPRESS)
+    found = find_commands()
+    if asked and not found:  # the packages are on the path but not installed, so that nothing declares their commands
+        raise SceneError("dropper: no commands; needed: pip install dropper-jax, or pip install -e . in a checkout")
+    for entry in found:
+        own = commands.add_parser(entry.name)
+        if entry.name == asked:
+            command = _load(entry)
+            own.description, own.formatter_class = command.help, plain
+            command.add_arguments(own)
+            own.set_defaults(run=command.run)
+    if listed:
+        parser.epilog = grouped_commands()
+    return parser.parse_args(argv or [HELP[0]])
+
+
+def command_groups() -> dict[str, list[EntryPoint]]:
+    """All commands by group."""
+    left = {entry.name: entry for entry in find_commands()}
+    found = {group: [left.pop(name) for name in names if name in left] for group, names in GROUPS.items()}
+    return {group: entries for group, entries in {**found, OTHERS: list(left.values())}.items() if entries}
+
+
+def grouped_commands() -> str:
+    """The commands by group, each with its line of help."""
+    # columns of the names in the list of commands
+    names = 15
+    lines: list[str] = []
+    for group, entries in command_groups().items():
+        lines += ["", group]
+        for entry in entries:
+            head = f"  {entry.name}".ljust(names)
+            lines += textwrap.wrap(head + _help(entry), 100, subsequent_indent=" " * names, drop_whitespace=True)
+    return "\n".join(lines[1:])
+
+
+def _load(entry: EntryPoint) -> Command:
+    try:
+        return entry.load()
+    except ImportError as error:
+        raise SceneError(f"dropper {entry.name}: is not available: {error}") from None
+
+
+def _help(entry: EntryPoint) -> str:
+    try:
+        return _load(entry).help
+    except SceneError as error:
+        return str(error)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
+from dropper_jax import SceneError, cli
 from dropper_jax.base import renamed
 from dropper_jax.base.toml_text import jsonable
-from dropper_jax.cli import commands, old_names_in_one_line
+from dropper_jax.cli import old_names_in_one_line
 from dropper_jax.effects import RecordedMotion
 from fitting.tracking import Tracked
 
@@ -102,8 +102,8 @@ def test_an_old_key_of_a_scene_or_site_is_the_new_one_and_warns(row):
 def test_an_old_option_is_the_new_one_with_one_line_on_standard_error(row, capsys):
     value = [] if row.new in ("--paired", "--no-higher-waves") else ["2.5"]
     with old_names_in_one_line():
-        old = vars(commands.parse([row.where, *CALLS[row.where], row.old, *value]))
-        new = vars(commands.parse([row.where, *CALLS[row.where], row.new, *value]))
+        old = vars(cli.parse([row.where, *CALLS[row.where], row.old, *value]))
+        new = vars(cli.parse([row.where, *CALLS[row.where], row.new, *value]))
     assert old == new
     out, err = capsys.readouterr()
     assert out == ""

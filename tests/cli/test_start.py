@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 
 import dropper_jax
-from dropper_jax import scene_names
-from dropper_jax.cli import commands, main
+from dropper_jax import cli, scene_names
+from dropper_jax.cli import main
 from dropper_jax.load.packaged import is_packaged, scene_titles, variants_of
 from dropper_jax.scene import run
 from dropper_jax.solvers import SOLVERS
@@ -124,7 +124,7 @@ def test_versions_are_those_of_the_installed_packages():
     assert out.splitlines() == [f"{package} {version(package)}" for package in ("dropper-jax", "jax")]
 
 
-OWN = [entry for entry in commands.find_commands() if entry.value.startswith("dropper_jax.")]
+OWN = [entry for entry in cli.find_commands() if entry.value.startswith("dropper_jax.")]
 
 
 @pytest.mark.parametrize("entry", OWN, ids=lambda entry: entry.name)
@@ -139,7 +139,7 @@ def test_help_names_every_command_with_its_line(capsys):
         main(["--help"])
     assert end.value.code == 0
     said = " ".join(capsys.readouterr().out.split())
-    for entry in commands.find_commands():
+    for entry in cli.find_commands():
         assert f" {entry.name} {entry.load().help}" in said
 
 
@@ -151,15 +151,15 @@ def test_help_comes_without_jax_and_without_any_argument(argv):
 
 
 def test_every_command_is_in_one_group_and_every_group_is_listed_in_order(capsys):
-    named = [name for names in commands.GROUPS.values() for name in names]
-    assert sorted(named) == [entry.name for entry in commands.find_commands()]
+    named = [name for names in cli.GROUPS.values() for name in names]
+    assert sorted(named) == [entry.name for entry in cli.find_commands()]
     with pytest.raises(SystemExit):
         main([])
-    heads = [line for line in capsys.readouterr().out.splitlines() if line in commands.GROUPS]
-    assert heads == list(commands.GROUPS)
+    heads = [line for line in capsys.readouterr().out.splitlines() if line in cli.GROUPS]
+    assert heads == list(cli.GROUPS)
 
 
-@pytest.mark.parametrize("entry", commands.find_commands(), ids=lambda entry: entry.name)
+@pytest.mark.parametrize("entry", cli.find_commands(), ids=lambda entry: entry.name)
 def test_help_of_a_command_ends_with_two_examples_that_it_accepts(entry, capsys):
     with pytest.raises(SystemExit):
         main([entry.name, "--help"])
@@ -169,7 +169,7 @@ def test_help_of_a_command_ends_with_two_examples_that_it_accepts(entry, capsys)
     assert len(found) == 2
     for words in found:
         assert words[:2] == ["dropper", entry.name]
-        args = vars(commands.parse(words[1:]))
+        args = vars(cli.parse(words[1:]))
         scenes = args.get("scenes") or [args.get("scene")]
         assert all(is_packaged(scene) or scene.endswith(".toml") for scene in scenes if scene)
         if args.get("set") and is_packaged(args["scene"]):
@@ -183,8 +183,8 @@ def test_only_the_command_that_is_asked_for_is_imported():
 
 
 def test_a_command_that_cannot_be_imported_is_refused_and_leaves_the_others(capsys, monkeypatch):
-    lost = EntryPoint(name="lost", value="no_such_package.cli", group=commands.GROUP)
-    monkeypatch.setattr(commands, "find_commands", lambda: [*OWN, lost])
+    lost = EntryPoint(name="lost", value="no_such_package.cli", group=cli.GROUP)
+    monkeypatch.setattr(cli, "find_commands", lambda: [*OWN, lost])
     assert main(["lost"]) == 2
     assert capsys.readouterr().err == "error: dropper lost: is not available: No module named 'no_such_package'\n"
     assert main(["scenes"]) == 0
@@ -194,7 +194,7 @@ def test_a_command_that_cannot_be_imported_is_refused_and_leaves_the_others(caps
 
 
 def test_packages_on_the_path_that_are_not_installed_have_no_commands_and_say_so(capsys, monkeypatch):
-    monkeypatch.setattr(commands, "find_commands", list)
+    monkeypatch.setattr(cli, "find_commands", list)
     assert main(["run", "string"]) == 2
     assert "no commands; needed: pip install" in capsys.readouterr().err
 

@@ -20,7 +20,7 @@ import dropper_jax as dj
 import fitting
 from dropper_jax import INTEGRATORS
 from dropper_jax.base.toml_text import prose
-from dropper_jax.cli.commands import find_commands
+from dropper_jax.cli import find_commands
 from dropper_jax.effects import EFFECTS
 
 ROOT = Path(__file__).parents[2]

@@ -13,9 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dropper_jax import Scene, SceneError, Solution, build_model, equilibrium, load_scene
+from dropper_jax import Scene, SceneError, Solution, build_model, cli, equilibrium, load_scene
 from dropper_jax.base.files import read_lines
-from dropper_jax.cli import commands
 from dropper_jax.load.paths import set_value
 from dropper_jax.load.template import evaluate
 
@@ -369,12 +368,12 @@ def test_an_expression_that_python_warns_of_is_refused_without_its_warning():
 
 
 def test_messages_of_the_compiler_for_its_developers_are_not_shown_by_commands(monkeypatch):
-    for name in (commands.XLA_LOG, commands.COMPILE_CACHE, commands.KEEP_TRACES, commands.QUICK):
+    for name in (cli.XLA_LOG, cli.COMPILE_CACHE, cli.KEEP_TRACES, cli.QUICK):
         monkeypatch.setenv(name, "")
         monkeypatch.delenv(name)
     threshold = gc.get_threshold()
     try:
-        commands.prepare()
+        cli.prepare()
     finally:
         gc.set_threshold(*threshold)
-    assert os.environ[commands.XLA_LOG] == "3"  # fatal ones alone, in the words of XLA's logger
+    assert os.environ[cli.XLA_LOG] == "3"  # fatal ones alone, in the words of XLA's logger

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError
-from dropper_jax.cli import OK, commands, main
+from dropper_jax import SceneError, cli
+from dropper_jax.cli import OK, main
 from dropper_jax.cli.options import INVALID_INPUT
 from dropper_jax.report.record import record
 from dropper_jax.report.tension import anchors
@@ -356,9 +356,9 @@ def test_a_broken_case_has_the_time_of_its_break_and_the_page_says_it(found):
 @pytest.fixture
 def installed(monkeypatch):
     """The commands, where the package was installed before they were there."""
-    own = [EntryPoint(name, f"fitting.cli.{name}", commands.GROUP) for name in ("cases", "season")]
-    before = [entry for entry in commands.find_commands() if entry.name not in ("cases", "season")]
-    monkeypatch.setattr(commands, "find_commands", lambda: sorted([*before, *own], key=lambda entry: entry.name))
+    own = [EntryPoint(name, f"fitting.cli.{name}", cli.GROUP) for name in ("cases", "season")]
+    before = [entry for entry in cli.find_commands() if entry.name not in ("cases", "season")]
+    monkeypatch.setattr(cli, "find_commands", lambda: sorted([*before, *own], key=lambda entry: entry.name))
 
 
 SITE_TOML = """

@@ -13,12 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from study import Found, timed
 
-from dropper_jax import Model, Scene, State, load_scene, step, write_moordyn
+from dropper_jax import Model, Scene, State, load_scene, write_moordyn
+from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build, stepper_of
 from dropper_jax.sea.make import make_sea
 from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
+from dropper_jax.stepping.control import advance_over
 from dropper_jax.stepping.integrate import begin
-from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 from dropper_jax.study.peers.moordyn_run import quiet
 
 #: Time between rows [s], in both codes.
@@ -123,10 +124,10 @@ def _march(
 
     def advance(carry):
         _, s, alive, again = carry
-        s, report = step(stepper, model, s, dt, alive)
-        tension = s.tension[ends]
-        good = alive & (report.residual <= stepper.limit(model))
-        return (None, s, good, again + (report.level > FULL_STEP)), (tension, tension**2, tension, tension)
+        taken = advance_over(stepper, model, s, dt, alive)
+        tension = taken.state.tension[ends]
+        good = alive & ~taken.failed
+        return (None, taken.state, good, again + taken.retried), (tension, tension**2, tension, tension)
 
     def follow(carry):
         adaptive, (_, within) = advance_adaptively(stepper, model, carry[0], dt, tolerance, 1)

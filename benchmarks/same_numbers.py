@@ -12,7 +12,7 @@ that would stay at rest is pushed sideways first. `compare` steps from the kept 
                     sqrt(g length)), over the largest tension of the run
     work            likewise over the largest work of the run; `-` where none or other works than before are counted
     run             r at the end of the run, over that length and over the growth of a small change (at least 1)
-    level           whether the same steps were halved, and as often
+    retried         whether the same steps were halved
     noise           what the last bits of r and v make of one step, as recorded: the largest of r, v, tension, work
 
 All but the last are to stay within 1e-12, or the exit status is 1. A verdict `rounding` names columns above that which
@@ -32,6 +32,7 @@ import numpy as np
 from study import command, timed
 
 import dropper_jax as dj
+from dropper_jax.stepping.control import advance_over
 
 LIMIT = 1e-12
 STATES = 20
@@ -71,19 +72,19 @@ def case_of(name: str) -> Case:
 
 @partial(jax.jit, static_argnums=0)
 def march(stepper: dj.Stepper, model: dj.Model, s: dj.State, dt: jax.Array, steps: int) -> tuple[dj.State, jax.Array]:
-    """The state after some steps, and the highest level of them. One program for any number: a scene compiles once."""
+    """The state after some steps, and whether one was retried. One program for any number: a scene compiles once."""
 
     def one(_: jax.Array, now: tuple[dj.State, jax.Array]) -> tuple[dj.State, jax.Array]:
-        s, report = dj.step(stepper, model, now[0], dt)
-        return s, jnp.maximum(now[1], report.level)
+        taken = advance_over(stepper, model, now[0], dt)
+        return taken.state, now[1] | taken.retried
 
-    return jax.lax.fori_loop(0, steps, one, (s, jnp.full((), -1, jnp.int32)))
+    return jax.lax.fori_loop(0, steps, one, (s, jnp.zeros((), bool)))
 
 
 def single_steps(case: Case, states: Sequence[dj.State]) -> dict[str, np.ndarray]:
-    """States one step after each of some, with the level of the step."""
+    """States one step after each of some, and whether the step was halved."""
     after = [march(case.stepper, case.model, s, case.dt, 1) for s in states]
-    return {**stacked([arrays(s) for s, _ in after]), "level": np.array([level for _, level in after])}
+    return {**stacked([arrays(s) for s, _ in after]), "retried": np.array([retried for _, retried in after])}
 
 
 # --- states as arrays -------------------------------------------------------------------------------------------
@@ -206,21 +207,22 @@ def compare(name: str, kept: Groups) -> tuple[str, str]:
     }
     if not after["work.0"].size or again["work.0"].shape != after["work.0"].shape:
         del found["work"]
-    levels = np.array_equal(again["level"], after["level"])
-    verdict = judged(found, levels, noise)
+    before = after["retried"] if "retried" in after else after["level"] >= 0  # older records have levels of halving
+    same = np.array_equal(again["retried"], before)
+    verdict = judged(found, same, noise)
     cells = [f"{found[key]:8.1e}" if key in found else f"{'-':>8}" for key in COLUMNS]
-    level = "equal" if levels else "OTHER"
-    return " ".join([*cells, f"{level:>6}", f"{max(map(float, noise.values())):8.1e}", f" {verdict}"]), verdict
+    retried = "equal" if same else "OTHER"
+    return " ".join([*cells, f"{retried:>8}", f"{max(map(float, noise.values())):8.1e}", f" {verdict}"]), verdict
 
 
-def judged(found: Mapping[str, float], levels: bool, noise: Arrays) -> str:
+def judged(found: Mapping[str, float], same: bool, noise: Arrays) -> str:
     """`same`, `rounding` or `differs`, with the columns above the limit."""
     above = [key for key, value in found.items() if not value <= LIMIT]
-    if levels and not above:
+    if same and not above:
         return "same"
-    if levels and all(found[key] <= ROUNDING * noise.get(key, 0.0) for key in above):
+    if same and all(found[key] <= ROUNDING * noise.get(key, 0.0) for key in above):
         return f"rounding: {' '.join(above)}"
-    return f"differs: {' '.join([*above, *([] if levels else ['level'])])}"
+    return f"differs: {' '.join([*above, *([] if same else ['retried'])])}"
 
 
 # --- the two commands -------------------------------------------------------------------------------------------
@@ -233,8 +235,8 @@ def record_all(path: str, names: Sequence[str]) -> int:
         one, times = timed(partial(record, name))
         kept |= {f"{name}/{group}/{key}": value for group, part in one.items() for key, value in part.items()}
         steps, growth = one["run"]["steps"], one["run"]["growth"]
-        level = np.max(one["after"]["level"])
-        print(f"{name:36} {steps:4d} steps, growth {growth:8.1e}, highest level {level:2d}, {times['seconds']:4.1f} s")
+        retried = int(np.sum(one["after"]["retried"]))
+        print(f"{name:36} {steps:4d} steps, growth {growth:8.1e}, {retried:2d} retried, {times['seconds']:4.1f} s")
     np.savez_compressed(path, **kept)
     return 0
 
@@ -246,7 +248,7 @@ def compare_all(path: str, names: Sequence[str], rounding: bool) -> int:
         for place, value in file.items():
             name, group, key = place.split("/")
             kept.setdefault(name, {}).setdefault(group, {})[key] = value
-    print(f"{'':36} " + " ".join([f"{key:>8}" for key in COLUMNS] + [" level", "   noise"]))
+    print(f"{'':36} " + " ".join([f"{key:>8}" for key in COLUMNS] + [" retried", "   noise"]))
     verdicts = []
     for name in names or sorted(kept):
         text = verdict = "differs: is no packaged scene here"

@@ -29,6 +29,8 @@ from dropper_jax.moordyn.writing.writer import write_moordyn as write_moordyn
 from dropper_jax.report.build import report_run as report_run
 from dropper_jax.report.build import report_runs as report_runs
 from dropper_jax.report.vtk import write_vtk as write_vtk
+from dropper_jax.residual.step import Stepper as Stepper
+from dropper_jax.residual.step import step as step
 from dropper_jax.run.build import build as build
 from dropper_jax.run.build import build_model as build_model
 from dropper_jax.run.build import equilibrium as equilibrium
@@ -52,6 +54,5 @@ from dropper_jax.stepping.controlled import controlled_steps as controlled_steps
 from dropper_jax.stepping.controlled import integrate_along as integrate_along
 from dropper_jax.stepping.integrate import Trajectory as Trajectory
 from dropper_jax.stepping.integrate import integrate as integrate
-from dropper_jax.stepping.step import step as step
-from dropper_jax.stepping.stepper import Stepper as Stepper
+from dropper_jax.stepping.integrate import step_lengths as step_lengths
 from dropper_jax.stepping.stepper import make_stepper as make_stepper

@@ -66,6 +66,7 @@ from jax.flatten_util import ravel_pytree  # noqa: E402
 import dropper_jax as dj  # noqa: E402
 from dropper_jax import Solution, compile_cache  # noqa: E402
 from dropper_jax.backend.programs import CONTEXTS, STORE, give_back_memory, memory_maps  # noqa: E402
+from dropper_jax.stepping.control import advance_over  # noqa: E402
 from dropper_jax.stepping.integrate import begin  # noqa: E402
 
 #: Programs compiled by an earlier run on this machine, or by the other worker, are read from here: two fifths of the
@@ -117,8 +118,8 @@ def as_a_user():
 def _march(stepper, model, s, dt, every, saves):
     def save(s, _):
         def one(_, carry):
-            after, report = dj.step(stepper, model, carry[0], dt)
-            return after, carry[1] & (report.residual <= stepper.limit(model))
+            taken = advance_over(stepper, model, carry[0], dt)
+            return taken.state, carry[1] & ~taken.failed
 
         s, good = jax.lax.fori_loop(0, every, one, (s, True))
         return s, (s.r, s.v, s.tension, good)

@@ -80,9 +80,6 @@ class Elastic(AxialLaw):
             return jnp.zeros_like(spring)
         return self.damping / step.length * (size - step.size) / step.h
 
-    def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
-        return length / self.EA * jnp.ones_like(length)
-
     def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
         """`d_mid / ((|d0| + |d1|)/2)`: only this direction gives exactly the work `T (|d1| - |d0|)`."""
         return mean / (0.5 * (safe_norm(d0) + safe_norm(d1)))[:, None]

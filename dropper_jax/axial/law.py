@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.fields import component, option
-from dropper_jax.base.numerics import safe_norm
 
 
 class LinkStart(NamedTuple):
@@ -28,7 +27,7 @@ class AxialLaw(ABC):
     #: Whether the tensions of all links follow from lengths, so that `tension`, `instant` and the energy of stretch
     #: exist.
     elastic: ClassVar[bool]
-    #: Whether `gradient` and `compliance` give a matrix good enough for the condensed solver.
+    #: Whether the condensed matrix, of which links at the ends of a step are all, is good enough for the law.
     condensable: ClassVar[bool] = True
 
     #: (n,): 0 if the link has broken, else 1; None if no link can break.
@@ -65,17 +64,6 @@ class AxialLaw(ABC):
     @abstractmethod
     def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
         """Residual of the law for links at rest, (n,) [m]."""
-
-    def gradient(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
-        """Derivative of the residual with respect to d1, (n, 3)."""
-        unit = d1 / safe_norm(d1)[:, None]
-        return jax.jvp(lambda d: self.residual(start, d, tension, length, h), (d1,), (unit,))[1][:, None] * unit
-
-    @abstractmethod
-    def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
-        """Minus the derivative of the residual with respect to the tension, (n,) [m/N]."""
 
     @abstractmethod
     def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
@@ -164,14 +152,6 @@ class Groups(AxialLaw):
 
     def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
         return self._together([law.at_rest(d[m], tension[m], length[m]) for law, m in self._each()])
-
-    def gradient(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
-        return self._together([law.gradient(_of(start, m), d1[m], tension[m], length[m], h) for law, m in self._each()])
-
-    def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
-        return self._together([law.compliance(length[m], h) for law, m in self._each()])
 
     def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
         return self._together([law.direction(d0[m], d1[m], mean[m], length[m]) for law, m in self._each()])

@@ -34,14 +34,6 @@ class Rigid(AxialLaw):
         """`(|d|^2 - L^2)/(2 L)` (n,) [m]: to first order the link's elongation."""
         return (dot(d, d) - length**2) / (2 * length)
 
-    def gradient(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
-        return d1 / length[:, None]
-
-    def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
-        return jnp.zeros_like(length)
-
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
         """Zeros (n,): no tension follows from the length."""
         return jnp.zeros_like(length)

@@ -18,8 +18,7 @@ import importlib
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, ParamSpec, TypeVar, overload
 
 import jax
@@ -55,7 +54,7 @@ ELEMENTWISE = frozenset(
     nextafter
     """.split()  # noqa: SIM905
 )
-#: Operations that XLA compiles inline. `first_derivatives_only` and `zero_of_all` are this project's own.
+#: Operations that XLA compiles inline.
 INLINE = ELEMENTWISE | frozenset(
     """
     broadcast_in_dim concatenate dynamic_slice dynamic_update_slice gather iota pad reshape rev slice split squeeze
@@ -63,14 +62,14 @@ INLINE = ELEMENTWISE | frozenset(
     argmax argmin reduce_precision optimization_barrier
     shift_left shift_right_logical shift_right_arithmetic
     jit pjit closed_call custom_jvp_call custom_vjp_call checkpoint remat2 scan while cond custom_linear_solve
-    first_derivatives_only zero_of_all one_kernel pvary xla_metadata_call xla_metadata_call2
+    one_kernel pvary xla_metadata_call xla_metadata_call2
     """.split()  # noqa: SIM905
 )
 #: Types that float64 contains exactly, and those of its width, whose bits are used.
 WIDENED = frozenset("bool int8 int16 int32 uint8 uint16 uint32 float32".split())  # noqa: SIM905
 SAME_WIDTH = frozenset(("float64", "int64", "uint64"))
-#: Whether what is traced becomes one kernel; None: not decided. Part of the keys of JAX's own caches.
-_INSIDE = jax.make_user_context(None)
+#: Whether what is traced is inside a kernel already. Part of the keys of JAX's own caches.
+_INSIDE = jax.make_user_context(False)
 
 
 @overload
@@ -101,7 +100,7 @@ def one_kernel(f: Callable[P, R] | None = None) -> bool | Callable[P, R]:
 
     @functools.wraps(f)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        if is_inside() or not tags_enabled():
+        if _INSIDE.value or not tags_enabled():
             return f(*args, **kwargs)
         leaves, tree = jax.tree.flatten((args, kwargs))
         traced = _trace(lambda *leaves: _apply(f, tree, leaves), [jnp.asarray(leaf) for leaf in leaves])
@@ -118,21 +117,6 @@ def tags_enabled() -> bool:
     if os.environ.get(VARIABLE) == OFF or is_plain():
         return False
     return jax.default_backend() == "cpu" and jax.config.jax_enable_x64 and _tagged_call() is not None
-
-
-def is_inside() -> bool | None:
-    """Whether what is being traced becomes one kernel; None if nothing has decided that."""
-    return _INSIDE.value
-
-
-@contextmanager
-def inside(enabled: bool | None) -> Iterator[None]:
-    """Trace for one kernel, or not; None leaves it as it is."""
-    if enabled is None:
-        yield
-        return
-    with _INSIDE(enabled):
-        yield
 
 
 def separate_call(f: Callable[P, R]) -> Callable[P, R]:
@@ -168,7 +152,7 @@ class _Traced(NamedTuple):
 
 def _trace(f: Callable[..., R], values: list[jax.Array]) -> _Traced:
     """`f` for one kernel; arrays of an outer trace that it contains become arguments of the program."""
-    with inside(True):
+    with _INSIDE(True):
         program, shape = jax.make_jaxpr(f, return_shape=True)(*values)
     outer = [c for c in program.consts if isinstance(c, jax.core.Tracer)]
     if outer:

@@ -22,7 +22,7 @@ from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.numerics import dot
 from dropper_jax.model import AddedMass, Kinematics, Law, Model
-from dropper_jax.residual import CondensedParts, StepProblem, Unknowns, couples_inertia, node_blocks
+from dropper_jax.residual import StepProblem, Unknowns, couples_inertia
 from dropper_jax.solvers import SOLVERS
 
 
@@ -46,10 +46,6 @@ class ProjectionProblem(StepProblem):
             return self.model.nodal_inertia(x)
         return self.model.inertia(self.k, x) - self.model.inertia(self.k, jnp.zeros_like(x))
 
-    def residual(self, u: Unknowns) -> Unknowns:
-        force, rows = self.link_rows(self.link_vectors(u.x), u.y)
-        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(force), rows)
-
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         return self._inertia(x), ()
 
@@ -60,13 +56,6 @@ class ProjectionProblem(StepProblem):
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         rows = jnp.sum(self.link_direction * d, axis=-1) - self.aim
         return y[:, None] * self.link_direction, rows if self.rigid.all() else jnp.where(self.rigid, rows, self.law - y)
-
-    def node_matrix(self, u: Unknowns) -> jax.Array:
-        return node_blocks(self._inertia, self.k.free, u.x.dtype) if self.added else self.model.node_mass
-
-    def condensed_parts(self, u: Unknowns) -> CondensedParts:
-        free = jnp.asarray(~self.rigid, self.link_direction.dtype)
-        return CondensedParts(self.link_direction, (1.0 - free)[:, None] * self.link_direction, free)
 
 
 class InstantProblem(ProjectionProblem):
@@ -125,7 +114,7 @@ def _solve_projection(problem: ProjectionProblem) -> Unknowns:
     u = Unknowns(jnp.zeros_like(k.r), jnp.zeros_like(k.line.length))
     coupled = k.line.compound or (problem.added and couples_inertia(model))
     solver = SOLVERS["network" if model.geometry.branched else "banded" if coupled else "condensed"]
-    found = solver.apply(solver.factor(problem, u), problem.residual(u))
+    found = solver.linearise(problem, u).apply(problem.residual(u))
     return Unknowns(-found.x, -found.y)
 
 

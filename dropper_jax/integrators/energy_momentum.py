@@ -26,8 +26,8 @@ from dropper_jax.integrators.consistent import (
     stop_held_joints,
     stop_held_nodes,
 )
-from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Forces, Kinematics, Model, State, Works, book_works, turning
-from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks
+from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, book_works, turning
+from dropper_jax.residual import Implicit, StepProblem, Unknowns
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,6 @@ class EnergyMomentum(Implicit):
     tension_time: ClassVar[float] = 0.5
     #: Weight of the new time.
     weighting: ClassVar[float] = 0.5
-
-    def common_form(self, model: Model) -> tuple[Implicit, float | None]:
-        return (self, None) if sawtooth_grows(model) else (EnergyMomentum(), self.weighting)
 
     def begin(self, model: Model, s: State) -> State:
         """The state with velocities that are consistent with links between moving ends."""
@@ -91,10 +88,14 @@ class MidpointProblem(StepProblem):
         r, over = s.r + self.gamma * h * v, {"prepared": self.prepared, "h": h, "before": s.v}
         return self.model.kinematics(r, v, self.t_mid, self.ends, **over)
 
-    def _local(self, x: jax.Array, middle: Kinematics, forces: Forces | None = None) -> jax.Array:
-        """Inertia minus forces (nodes, 3) [N], without tensions and laws; `forces` are those already computed."""
+    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        middle = self.instant(x)
         a = x / (self.gamma * self.h**2)
-        return self.model.inertia(middle, a, self.end_acceleration) - self.model.force(middle, forces)
+        force = self.model.inertia(middle, a, self.end_acceleration) - self.model.force(middle)
+        if not z:
+            return force, ()
+        laws, rows = self._laws(middle, z)
+        return force - laws, rows
 
     def link_vectors(self, x: jax.Array) -> jax.Array:
         s = self.s
@@ -104,24 +105,6 @@ class MidpointProblem(StepProblem):
         mean = (1 - self.gamma) * self.links0 + self.gamma * links1
         line = self.model.line
         return line.axial.direction(self.links0, links1, mean, line.length)
-
-    def residual(self, u: Unknowns) -> Unknowns:
-        return self._rows(u, {})
-
-    def evaluate(self, u: Unknowns) -> tuple[Unknowns, Forces]:
-        """The rows, and the forces (nodes, 3) [N] whose work is recorded."""
-        working = self.model.working_forces(self.instant(u.x)) if self.s.work.size else {}
-        return self._rows(u, working), working
-
-    def _rows(self, u: Unknowns, working: Forces) -> Unknowns:
-        model, line = self.model, self.model.line
-        links1, middle = self.link_vectors(u.x), self.instant(u.x)
-        force = self._local(u.x, middle, working) - model.tension_force(u.y, self._directions(links1))
-        axial = line.axial.residual(self.start, links1, u.y, line.length, self.h)
-        if not u.z:
-            return Unknowns(force, axial)
-        laws, rows = self._laws(middle, u.z)
-        return Unknowns(force - laws, axial, rows)
 
     def _laws(self, mid: Kinematics, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         """Forces (nodes, 3) [N] of the unknowns of laws and constraints, and the rows that determine them."""
@@ -138,36 +121,11 @@ class MidpointProblem(StepProblem):
         )
         return force, rows + tuple(constraint.gap(model, end) for constraint, _ in constraints)
 
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        middle = self.instant(x)
-        local = self._local(x, middle)
-        if not z:
-            return local, ()
-        laws, rows = self._laws(middle, z)
-        return local - laws, rows
-
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         line = self.model.line
         return y[:, None] * self._directions(d), line.axial.residual(self.start, d, y, line.length, self.h)
 
-    def node_matrix(self, u: Unknowns) -> jax.Array:
-        model, line = self.model, self.model.line
-        stiffness = u.y / line.length
-        # fraction of a node's geometric stiffness kept in its condensed block. Measured on the lab dropper at 0.01 s:
-        # the residual falls fastest between 0.4 and 0.6 (the neighbours' part cancels about half of it for smooth
-        # motions)
-        geometric = 0.5 * self.gamma * jnp.maximum(line.at_nodes(stiffness, stiffness), 0.0)
-        if model.constant_force and not model.having(AddedMass):
-            return model.node_mass / (self.gamma * self.h**2) + geometric
-        node = node_blocks(lambda x: self._local(u.x + x, self.instant(u.x + x)), model.free_nodes, u.x.dtype)
-        return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
-
-    def condensed_parts(self, u: Unknowns) -> CondensedParts:
-        line, links1 = self.model.line, self.link_vectors(u.x)
-        gradient = line.axial.gradient(self.start, links1, u.y, line.length, self.h)
-        return CondensedParts(self._directions(links1), gradient, line.axial.compliance(line.length, self.h))
-
-    def finish(self, u: Unknowns, evaluated: Forces | None = None) -> State:
+    def finish(self, u: Unknowns) -> State:
         s, h = self.s, self.h
         r1 = s.r + (h * s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
@@ -178,7 +136,7 @@ class MidpointProblem(StepProblem):
             tension=u.y if impulse is None else u.y + impulse / h,
             acceleration=jax.lax.stop_gradient(u.x / (self.gamma * h**2)),
             law=jax.lax.stop_gradient(u.z),
-            work=lambda: self._work(u, stopped, struck, evaluated),
+            work=lambda: self._work(u, stopped, struck),
         )
 
     def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, Works]:
@@ -230,12 +188,11 @@ class MidpointProblem(StepProblem):
         fastest = jnp.max(jnp.sum(k.link_velocities**2, -1))
         return jnp.max((rate / k.line.length) ** 2) / jnp.maximum(fastest, jnp.finfo(v1.dtype).tiny)
 
-    def _work(self, u: Unknowns, stopped: Works, struck: Works, evaluated: Forces | None) -> jax.Array:
-        """Work (k,) [J] over the step, in the order of `work_names`; `evaluated` are the forces whose work is
-        recorded."""
+    def _work(self, u: Unknowns, stopped: Works, struck: Works) -> jax.Array:
+        """Work (k,) [J] over the step, in the order of `work_names`."""
         model, line, h = self.model, self.model.line, self.h
         k, links1 = self.instant(u.x), self.link_vectors(u.x)
-        forces = model.working_forces(k) if evaluated is None else dict(evaluated)
+        forces = model.working_forces(k)
         for law, z in zip(model.laws, u.z, strict=False):  # multipliers of constraints do no work
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}

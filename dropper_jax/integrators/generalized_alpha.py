@@ -140,14 +140,7 @@ class GeneralizedAlphaProblem(StepProblem):
         d, rate = self._links_at_f(d)
         return (y / safe_norm(d))[:, None] * d, axial.instant(d, rate, y, length)
 
-    def residual(self, u: Unknowns) -> Unknowns:
-        links1 = self.link_vectors(u.x)
-        d, _ = self._links_at_f(links1)
-        force, laws = self.node_rows(u.x, u.z)
-        _, axial = self.link_rows(links1, u.y)
-        return Unknowns(force - self.model.tension_force(u.y, d / safe_norm(d)[:, None]), axial, laws)
-
-    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
+    def finish(self, u: Unknowns) -> State:
         s, h = self.s, self.h
         r1, v1, a1 = s.r + (h * s.v + u.x), self._velocity(u.x), self._acceleration(u.x)
         v1, a1, stopped = self._stop_held(u, r1, v1, a1)

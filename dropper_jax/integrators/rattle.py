@@ -10,7 +10,7 @@ velocity-dependent forces too, and symplectic without them. Its energy error is 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.numerics import components, dot
 from dropper_jax.model import Kinematics, Model, State, book_works
-from dropper_jax.residual import CondensedParts, Implicit, SpeedProblem, Unknowns, node_blocks, point_masses_only
+from dropper_jax.residual import Implicit, SpeedProblem, Unknowns, point_masses_only
 from dropper_jax.solvers.condensed import ConstraintMatrix
 
 
@@ -29,12 +29,6 @@ class Rattle(Implicit):
     name: ClassVar[str] = "rattle"
     order: ClassVar[int] = 2
     condensable: ClassVar[bool] = True
-    exact: ClassVar[bool] = True
-    iterations: ClassVar[int] = 4
-    condensed_iterations: ClassVar[int] = 2  # steps that need more iterations get them
-
-    def common_form(self, model: Model) -> tuple[Implicit, float | None]:
-        return Rattle(), None
 
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)
@@ -49,6 +43,8 @@ class RattleProblem(SpeedProblem):
     def __init__(self, model: Model, s: State, h: jax.Array) -> None:
         super().__init__(model, s, h)
         self.prepared = model.prepare(model.kinematics(s.r, s.v, s.t, self.ends0))
+        #: Link vectors (n, 3) [m] of nodes that do not move between ends that do.
+        self.waiting = model.links(s.r, self.ends1)
 
     def guess(self) -> Unknowns:
         return Unknowns(self.s.v + 0.5 * self.h * self.s.acceleration, self.s.tension)
@@ -61,25 +57,14 @@ class RattleProblem(SpeedProblem):
         s, h = self.s, self.h
         return self.model.instant(s.r + h * v, v, s.t + h, self.ends1)
 
-    def _local(self, v: jax.Array) -> jax.Array:
-        return (2 / self.h) * self.mass[:, None] * (v - self.s.v) - self.model.force(self._start_kinematics(v))
+    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        return (2 / self.h) * self.mass[:, None] * (x - self.s.v) - self.model.force(self._start_kinematics(x)), ()
 
-    def residual(self, u: Unknowns) -> Unknowns:
+    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         line = self.model.line
-        links1 = self.model.links(self.s.r + self.h * u.x, self.ends1)
-        force = self._local(u.x) - self.model.tension_force(u.y, self.pull0)
-        return Unknowns(force, line.axial.at_rest(links1, u.y, line.length))
+        return y[:, None] * self.pull0, line.axial.at_rest(self.waiting + self.h * d, y, line.length)
 
-    def node_matrix(self, u: Unknowns) -> jax.Array:
-        if self.model.constant_force:
-            return (2 / self.h) * self.mass
-        return node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
-
-    def condensed_parts(self, u: Unknowns) -> CondensedParts:
-        gradient = self.unit_forces(self.h * self.model.links(self.s.r + self.h * u.x, self.ends1))
-        return CondensedParts(self.pull0, gradient, jnp.zeros_like(u.y))
-
-    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
+    def finish(self, u: Unknowns) -> State:
         model, h = self.model, self.h
         after = self._end_kinematics(u.x)
         pull1 = self.unit_forces(after.links)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.model import AddedMass, Kinematics, Model, State, Works, book_works, turning
-from dropper_jax.residual import Explicit, node_blocks
+from dropper_jax.residual import Explicit, local_jacobian
 from dropper_jax.solvers.elimination import apply, inverse
 
 Rates = tuple[jax.Array, jax.Array, jax.Array]
@@ -34,7 +34,7 @@ def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -
     """Accelerations (nodes, 3) [m/s^2] under nodal forces (nodes, 3) [N]; not where `couples_inertia`."""
     line, free = model.line, model.free_nodes
     if model.having(AddedMass):  # each node has its own mass matrix
-        blocks = node_blocks(lambda a: model.inertia(k, a), free, force.dtype)
+        blocks = local_jacobian(lambda a: model.inertia(k, a), jnp.zeros_like(force))
         return apply(inverse(blocks), force)
     diagonal = model.node_mass
     if not line.compound:

@@ -12,7 +12,7 @@ On lines that stretch, tensions follow from lengths and no system has to be solv
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,6 @@ import jax.numpy as jnp
 from dropper_jax.integrators.runge_kutta import combine, rates
 from dropper_jax.model import Model, State, book_works
 from dropper_jax.residual import (
-    CondensedParts,
     Explicit,
     Implicit,
     Integrator,
@@ -37,8 +36,6 @@ class SemiImplicitEuler(Implicit):
     name: ClassVar[str] = "semi_implicit_euler"
     order: ClassVar[int] = 1
     condensable: ClassVar[bool] = True
-    iterations: ClassVar[int] = 4
-    condensed_iterations: ClassVar[int] = 4
 
     def form_for(self, model: Model) -> Integrator:
         return ElasticSemiImplicitEuler() if model.line.axial.elastic else self
@@ -69,25 +66,20 @@ class SemiImplicitProblem(SpeedProblem):
         super().__init__(model, s, h)
         self.before = model.instant(s.r, s.v, s.t, self.ends0)
         self.force0 = model.force(self.before)
+        #: Link vectors (n, 3) [m] of nodes that do not move between ends that do.
+        self.waiting = model.links(s.r, self.ends1)
 
     def guess(self) -> Unknowns:
         return Unknowns(self.s.v + self.h * self.s.acceleration, self.s.tension)
 
-    def _links1(self, v1: jax.Array) -> jax.Array:
-        return self.model.links(self.s.r + self.h * v1, self.ends1)
+    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        return self.mass[:, None] * (x - self.s.v) / self.h - self.force0, ()
 
-    def residual(self, u: Unknowns) -> Unknowns:
-        line, links1 = self.model.line, self._links1(u.x)
-        force = self.mass[:, None] * (u.x - self.s.v) / self.h - self.force0 - self.model.tension_force(u.y, self.pull0)
-        return Unknowns(force, line.axial.at_rest(links1, u.y, line.length))
+    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+        line = self.model.line
+        return y[:, None] * self.pull0, line.axial.at_rest(self.waiting + self.h * d, y, line.length)
 
-    def node_matrix(self, u: Unknowns) -> jax.Array:
-        return self.mass / self.h
-
-    def condensed_parts(self, u: Unknowns) -> CondensedParts:
-        return CondensedParts(self.pull0, self.unit_forces(self.h * self._links1(u.x)), jnp.zeros_like(u.y))
-
-    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
+    def finish(self, u: Unknowns) -> State:
         s, h = self.s, self.h
         return self.end_state(
             r=s.r + h * u.x,

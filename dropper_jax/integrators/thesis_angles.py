@@ -15,7 +15,7 @@ vertical link has no azimuth, and the Jacobian is singular there; the scheme is 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -32,7 +32,6 @@ class ThesisAngles(Implicit):
     name: ClassVar[str] = "thesis_angles"
     order: ClassVar[int] = 1
     local_rows: ClassVar[bool] = False
-    iterations: ClassVar[int] = 5
     gamma: float = parameter(
         "weight of the new time, 1 for implicit Euler", unit="-", low=0.0, high=1.0, open_low=True, default=0.51
     )
@@ -40,9 +39,6 @@ class ThesisAngles(Implicit):
     @property
     def dissipates(self) -> bool:
         return self.gamma > 0.5
-
-    def common_form(self, model: Model) -> tuple[Implicit, float | None]:
-        return ThesisAngles(), self.gamma
 
     def refuse(self, model: Model) -> str | None:
         if model.moving:
@@ -153,7 +149,7 @@ class AnglesProblem(StepProblem):
         one = jnp.ones((), self.model.dtype)
         return Unknowns(jnp.stack([one, one, 1 / jnp.abs(self.h), 1 / jnp.abs(self.h)]), self._force()[:, 0])
 
-    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
+    def finish(self, u: Unknowns) -> State:
         after = self._motion(u.x, self.s.t + self.h, self.ends1, u.y).k
         return self.end_state(
             r=after.r,

@@ -10,14 +10,15 @@ at r1 (half-explicit Euler; Hairer and Wanner), and link lengths drift.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
+from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics, Model, State, book_works
-from dropper_jax.residual import CondensedParts, Implicit, SpeedProblem, Unknowns, node_blocks, point_masses_only
+from dropper_jax.residual import Implicit, SpeedProblem, Unknowns, point_masses_only
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,11 @@ class Theta(Implicit):
 
     @property
     def holds_length(self) -> bool:
-        return not _is_explicit(self.gamma)
+        return self.gamma > 0.0
 
     @property
     def dissipates(self) -> bool:
         return self.gamma > 0.5
-
-    def common_form(self, model: Model) -> tuple[Implicit, float | None]:
-        return (Theta(), self.gamma) if self.holds_length else (self, None)
 
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)
@@ -49,19 +47,17 @@ class Theta(Implicit):
         return ThetaProblem(model, s, h, self.gamma)
 
 
-def _is_explicit(gamma: float | jax.Array) -> bool:
-    return isinstance(gamma, float) and gamma == 0.0
-
-
 class ThetaProblem(SpeedProblem):
     """Unknowns: x = v1 - v0 and the tensions T1 (gamma = 0: T0)."""
 
     def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
         super().__init__(model, s, h)
-        self.gamma, self.explicit = gamma, _is_explicit(gamma)
+        self.gamma, self.explicit = gamma, gamma == 0.0
         self.before = model.instant(s.r, s.v, s.t, self.ends0)
         self.force0 = model.force(self.before)
-        self.prepared = model.prepare(model.kinematics(s.r + h * s.v, s.v, s.t + h, self.ends1))
+        #: The end of the step at constant velocity.
+        self.coasting = model.kinematics(s.r + h * s.v, s.v, s.t + h, self.ends1)
+        self.prepared = model.prepare(self.coasting)
 
     def guess(self) -> Unknowns:
         return Unknowns(self.h * self.s.acceleration, self.s.tension)
@@ -71,35 +67,22 @@ class ThetaProblem(SpeedProblem):
         r1 = s.r + h * (s.v + self.gamma * x)
         return self.model.kinematics(r1, s.v + x, s.t + h, self.ends1, prepared=self.prepared)
 
-    def _local(self, x: jax.Array) -> jax.Array:
-        old = self.mass[:, None] * x / self.h - (1 - self.gamma) * self.force0
-        return old if self.explicit else old - self.gamma * self.model.force(self._end_kinematics(x))
+    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        rows = self.mass[:, None] * x / self.h - (1 - self.gamma) * self.force0
+        if not self.explicit:
+            rows = rows - self.gamma * self.model.force(self._end_kinematics(x))
+        return rows, ()
 
-    def residual(self, u: Unknowns) -> Unknowns:
-        model, line, gamma = self.model, self.model.line, self.gamma
-        after = self._end_kinematics(u.x)
-        force = self._local(u.x)
-        if self.explicit:
-            speed = jnp.sum(self.unit_forces(after.links) * model.rates(after.v, self.ends1), axis=-1)
-            return Unknowns(force - model.tension_force(u.y, self.pull0), self.h * speed)
-        force = force - gamma * model.tension_force(u.y, self.unit_forces(after.links))
-        force = force - (1 - gamma) * model.tension_force(self.s.tension, self.pull0)
-        return Unknowns(force, line.axial.at_rest(after.links, u.y, line.length))
-
-    def node_matrix(self, u: Unknowns) -> jax.Array:
+    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         line, gamma, h = self.model.line, self.gamma, self.h
-        node = node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
-        stiffness = u.y / line.length
-        geometric = 0.5 * gamma**2 * h * jnp.maximum(line.at_nodes(stiffness, stiffness), 0.0)
-        return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
-
-    def condensed_parts(self, u: Unknowns) -> CondensedParts:
-        gamma, pull1, none = self.gamma, self.unit_forces(self._end_kinematics(u.x).links), jnp.zeros_like(u.y)
         if self.explicit:
-            return CondensedParts(self.pull0, self.h * pull1, none)
-        return CondensedParts(gamma * pull1, gamma * self.h * pull1, none)
+            speed = dot(self.unit_forces(self.coasting.links), self.coasting.link_velocities + d)
+            return y[:, None] * self.pull0, h * speed
+        links1 = self.coasting.links + gamma * h * d
+        before = (1 - gamma) * self.s.tension[:, None] * self.pull0
+        return gamma * y[:, None] * self.unit_forces(links1) + before, line.axial.at_rest(links1, y, line.length)
 
-    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
+    def finish(self, u: Unknowns) -> State:
         after = self._end_kinematics(u.x)
         return self.end_state(
             r=after.r,

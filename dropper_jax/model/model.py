@@ -241,12 +241,9 @@ class Model:
         """Nodal force (nodes, 3) [N] of link tensions (n,) along `direction` (n, 3)."""
         return self.gather(tension[:, None] * direction)
 
-    def force(self, k: Kinematics, known: Forces | None = None) -> jax.Array:
-        """Sum of the effects' nodal forces (nodes, 3) [N]; `known` are forces of some effects already computed, by
-        name."""
-        known = known or {}
-        parts = (known[e.name] if e.name in known else e.force(k) for e in self.having(Force))
-        return sum(parts, jnp.zeros_like(k.r))
+    def force(self, k: Kinematics) -> jax.Array:
+        """Sum of the effects' nodal forces (nodes, 3) [N]."""
+        return sum((e.force(k) for e in self.having(Force)), jnp.zeros_like(k.r))
 
     def working_forces(self, k: Kinematics) -> Forces:
         """Forces (nodes, 3) [N] whose work is recorded, by effect."""

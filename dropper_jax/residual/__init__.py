@@ -1,34 +1,44 @@
-"""The residual of a step: unknowns, rows, and Newton's method on them."""
+"""A step is a residual: its unknowns and rows, Newton's method on them, the derivative of the solution (`step`)."""
 
-from dropper_jax.residual.newton import CONVERGED, damped_newton, newton, newton_until, refine
-from dropper_jax.residual.problem import (
-    GRAVITY_SCALE,
-    CondensedParts,
-    SpeedProblem,
-    StepProblem,
+from dropper_jax.residual.problem import GRAVITY_SCALE, SpeedProblem, StepProblem, local_jacobian
+from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, couples_inertia, point_masses_only
+from dropper_jax.residual.step import (
+    TOO_FAR,
+    Linear,
+    Newton,
+    Problem,
+    Solver,
+    Stepper,
     Unknowns,
-    add,
-    node_blocks,
+    finish_step,
+    largest_row,
+    newton,
+    solution,
+    solve,
+    step,
 )
-from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, Solver, couples_inertia, point_masses_only
 
 __all__ = [
-    "CondensedParts",
     "Explicit",
     "GRAVITY_SCALE",
     "Implicit",
     "Integrator",
-    "CONVERGED",
+    "Linear",
+    "Newton",
+    "Problem",
     "Solver",
     "SpeedProblem",
     "StepProblem",
+    "Stepper",
+    "TOO_FAR",
     "Unknowns",
-    "add",
     "couples_inertia",
-    "damped_newton",
+    "finish_step",
+    "largest_row",
+    "local_jacobian",
     "newton",
-    "newton_until",
-    "node_blocks",
     "point_masses_only",
-    "refine",
+    "solution",
+    "solve",
+    "step",
 ]

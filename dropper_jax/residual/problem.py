@@ -5,55 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.model import Effect, ElementForce, Kinematics, Model, State
-
-
-class Unknowns(NamedTuple):
-    """Unknowns of a step, or its rows, or sizes of either.
-
-    Attributes:
-        x: per free node, (nodes, 3).
-        y: per link, (n,): tensions; as rows: the axial laws.
-        z: per law of an effect, (joints, c) each.
-    """
-
-    x: jax.Array
-    y: jax.Array
-    z: tuple[jax.Array, ...] = ()
-
-
-def add(a: Unknowns, b: Unknowns, factor: float = 1.0) -> Unknowns:
-    """a + factor b."""
-    return jax.tree.map(lambda p, q: p + factor * q, a, b)
-
-
-def norm(rows: Unknowns, scale: Unknowns) -> jax.Array:
-    """Maximum scaled entry, a scalar; NaN if any entry is."""
-    sizes = [jnp.max(jnp.abs(r) / s) for r, s in zip(jax.tree.leaves(rows), jax.tree.leaves(scale), strict=True)]
-    return jnp.max(jnp.stack(sizes))
-
+from dropper_jax.residual.step import Unknowns
 
 GRAVITY_SCALE = GRAVITY  # [m/s^2]; only scales residuals, the gravity of the scene is a parameter of an effect
-
-
-class CondensedParts(NamedTuple):
-    """The parts of the matrix without K.
-
-    Attributes:
-        force: nodal force of unit tensions along (n, 3).
-        gradient: derivative of the axial rows with respect to link differences of x, (n, 3).
-        compliance: minus their derivative with respect to the tensions, (n,).
-    """
-
-    force: jax.Array
-    gradient: jax.Array
-    compliance: jax.Array
 
 
 class StepProblem:
@@ -75,11 +36,9 @@ class StepProblem:
 
     def residual(self, u: Unknowns) -> Unknowns:
         """Rows in physical units: forces [N], elongations [m], torques [N m]."""
-        raise NotImplementedError
-
-    def evaluate(self, u: Unknowns) -> tuple[Unknowns, Any]:
-        """The rows, and the intermediate values for `finish`."""
-        return self.residual(u), None
+        force, axial = self.link_rows(self.link_vectors(u.x), u.y)
+        rows, laws = self.node_rows(u.x, u.z)
+        return Unknowns(rows - self.model.gather(force), axial, laws)
 
     def with_smoothing(self, easing: jax.Array) -> StepProblem:
         """The same equations with smoothed laws."""
@@ -98,28 +57,21 @@ class StepProblem:
         x."""
         raise NotImplementedError
 
-    def node_matrix(self, u: Unknowns) -> jax.Array:
-        """K of the condensed solver, (nodes, 3, 3), or (nodes,) if it is a multiple of the unit matrix."""
-        raise NotImplementedError
-
-    def condensed_parts(self, u: Unknowns) -> CondensedParts:
-        """The rest of the condensed matrix."""
-        raise NotImplementedError
-
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        """For the network solver: force rows (nodes, 3) without the links' tensions, and the rows of laws."""
+        """Force rows (nodes, 3) without the links' tensions, and the rows of laws; each node's depend on its own x
+        only."""
         raise NotImplementedError
 
     def link_vectors(self, x: jax.Array) -> jax.Array:
-        """For the network solver: link vectors (n, 3) [m] at the unknowns; they change as x does."""
+        """Link vectors (n, 3) at the unknowns, in a unit in which they change as the differences of x do."""
         raise NotImplementedError
 
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """For the network solver: force of each link (n, 3) [N] and its axial row (n,) [m]."""
+        """Force of each link (n, 3) [N] and its axial row (n,) [m], from its own vector and tension only."""
         raise NotImplementedError
 
-    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
-        """The state at the end of the step; `evaluated` is the result of `evaluate` at u, if available."""
+    def finish(self, u: Unknowns) -> State:
+        """The state at the end of the step."""
         raise NotImplementedError
 
     def end_state(
@@ -174,14 +126,18 @@ class SpeedProblem(StepProblem):
         """Forces (n, 3) of unit tensions in links (n, 3) [m]."""
         return links / self.model.line.length[:, None]
 
+    def link_vectors(self, x: jax.Array) -> jax.Array:
+        """Differences (n, 3) [m/s] of the speeds; fixed points count as at rest."""
+        return self.model.geometry.differences(x, None)
+
     def unknown_size(self) -> jax.Array:
         """Size of x, (nodes, 1) [m/s]: a link's length per step."""
         return self.model.line.length[: self.model.free_nodes, None] / jnp.abs(self.h)
 
 
-def node_blocks(local: Callable[[jax.Array], jax.Array], nodes: int, dtype: jnp.dtype) -> jax.Array:
-    """Diagonal 3x3 blocks (nodes, 3, 3) of a node-local map x -> rows, from three directions of forward mode."""
-    axes = jnp.eye(3, dtype=dtype)
-    zero = jnp.zeros((nodes, 3), dtype)
-    columns = jax.vmap(lambda axis: jax.jvp(local, (zero,), (jnp.broadcast_to(axis, (nodes, 3)),))[1])(axes)
-    return jnp.moveaxis(columns, 0, -1)
+def local_jacobian(f: Callable[[jax.Array], Any], x: jax.Array) -> Any:
+    """Blocks (n, ..., c) of a map that acts on each row of x (n, c), or each entry (n,), by itself.
+
+    All rows move together, so `jax.jacfwd` needs one direction per column.
+    """
+    return jax.jacfwd(lambda e: f(x + e))(jnp.zeros(x.shape[1:], x.dtype))

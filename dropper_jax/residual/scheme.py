@@ -1,45 +1,17 @@
-"""Interfaces of time integrators (supported models, an implicit or explicit step) and of their linear solvers."""
+"""Interfaces of time integrators: supported models, an implicit or explicit step."""
 
 from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from copy import copy
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar
 
 import jax
 
 from dropper_jax.base.read import read_number
 from dropper_jax.model import AddedMass, Model, State
-from dropper_jax.residual.problem import StepProblem, Unknowns
-
-Factors = TypeVar("Factors")
-Prepared = TypeVar("Prepared")
-
-
-class Solver(Protocol[Prepared, Factors]):
-    """The matrix may be approximate; Newton and derivatives are refined to the exact rows."""
-
-    @property
-    def name(self) -> str:
-        """Its name in `[run]`."""
-
-    def refuse(self, model: Model, integrator: Implicit) -> str | None:
-        """Why it cannot solve the model with a scheme, or None."""
-
-    def prepare(self, problem: StepProblem, u: Unknowns) -> Prepared | None:
-        """Data reused in the iterations of a step; none by default."""
-        return None
-
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: Prepared | None = None) -> Factors:
-        """The factored matrix at the unknowns."""
-
-    def apply(self, factor: Factors, rows: Unknowns) -> Unknowns:
-        """The correction for given rows."""
-
-    def apply_transposed(self, factor: Factors, rows: Unknowns) -> Unknowns:
-        """The solution with the transposed matrix."""
+from dropper_jax.residual.problem import StepProblem
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,21 +56,6 @@ class Integrator:
         """The form of this scheme for the model; most schemes have a single form."""
         return self
 
-    def common_form(self, model: Model) -> tuple[Integrator, float | None]:
-        """The scheme whose equations, with a weight as an argument of the program, are those of a stage of this one.
-
-        Returns:
-            The scheme, and the weight of the new time; None: the scheme's own.
-        """
-        return self, None
-
-    def with_weight(self, weight: jax.Array | None) -> Integrator:
-        """This scheme with a weight that an argument of the program gives."""
-        other = copy(self)
-        if weight is not None:
-            vars(other).update(gamma=weight, weighting=weight)
-        return other
-
     def refuse(self, model: Model) -> str | None:
         """Why this integrator cannot run the model, or None."""
         return None
@@ -114,8 +71,6 @@ class Implicit(Integrator, ABC):
 
     #: Whether `condensed` pieces exist.
     condensable: ClassVar[bool] = False
-    #: Whether their matrix is the Jacobian itself, so that one solve with it gives derivatives.
-    exact: ClassVar[bool] = False
     #: Whether the pieces of the network solver exist, and so whether systems of lines can be run.
     networkable: ClassVar[bool] = False
     #: Whether every row involves neighbouring nodes only.
@@ -124,9 +79,6 @@ class Implicit(Integrator, ABC):
     takes_laws: ClassVar[bool] = False
     #: Whether rigid bodies (`model.HolonomicConstraint`) are supported.
     takes_constraints: ClassVar[bool] = False
-    #: Newton iterations with an exact Jacobian, and with the condensed one.
-    iterations: ClassVar[int] = 4
-    condensed_iterations: ClassVar[int] = 12
 
     @abstractmethod
     def equations(self, model: Model, s: State, h: jax.Array) -> StepProblem:

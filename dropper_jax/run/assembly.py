@@ -19,7 +19,7 @@ from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Model, Parted, work_names
 from dropper_jax.model.slots import Force
-from dropper_jax.residual import node_blocks
+from dropper_jax.residual import TOO_FAR, Stepper, local_jacobian
 from dropper_jax.run.arrays import body_motion, breaks, words
 from dropper_jax.run.bends import twist_remarks
 from dropper_jax.run.build import allowed_error
@@ -29,9 +29,9 @@ from dropper_jax.run.resolution import pose_remarks, with_quality_checks, withou
 from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Last, last_row, name_leaves, release_pages
 from dropper_jax.run.samples import Kind
 from dropper_jax.stepping.adaptive import Within
+from dropper_jax.stepping.control import DRIFT_LIMIT
 from dropper_jax.stepping.controlled import Controlled
-from dropper_jax.stepping.integrate import DRIFT_LIMIT, Observed, Trajectory, observe
-from dropper_jax.stepping.stepper import TOO_FAR, Stepper
+from dropper_jax.stepping.integrate import Observed, Trajectory, observe
 
 
 class TimeOrigin(NamedTuple):
@@ -112,7 +112,7 @@ def _observe_run(
         first_bad = {"step": bad_step + 1, "time_s": when, "residual": residual, "reason": reason}
     settings = {
         "integrator": stepper.integrator.name,
-        "solver": stepper.solver,
+        "solver": stepper.solver_name,
         "dt": dt,
         "duration": scene.run.duration,
         "steps": scene.run.steps,
@@ -265,7 +265,7 @@ def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
     if not np.isfinite(residual):
         return "non_finite", f"the step gave non-finite values{_explicit(stepper, model)}"
     if residual >= TOO_FAR:
-        parts = f", in the shortest of {2**stepper.halvings} substeps" if stepper.iterations else ""
+        parts = f", in the shortest of {2**stepper.halvings} substeps" if stepper.integrator.implicit else ""
         return "retry_exhausted", f"lines in contact moved by more than half their radius{parts}; take a smaller step"
     if residual <= limit:
         return "not_converged", f"constraint drift: the length of a link has changed by more than {DRIFT_LIMIT:.0%}"
@@ -298,7 +298,7 @@ def damping_rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> dic
 
 def _rate(model: Model, effect: Force, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
     k = model.instant(r, v, t)
-    blocks = node_blocks(lambda x: effect.force(k.with_velocity(v + x)), model.free_nodes, v.dtype)
+    blocks = local_jacobian(lambda v: effect.force(k.with_velocity(v)), v)
     even = -0.5 * (blocks + jnp.swapaxes(blocks, 1, 2)) / model.node_mass[:, None, None]
     return jnp.maximum(jnp.max(jnp.linalg.eigvalsh(even)), 0.0)
 

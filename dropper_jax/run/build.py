@@ -16,6 +16,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators.consistent import instant
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Displacement, Model, State, state
+from dropper_jax.residual import Stepper
 from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.run.flow_coefficients import with_flow_coefficients
 from dropper_jax.run.growth import overgrown
@@ -25,7 +26,7 @@ from dropper_jax.statics.modes import Linearised, linearised_about
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium as model_equilibrium
 from dropper_jax.statics.static_pose import nodal_loads, settle
-from dropper_jax.stepping.stepper import Stepper, make_stepper
+from dropper_jax.stepping.stepper import make_stepper
 
 
 def link_directions(polar: jax.Array, azimuth: jax.Array, zero: str) -> jax.Array:

@@ -20,13 +20,13 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.model import Model, State
+from dropper_jax.residual import Stepper
 from dropper_jax.run.build import allowed_error
 from dropper_jax.run.row_store import InMemory, Last, last_row, name_leaves
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
 from dropper_jax.stepping.controlled import Controlled, advance_controlled, start_controlled
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance_some, begin
-from dropper_jax.stepping.stepper import Stepper
 
 
 def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None) -> None:
@@ -99,14 +99,13 @@ class Program(NamedTuple):
 
 
 class RunOutcome(NamedTuple):
-    """Outcome of a run: the saved states, the last carry, its time [s] and the compile time, whether the user stopped
-    it, the disk error if one stopped it, and intermediate carries with the number of saves before each."""
+    """Outcome of a run: the saved states, the last carry, its time [s], whether the user stopped it, the disk error if
+    one stopped it, and intermediate carries with the number of saves before each."""
 
     trajectory: Trajectory
     beside: Beside
     carry: Carry
     run_s: float
-    late_s: float
     interrupted: bool
     refused: str = ""
     passed: tuple[tuple[int, Carry], ...] = ()
@@ -148,42 +147,28 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
 
 
 class _EqualSteps:
-    """Equal steps by the program without globalisation, until a step fails to converge.
-
-    That chunk and all later ones are then run by the program with the fallback solvers. Most runs never compile this
-    program, which is twice as large. Joints that stick need it from the start.
-    """
+    """Equal steps; one that does not converge is halved."""
 
     def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, steps: int) -> None:
         self.stepper, self.model, self.dt = stepper, model, run.dt
         self.settings = {"capacity": _chunk_size(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // MIN_CHUNKS)
         self.count = 1
-        self.late_s = 0.0  # compile time after the start of the run
-        self.plain = stepper.until_converged or not model.laws
-        if stepper.until_converged:
+        if model.geometry.branched:
             self.advance = _advance_briefly if steps < WORTH_ONE_KERNEL else _advance
             # link-steps below which half the compile time (4 s for `edulis-longline`) is worth 0.1 ms for each
             if steps * model.line.links < 5_000:
                 self.advance = _advance_at_once
         else:  # optimised, the run of a single line compiles a second longer, and each step takes 7 us less
             self.advance = _advance_quickly if steps < 100_000 else _advance
-        self.program = self._program(stepper.plain if self.plain else stepper, progress)
-
-    def _program(self, stepper: Stepper, progress: Progress) -> Callable[..., Any]:
         dt = jnp.asarray(self.dt, self.model.dtype)
-        return self.advance.program(stepper, self.model, progress, dt, jnp.zeros((), jnp.int32), **self.settings)
+        none = jnp.zeros((), jnp.int32)
+        self.program = self.advance.program(stepper, self.model, progress, dt, none, **self.settings)
 
     def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
         count = min(self.count, self.longest, left, self.settings["capacity"])
         started = time.perf_counter()
         after, rows = self._take(carry, count)
-        if self.plain and int(after.first_bad) >= 0 and self.stepper != self.stepper.plain:
-            now = time.perf_counter()
-            self.plain, self.program = False, self._program(self.stepper, carry)
-            started = time.perf_counter()
-            self.late_s += started - now
-            after, rows = self._take(carry, count)
         self.count = max(1, int(count * min(SECONDS / max(time.perf_counter() - started, 1e-9), LONGER)))
         return after, (rows, None)
 
@@ -238,8 +223,7 @@ def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows
         if not at[1]:
             raise
         refused = "" if isinstance(error, KeyboardInterrupt) else f"stopped: {error.strerror or error}"
-    late_s = getattr(run.go_on, "late_s", 0.0)
-    run_s = time.perf_counter() - started - late_s
+    run_s = time.perf_counter() - started
     carry, done = at
     joined, beside = rows.read(done)
-    return RunOutcome(joined, beside, carry, run_s, late_s, interrupted, refused, tuple(passed))
+    return RunOutcome(joined, beside, carry, run_s, interrupted, refused, tuple(passed))

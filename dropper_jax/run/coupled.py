@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -98,7 +97,6 @@ class Coupled:
         all_positions = self._home if positions is None else self._read("positions", positions)
         rates = np.zeros_like(all_positions) if velocities is None else self._read("velocities", velocities)
         self._lines = coupled_lines(self._moved_to(all_positions), self.points, rates, self.accelerations)
-        self._plain = self._lines.stepper.until_converged or not self._lines.model.laws
         return self._accept(self._lines.init())
 
     def step(
@@ -190,14 +188,9 @@ class Coupled:
     def _advance(
         self, state: CoupledState, to: PointMotion, dt: float, count: int
     ) -> tuple[CoupledState, CoupledOutputs]:
-        """The inner steps; if the plain program does not converge, by the program with the fallback solvers."""
-        given = state, to, jnp.asarray(dt, self._lines.model.dtype), jnp.asarray(count, jnp.int32)
-        full = self._lines.stepper
-        result = _step(replace(self._lines, stepper=full.plain if self._plain else full), *given)
-        if self._plain and result[1].failed and full != full.plain:
-            self._plain = False
-            result = _step(self._lines, *given)
-        return result
+        """The inner steps."""
+        dtype = self._lines.model.dtype
+        return _step(self._lines, state, to, jnp.asarray(dt, dtype), jnp.asarray(count, jnp.int32))
 
     def _moved_to(self, positions: np.ndarray) -> Scene:
         if np.array_equal(positions, self._home):

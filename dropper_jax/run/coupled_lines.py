@@ -18,9 +18,9 @@ from dropper_jax.effects.coupled_motion import CoupledMotion
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Displacement, HolonomicConstraint, Law, Model, State, as_parted
 from dropper_jax.model.slots import Force
+from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.stepping.integrate import Progress, begin, next_progress
-from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
 Array = jax.Array | np.ndarray
 Vectors = Sequence[Sequence[float]] | Array
@@ -96,10 +96,10 @@ class CoupledLines:
 
         def one(_: jax.Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
             progress, residual, retried = result
-            progress, report, _ = next_progress(lines.stepper, lines.model, progress, dt / count)
+            progress, taken = next_progress(lines.stepper, lines.model, progress, dt / count)
             # not `maximum`, which would lose a NaN
-            worst = jnp.where(report.residual <= residual, residual, report.residual)
-            return progress, worst, retried + (report.level > FULL_STEP)
+            worst = jnp.where(taken.row <= residual, residual, taken.row)
+            return progress, worst, retried + taken.retried
 
         zero = jnp.zeros((), lines.model.dtype), jnp.zeros((), jnp.int32)
         progress, residual, retried = jax.lax.fori_loop(0, count, one, (state.progress, *zero))

@@ -18,6 +18,7 @@ from dropper_jax.base.toml_text import html_table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state, work_names
+from dropper_jax.residual import Stepper
 from dropper_jax.run.assembly import TimeOrigin, build_solution
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
@@ -38,7 +39,6 @@ from dropper_jax.run.summary import summary
 from dropper_jax.scene import RunSpec
 from dropper_jax.statics.search import node_positions
 from dropper_jax.stepping.controlled import Controlled
-from dropper_jax.stepping.stepper import Stepper
 
 if TYPE_CHECKING:
     import xarray
@@ -164,7 +164,7 @@ class Solution(Samples):
     def _stepping(self) -> dict[str, Any]:
         """The settings of the stepping that `simulate` takes."""
         implicit = self.settings["solver"] != "none"
-        keys = (*(("iterations",) if implicit else ()), "residual_tolerance", "extra", "halvings", "track_work")
+        keys = (*(("iterations",) if implicit else ()), "residual_tolerance", "halvings", "track_work")
         return {key: self.settings[key] for key in keys if key in self.settings}
 
 
@@ -218,7 +218,7 @@ def simulate(
             warning, or `step_too_long` (see `run.step_check`). No effect with `tolerance` or `errors`, or for schemes
             that choose their steps.
         **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
-            residual_tolerance, extra, halvings).
+            residual_tolerance, halvings).
 
     Raises:
         SceneError: for invalid input, before the run starts.
@@ -267,9 +267,9 @@ def simulate(
     start_s = time.perf_counter() - entered
     outcome = run_chunks(compiled, run.saves, say, rows)
     solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
-    solution = replace(solution, compile_s=compile_s + outcome.late_s, run_s=outcome.run_s)
+    solution = replace(solution, compile_s=compile_s, run_s=outcome.run_s)
     if step_check and tolerance is None and not errors:
-        solution = with_step_check(solution, compiled, outcome, start_s + outcome.late_s)
+        solution = with_step_check(solution, compiled, outcome, start_s)
     if choice is not None:
         solution = check_tolerance(solution, tolerance, choice)
     if errors and is_finished(solution):

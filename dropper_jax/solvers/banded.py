@@ -15,14 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Model
-from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns
+from dropper_jax.residual import Integrator, Solver, StepProblem, Unknowns
 from dropper_jax.solvers.elimination import apply, inverse, multiply
-
-
-class _Factor(NamedTuple):
-    lower: jax.Array
-    inverse: jax.Array
-    ahead: jax.Array
 
 
 class Layout:
@@ -48,13 +42,46 @@ class Layout:
         return Unknowns(rows[: self.nodes, :3], rows[: self.links, 3])
 
 
+class Blocks(NamedTuple):
+    """A factored block-tridiagonal matrix: lower blocks, inverses of the eliminated diagonal, upper blocks, each
+    (blocks, b, b)."""
+
+    layout: Layout
+    lower: jax.Array
+    inverse: jax.Array
+    upper: jax.Array
+
+    @classmethod
+    def of(cls, layout: Layout, lower: jax.Array, diagonal: jax.Array, upper: jax.Array) -> Blocks:
+        """Block elimination from the first block."""
+
+        def eliminate(ahead: jax.Array, row: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+            low, mid, up = row
+            own = inverse(mid - multiply(low, ahead))
+            return multiply(own, up), own
+
+        _, own = jax.lax.scan(eliminate, jnp.zeros_like(upper[0]), (lower, diagonal, upper))
+        return cls(layout, lower, own, upper)
+
+    def apply(self, rows: Unknowns) -> Unknowns:
+        y = _substitute(self.lower, self.inverse, self.layout.pack(rows))
+        ahead = multiply(self.inverse, self.upper)
+        return self.layout.unpack(_substitute(ahead, None, y, reverse=True))
+
+    def transpose(self) -> Blocks:
+        none = jnp.zeros_like(self.lower[:1])
+        lower = jnp.concatenate([none, self.upper[:-1]]).mT
+        upper = jnp.concatenate([self.lower[1:], none]).mT
+        return Blocks(self.layout, lower, self.inverse.mT, upper)
+
+
 @dataclass(frozen=True)
-class Banded(Solver[None, tuple[_Factor, Layout]]):
+class Banded(Solver):
     """Block-tridiagonal elimination of the exact Jacobian."""
 
     name: str = "banded"
 
-    def refuse(self, model: Model, integrator: Implicit) -> str | None:
+    def refuse(self, model: Model, integrator: Integrator) -> str | None:
         if model.geometry.branched:
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if model.laws:
@@ -63,31 +90,10 @@ class Banded(Solver[None, tuple[_Factor, Layout]]):
             return f"integrator {integrator.name!r} couples all links in each row; use dense"
         return None
 
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> tuple[_Factor, Layout]:
+    def linearise(self, problem: StepProblem, u: Unknowns) -> Blocks:
         model = problem.model
         layout = Layout(model.free_nodes, model.line.links, max(1, model.reach))
-        lower, diagonal, upper = _bands(problem, u, layout)
-
-        def eliminate(ahead: jax.Array, row: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-            low, mid, up = row
-            own = inverse(mid - multiply(low, ahead))
-            ahead = multiply(own, up)
-            return ahead, (own, ahead)
-
-        _, (own, ahead) = jax.lax.scan(eliminate, jnp.zeros_like(upper[0]), (lower, diagonal, upper))
-        return _Factor(lower, own, ahead), layout
-
-    def apply(self, factor: tuple[_Factor, Layout], rows: Unknowns) -> Unknowns:
-        f, layout = factor
-        y = _substitute(f.lower, f.inverse, layout.pack(rows))
-        return layout.unpack(_substitute(f.ahead, None, y, reverse=True))
-
-    def apply_transposed(self, factor: tuple[_Factor, Layout], rows: Unknowns) -> Unknowns:
-        f, layout = factor
-        before = jnp.concatenate([jnp.zeros_like(f.ahead[:1]), f.ahead[:-1]])
-        following = jnp.concatenate([f.lower[1:], jnp.zeros_like(f.lower[:1])])
-        c = _substitute(before.mT, None, layout.pack(rows))
-        return layout.unpack(_substitute(following.mT, f.inverse.mT, c, reverse=True))
+        return Blocks.of(layout, *_bands(problem, u, layout))
 
 
 def _substitute(beside: jax.Array, inverse: jax.Array | None, rhs: jax.Array, reverse: bool = False) -> jax.Array:

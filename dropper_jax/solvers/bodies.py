@@ -22,7 +22,8 @@ from dropper_jax.base.numerics import scatter_add, scatter_add_many
 from dropper_jax.model import Graph, HolonomicConstraint
 from dropper_jax.residual import StepProblem, Unknowns
 from dropper_jax.solvers.elimination import apply, optimization_barrier
-from dropper_jax.solvers.saddle import Coupling, LinkParts, Saddle, Stretching
+from dropper_jax.solvers.links import LinkParts
+from dropper_jax.solvers.saddle import Coupling, Saddle, Stretching
 
 #: Unknowns of a body: positions of its corners, multipliers of its edges, and of its pin.
 BODY_COORDINATES, EDGES, PIN = 12, 6, 3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,43 +11,47 @@ from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.model import Model
-from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns
+from dropper_jax.residual import Integrator, Solver, StepProblem, Unknowns
 
-LU = tuple[jax.Array, jax.Array]
+#: Diagonal added for the unknowns of laws, far below their rows, which have the same size. They are undetermined if
+#: several joints stick; Newton still converges to one of the solutions.
+SHARING = 1e-9
+
+
+class LU(NamedTuple):
+    """A factored matrix, or its transpose."""
+
+    factors: tuple[jax.Array, jax.Array]
+    transposed: bool = False
+
+    def apply(self, rows: Unknowns) -> Unknowns:
+        flat, unravel = ravel_pytree(rows)
+        return unravel(lu_solve(self.factors, flat, trans=int(self.transposed)))
+
+    def transpose(self) -> LU:
+        return self._replace(transposed=not self.transposed)
 
 
 @dataclass(frozen=True)
-class Dense(Solver[None, LU]):
+class Dense(Solver):
     """LU of the full Jacobian."""
 
     name: str = "dense"
 
-    def refuse(self, model: Model, integrator: Implicit) -> str | None:
+    def refuse(self, model: Model, integrator: Integrator) -> str | None:
         return None
 
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> LU:
+    def linearise(self, problem: StepProblem, u: Unknowns) -> LU:
         jacobian = residual_matrix(problem, u)
-        return lu_factor(jacobian + _sharing(u) if u.z else jacobian)
-
-    def apply(self, factor: LU, rows: Unknowns, transposed: bool = False) -> Unknowns:
-        flat, unravel = ravel_pytree(rows)
-        return unravel(lu_solve(factor, flat, trans=int(transposed)))
-
-    def apply_transposed(self, factor: LU, rows: Unknowns) -> Unknowns:
-        return self.apply(factor, rows, transposed=True)
+        if u.z:
+            sharing = Unknowns(jnp.zeros_like(u.x), jnp.zeros_like(u.y), tuple(jnp.full_like(z, SHARING) for z in u.z))
+            jacobian = jacobian + jnp.diag(ravel_pytree(sharing)[0])
+        return LU(lu_factor(jacobian))
 
     def size(self, model: Model) -> int:
         """Number of unknowns."""
         joints = model.line.links + 1
         return 3 * model.free_nodes + model.line.links + joints * sum(law.components for law in model.laws)
-
-
-def _sharing(u: Unknowns) -> jax.Array:
-    """A small diagonal on the unknowns of laws, which are undetermined if several joints stick; Newton still converges
-    to one of the solutions."""
-    # diagonal added for laws, far below their unknowns and rows, which have the same size
-    mark = Unknowns(jnp.zeros_like(u.x), jnp.zeros_like(u.y), tuple(jnp.full_like(z, 1e-9) for z in u.z))
-    return jnp.diag(ravel_pytree(mark)[0])
 
 
 def residual_matrix(problem: StepProblem, u: Unknowns) -> jax.Array:

@@ -17,10 +17,11 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import ElementForce, Model
-from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns, node_blocks
+from dropper_jax.residual import Integrator, Solver, StepProblem, Unknowns, local_jacobian
 from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
 from dropper_jax.solvers.elimination import apply, inverse, multiply, optimization_barrier
-from dropper_jax.solvers.saddle import LinkParts, Saddle, Stretching, coupling
+from dropper_jax.solvers.links import LinkParts
+from dropper_jax.solvers.saddle import Saddle, Stretching, coupling
 
 #: Compliance of the friction of a sticking node relative to its inertia.
 SOFT = 1e-8
@@ -47,7 +48,7 @@ class NetworkFactor:
     def transpose(self) -> NetworkFactor:
         return NetworkFactor(self.system.transpose(), None if self.law is None else self.law.transpose())
 
-    def solve(self, rows: Unknowns) -> Unknowns:
+    def apply(self, rows: Unknowns) -> Unknowns:
         gaps = rows.z[-1:] if isinstance(self.system, BodyFactor) else ()
         law, force = self.law, rows.x
         if law is not None:
@@ -59,12 +60,12 @@ class NetworkFactor:
 
 
 @dataclass(frozen=True)
-class Network(Solver[None, NetworkFactor]):
+class Network(Solver):
     """Eliminates nodes that are not neighbours at once."""
 
     name: str = "network"
 
-    def refuse(self, model: Model, integrator: Implicit) -> str | None:
+    def refuse(self, model: Model, integrator: Integrator) -> str | None:
         if not model.geometry.branched:
             return "it is for systems of lines, but the scene is one line; use condensed, banded or dense"
         if not integrator.networkable:
@@ -75,7 +76,7 @@ class Network(Solver[None, NetworkFactor]):
             return f"effect {model.laws[0].name!r} couples nodes through its unknowns; use dense"
         return None
 
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> NetworkFactor:
+    def linearise(self, problem: StepProblem, u: Unknowns) -> NetworkFactor:
         dtype, model, law, own = u.x.dtype, problem.model, None, problem
         between = coupling(problem, u)
         if model.constraints or between is not None:
@@ -85,42 +86,20 @@ class Network(Solver[None, NetworkFactor]):
             law = law._replace(law=inverse(law.law + SOFT * jnp.eye(2, dtype=dtype)))
             node = node - multiply(law.force, multiply(law.law, law.position))
         else:
-            node = optimization_barrier(node_blocks(lambda x: own.node_rows(u.x + x, ())[0], model.free_nodes, dtype))
-        links = optimization_barrier(_link_parts(problem, u))
+            node = optimization_barrier(local_jacobian(lambda x: own.node_rows(x, ())[0], u.x))
+        links = optimization_barrier(LinkParts.of(problem, u))
         if model.constraints:
             return NetworkFactor(factor_bodies(problem, u, node, links, between), law)
         kind = Stretching if model.line.axial.elastic else Saddle
         return NetworkFactor(kind.of(model.geometry, node, links, between), law)
 
-    def apply(self, factor: NetworkFactor, rows: Unknowns) -> Unknowns:
-        return factor.solve(rows)
-
-    def apply_transposed(self, factor: NetworkFactor, rows: Unknowns) -> Unknowns:
-        return factor.transpose().solve(rows)
-
-
-def _link_parts(problem: StepProblem, u: Unknowns) -> LinkParts:
-    links = problem.link_vectors(u.x)
-
-    def along(axis: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return jax.jvp(lambda d: problem.link_rows(d, u.y), (links,), (jnp.broadcast_to(axis, links.shape),))[1]
-
-    turn, gradient = jax.vmap(along, out_axes=-1)(jnp.eye(3, dtype=u.x.dtype))
-    _, (force, compliance) = jax.jvp(lambda y: problem.link_rows(links, y), (u.y,), (jnp.ones_like(u.y),))
-    return LinkParts(turn, force, gradient, compliance)
-
 
 def _law_blocks(problem: StepProblem, u: Unknowns) -> tuple[jax.Array, LawBlocks]:
     """A, and the blocks of the one node-local law, from five directions of forward mode."""
-    z = u.z[0]
 
-    def rows(x: jax.Array, w: jax.Array) -> tuple[jax.Array, jax.Array]:
-        force, (law,) = problem.node_rows(x, (w,))
-        return force, law
+    def rows(xz: jax.Array) -> jax.Array:
+        force, (law,) = problem.node_rows(xz[:, :3], (xz[:, 3:],))
+        return jnp.concatenate([force, law], axis=1)
 
-    def along(axis: jax.Array) -> tuple[jax.Array, jax.Array]:
-        direction = jnp.broadcast_to(axis[:3], u.x.shape), jnp.broadcast_to(axis[3:], z.shape)
-        return jax.jvp(rows, (u.x, z), direction)[1]
-
-    force, law = jax.vmap(along, out_axes=-1)(jnp.eye(3 + z.shape[-1], dtype=u.x.dtype))
-    return force[..., :3], LawBlocks(force[..., 3:], law[..., :3], law[..., 3:])
+    found = local_jacobian(rows, jnp.concatenate([u.x, u.z[0]], axis=1))
+    return found[:, :3, :3], LawBlocks(found[:, :3, 3:], found[:, 3:, :3], found[:, 3:, 3:])

@@ -29,6 +29,7 @@ from dropper_jax.solvers.elimination import (
     optimization_barrier,
     solve,
 )
+from dropper_jax.solvers.links import LinkParts
 
 
 class Coupling(NamedTuple):
@@ -113,19 +114,6 @@ def _node_order(graph: Graph, between: tuple[Pair, ...] | None) -> Order:
     own, first, last = range(graph.free), graph.first.tolist(), graph.last.tolist()
     pairs = [*zip(own, own, strict=True), *zip(first, last, strict=True), *zip(last, first, strict=True)]
     return elimination_order(graph.free, [*pairs, *(between or ())], most=WIDER if between else 2)
-
-
-class LinkParts(NamedTuple):
-    """Of the links: G (n, 3, 3), p and g (n, 3), c (n,)."""
-
-    turn: jax.Array
-    force: jax.Array
-    gradient: jax.Array
-    compliance: jax.Array
-
-    def transpose(self) -> LinkParts:
-        turn, force, gradient, compliance = self
-        return LinkParts(turn.mT, gradient, force, compliance)
 
 
 class Saddle(NamedTuple):

@@ -27,7 +27,7 @@ from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm, scatter_add
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, Law, Model, State, state
-from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, damped_newton, newton
+from dropper_jax.residual import GRAVITY_SCALE, Newton, Solver, StepProblem, Unknowns, newton
 from dropper_jax.solvers import SOLVERS
 
 
@@ -101,6 +101,9 @@ class RestProblem(StepProblem):
         self.loads, self.kappa = loads, kappa
         self.ends = model.ends(s.t)
 
+    def guess(self) -> Unknowns:
+        return Unknowns(jnp.zeros_like(self.s.r), self.s.tension)
+
     def instant(self, x: jax.Array) -> Kinematics:
         return self.model.instant(self.s.r + x, jnp.zeros_like(x), self.s.t, self.ends)
 
@@ -120,10 +123,6 @@ class RestProblem(StepProblem):
         """Tensions from the lengths of links (n,) [N]."""
         line, d = self.model.line, self.link_vectors(x)
         return line.axial.tension(d, jnp.zeros_like(d), line.length)
-
-    def residual(self, u: Unknowns) -> Unknowns:
-        force, axial = self.link_rows(self.link_vectors(u.x), u.y)
-        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(force), axial)
 
     def row_scale(self) -> Unknowns:
         weight = force_scale(self.model) * jnp.ones((self.model.free_nodes, 1), self.model.dtype)
@@ -209,8 +208,10 @@ def polish(
     Tensions are unknowns, which rigid links require. kappa [N/m] stiffens the corrections: a small value fixes free
     motions (rotation of a line with its ends on one vertical), a large value gives small steps of a descent.
     """
-    problem, start = RestProblem(model, s, loads, kappa), Unknowns(jnp.zeros_like(s.r), s.tension)
-    u, residual = (damped_newton if damped else newton)(problem, rest_solver(model), start, iterations)
+    method = Newton(rest_solver(model), iterations)
+    if damped:
+        method = replace(method, iterations=2 * iterations, enough=0.0, shortened=4)
+    u, residual = newton(method, RestProblem(model, s, loads, kappa), rest_tolerance(model))
     return state(model, s.r + u.x, tension=u.y, t=s.t), residual
 
 

@@ -20,8 +20,7 @@ from jax.typing import ArrayLike
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import scatter_add
 from dropper_jax.model import Model, State, state
-from dropper_jax.residual import Unknowns
-from dropper_jax.residual.problem import norm
+from dropper_jax.residual import Unknowns, largest_row
 from dropper_jax.statics.bodies import moves_of
 from dropper_jax.statics.rest_problem import (
     SMALLEST,
@@ -102,7 +101,7 @@ def _remaining_residual(model: Model, s: State, loads: jax.Array) -> tuple[jax.A
     if model.constraints or model.line.axial.elastic:
         return unbalance(model, s, loads), tolerance
     problem = RestProblem(model, s, loads)
-    return norm(problem.residual(Unknowns(jnp.zeros_like(s.r), s.tension)), problem.row_scale()), tolerance
+    return largest_row(problem.residual(problem.guess()), problem.row_scale()), tolerance
 
 
 def settle(model: Model, near: State, loads: jax.Array | None = None, there: bool = False) -> State:

@@ -24,7 +24,6 @@ from jax.scipy.linalg import lu_factor, lu_solve
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.numerics import scatter_add_many
 from dropper_jax.model import Graph, Model, State, state
-from dropper_jax.solvers.dense import LU
 from dropper_jax.solvers.elimination import Elimination, Order, apply, eliminate, elimination_order, solve
 from dropper_jax.statics.rest_problem import SMALLEST, balanced, name_of, rest, soft_scale, unbalanced_at
 
@@ -33,6 +32,8 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import SuperLU
 
 Linear = Callable[[jax.Array], jax.Array]
+#: Factors of a dense matrix.
+LU = tuple[jax.Array, jax.Array]
 Array = TypeVar("Array", jax.Array, np.ndarray)
 Tree = TypeVar("Tree")
 

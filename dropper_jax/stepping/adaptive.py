@@ -17,8 +17,9 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import Model, State
-from dropper_jax.stepping.integrate import Progress, Trajectory, begin, checked_step, empty_rows, scan_steps
-from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
+from dropper_jax.residual import Stepper
+from dropper_jax.stepping.control import Interval, advance_over
+from dropper_jax.stepping.integrate import Progress, Trajectory, begin, empty_rows, scan_steps
 
 
 class Adaptive(NamedTuple):
@@ -95,10 +96,10 @@ def advance_adaptively(
         def attempt(done: _Interval) -> _Interval:
             (_, count, first_bad), wanted, refused = done.adaptive
             tried = _try(stepper, model, done.adaptive, end, dt, tolerance)
-            first = jnp.where(tried.bad & tried.take & (first_bad < 0), count, first_bad)
-            within, tension = done.within, tried.state.tension
+            first = jnp.where(tried.step.failed & tried.take & (first_bad < 0), count, first_bad)
+            within, tension = done.within, tried.step.state.tension
             taken = _Interval(
-                Adaptive(Progress(tried.state, count, first), wanted, refused),
+                Adaptive(Progress(tried.step.state, count, first), wanted, refused),
                 Within(
                     within.mean + tried.h / dt * tension,
                     within.square + tried.h / dt * tension**2,
@@ -106,9 +107,9 @@ def advance_adaptively(
                     jnp.maximum(within.largest, tension),
                     within.steps + 1,
                 ),
-                jnp.maximum(done.residual, tried.report.residual),
-                done.retried + (tried.report.level > FULL_STEP),
-                done.bad + tried.bad,
+                jnp.maximum(done.residual, tried.step.row),
+                done.retried + tried.step.retried,
+                done.bad + tried.step.failed,
             )
             after = jax.tree.map(lambda a, b: jnp.where(tried.take, a, b), taken, done)
             return after._replace(adaptive=after.adaptive._replace(h=tried.following, refused=refused + ~tried.take))
@@ -125,12 +126,10 @@ def advance_adaptively(
 
 
 class _Tried(NamedTuple):
-    """A trial step: its end and length, whether it failed and whether it is accepted, the length of the next."""
+    """A trial step and its length, whether it is accepted, the length of the next."""
 
-    state: State
-    report: Report
+    step: Interval
     h: jax.Array
-    bad: jax.Array
     take: jax.Array
     following: jax.Array
 
@@ -145,13 +144,13 @@ def _try(
     (state, _, first_bad), wanted, _ = adaptive
     left = end - state.t
     h = left / jnp.ceil(left / wanted - 1e-9)
-    s1, report, bad = checked_step(stepper, model, state, h, first_bad < 0)
-    rough = roughness(model, state, s1, h) / tolerance
-    rough = jnp.where(bad | ~jnp.isfinite(rough), most, rough)
+    taken = advance_over(stepper, model, state, h, first_bad < 0)
+    rough = roughness(model, state, taken.state, h) / tolerance
+    rough = jnp.where(taken.failed | ~jnp.isfinite(rough), most, rough)
     # a failed run continues to its end with any roughness
     take = (rough <= 1.0) | (h <= 1.01 * shortest * dt) | (first_bad >= 0)
     factor = jnp.clip(0.85 / jnp.sqrt(jnp.maximum(rough, 1.0 / most)), 0.25, 1.6)
-    return _Tried(s1, report, h, bad, take, jnp.clip(h * factor, shortest * dt, dt))
+    return _Tried(taken, h, take, jnp.clip(h * factor, shortest * dt, dt))
 
 
 def adaptive_step_lengths(
@@ -172,7 +171,7 @@ def adaptive_step_lengths(
         adaptive, lengths, number = carry
         end = s.t + dt * (jnp.floor((adaptive.progress.state.t - s.t) / dt + 1e-9) + 1.0)
         tried = _try(stepper, model, adaptive, end, dt, tolerance)
-        state = jax.tree.map(lambda a, b: jnp.where(tried.take, a, b), tried.state, adaptive.progress.state)
+        state = jax.tree.map(lambda a, b: jnp.where(tried.take, a, b), tried.step.state, adaptive.progress.state)
         after = Adaptive(adaptive.progress._replace(state=state), tried.following, adaptive.refused + ~tried.take)
         return after, lengths.at[number].set(jnp.where(tried.take, tried.h, 0.0)), number + tried.take
 

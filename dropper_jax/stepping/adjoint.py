@@ -3,27 +3,23 @@
     J_i = f_i(r_1, T_1, ..., r_K, T_K),    dJ_i = sum_k (df_i/dr_k dr_k + df_i/dT_k dT_k)
 
 A run stores the state before each step and its unknowns (some 0.2 MB for 400 links), so the backward pass solves no
-step again. Each step costs one factorisation, common to all quantities, and one transposed solve for each. `grad` of
-`integrate` gives the same derivatives, but runs the steps two or three times and takes three times as long to compile.
-Steps that do not converge are not halved here: such a run must be repeated with a smaller step.
+step again. Each step costs one factorisation, common to all quantities, and one transposed solve for each. Steps that
+do not converge are not halved here: such a run must be repeated with a smaller step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
-from dropper_jax.residual import Unknowns
+from dropper_jax.residual import Stepper, Unknowns, finish_step, solve
 from dropper_jax.stepping.integrate import begin
-from dropper_jax.stepping.step import _At, _backward_step, _inputs
-from dropper_jax.stepping.stepper import Stepper, substep
 
 
 class Record(NamedTuple):
@@ -50,13 +46,13 @@ def check_recordable(stepper: Stepper, model: Model) -> None:
     """Reject schemes and models without a backward pass.
 
     Raises:
-        SceneError: an explicit scheme or one of several stages, links that break, effects with a state or laws of
-            their own.
+        SceneError: an explicit scheme or one of several stages, a single line, links that break, effects with a state
+            or laws of their own.
     """
     scheme = stepper.integrator
-    if stepper.solver == "none" or len(scheme.stages) != 1:
+    if not scheme.implicit or len(scheme.stages) != 1:
         raise SceneError(f"run.integrator: {scheme.name!r} has no backward pass; allowed: energy_momentum")
-    if not stepper.until_converged:
+    if not model.geometry.branched:
         raise SceneError("scene: a single line; allowed: systems of lines that join at points")
     start = model.initial_internal_state()
     if model.line.failures is not None or start or model.laws or model.constraints:
@@ -70,10 +66,11 @@ def record(stepper: Stepper, model: Model, s: State, h: jax.Array, steps: int) -
     h = jnp.asarray(h, model.dtype)
 
     def one(s: State, _: None) -> tuple[State, tuple[State, Unknowns, jax.Array]]:
-        after, u, residual = substep(stepper, model, s, h)
-        return after, (s, u, residual)
+        u, row = solve(stepper, (model, s, h))
+        after, row = finish_step(stepper, (model, s, h), u, row)
+        return after, (s, u, row)
 
-    last, (before, unknowns, residual) = jax.lax.scan(one, s, None, length=steps)
+    last, (before, unknowns, residual) = jax.lax.scan(one, jax.tree.map(jnp.asarray, s), None, length=steps)
     r, tension = (jnp.concatenate([a[1:], b[None]]) for a, b in ((before.r, last.r), (before.tension, last.tension)))
     return Record(before, unknowns, r, tension, jnp.max(residual), last)
 
@@ -100,22 +97,23 @@ def backward_pass(
     """
     leaves, tree = jax.tree.flatten(model)
     h = jnp.asarray(h, model.dtype)
-    inputs_of = lambda u: (leaves, h, u, None)  # noqa: E731
     many = by_position.shape[1]
     chosen = [leaves[i] for i in moving]
 
-    def one(carry: tuple[State, list[jax.Array]], row: tuple[State, Unknowns, jax.Array, jax.Array]) -> tuple:
+    def end_state(values: list[jax.Array], s: State, u: Unknowns) -> State:
+        given = list(leaves)
+        for i, value in zip(moving, values, strict=True):
+            given[i] = value
+        return finish_step(stepper, (jax.tree.unflatten(tree, given), s, h), u, jnp.zeros((), h.dtype))[0]
+
+    def one(
+        carry: tuple[State, list[jax.Array]], row: tuple[State, Unknowns, jax.Array, jax.Array]
+    ) -> tuple[Any, None]:
         ct, total = carry
         before, u, by_r, by_t = row
-        at = _At(chosen, before, [])
-
-        def backward_step(ct: State, by_r: jax.Array, by_t: jax.Array) -> _At:
-            ct = replace(ct, r=ct.r + by_r, tension=ct.tension + by_t)
-            model_of = partial(_inputs, tree, tuple(moving), inputs_of(u))
-            return _backward_step(stepper, stepper.solver, model_of, at, ct, u)
-
-        found = jax.vmap(backward_step)(ct, by_r, by_t)
-        return (found.s, [a + b for a, b in zip(total, found.model, strict=True)]), None
+        _, pull = jax.vjp(lambda values, s: end_state(values, s, u), chosen, before)
+        found, ct = jax.vmap(pull)(replace(ct, r=ct.r + by_r, tension=ct.tension + by_t))
+        return (ct, [a + b for a, b in zip(total, found, strict=True)]), None
 
     first = jax.tree.map(lambda a: a[0], run.before)
     ct = jax.tree.map(lambda a: jnp.zeros((many, *a.shape), a.dtype), first) if by_end is None else by_end

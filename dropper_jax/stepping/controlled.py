@@ -33,8 +33,8 @@ from dropper_jax.integrators.projected import (
     time_just_after,
 )
 from dropper_jax.model import Model, State
+from dropper_jax.residual import Stepper
 from dropper_jax.stepping.integrate import Trajectory, begin
-from dropper_jax.stepping.stepper import Stepper
 
 SAFETY, NOW, BEFORE = 0.9, 0.7, 0.4
 SLOWER, FASTER, REFUSED = 0.2, 6.0, 0.1

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -15,8 +14,8 @@ import numpy as np
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.consistent import consistent
 from dropper_jax.model import Frozen, Model, Parted, State, as_parted, state
-from dropper_jax.stepping.step import step
-from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
+from dropper_jax.residual import Stepper, step
+from dropper_jax.stepping.control import Interval, advance_over, attempt, begin_interval
 
 Carry = TypeVar("Carry")
 Rows = TypeVar("Rows")
@@ -66,10 +65,6 @@ def observe(
         potential=model.potential_energy(k),
         closure=closure,
     )
-
-
-#: Maximum relative change of a rigid link's length under a scheme with constraint drift (explicit Euler).
-DRIFT_LIMIT = 0.1
 
 
 class Trajectory(NamedTuple):
@@ -130,21 +125,11 @@ def begin(stepper: Stepper, model: Model, s: State) -> Progress:
     return Progress(s, jnp.zeros((), jnp.int32), jnp.asarray(np.int32(-1)))
 
 
-def checked_step(
-    stepper: Stepper, model: Model, s: State, dt: jax.Array, solvable: jax.Array
-) -> tuple[State, Report, jax.Array]:
-    """One step of dt [s], its report and whether it failed; without retries if not `solvable` (the run is lost)."""
-    s, report = step(stepper, model, s, dt, solvable)
-    return s, report, step_failed(stepper, model, s, report.residual)
-
-
-def next_progress(
-    stepper: Stepper, model: Model, progress: Progress, dt: jax.Array
-) -> tuple[Progress, Report, jax.Array]:
-    """The progress after one step of dt [s], the report of the step and whether it failed."""
-    s, report, bad = checked_step(stepper, model, progress.state, dt, progress.first_bad < 0)
-    first_bad = jnp.where(bad & (progress.first_bad < 0), progress.done, progress.first_bad)
-    return Progress(s, progress.done + 1, first_bad), report, bad
+def next_progress(stepper: Stepper, model: Model, progress: Progress, dt: jax.Array) -> tuple[Progress, Interval]:
+    """The progress after one step of dt [s], and how it was taken."""
+    taken = advance_over(stepper, model, progress.state, dt, progress.first_bad < 0)
+    first_bad = jnp.where(taken.failed & (progress.first_bad < 0), progress.done, progress.first_bad)
+    return Progress(taken.state, progress.done + 1, first_bad), taken
 
 
 def scan_steps(
@@ -211,8 +196,8 @@ def advance_and_save(
     """Advance by `save_every` steps of dt [s], scalar or (save_every,), and save the result."""
 
     def one(carry: Progress, size: jax.Array | None) -> tuple[Progress, tuple[jax.Array, ...]]:
-        carry, report, bad = next_progress(stepper, model, carry, dt if size is None else size)
-        return carry, (report.residual, report.level > FULL_STEP, bad)
+        carry, taken = next_progress(stepper, model, carry, dt if size is None else size)
+        return carry, (taken.row, taken.retried, taken.failed)
 
     sizes = dt if jnp.ndim(dt) else None
     if save_every == 1:
@@ -226,13 +211,56 @@ def advance_and_save(
     return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own)
 
 
-def step_failed(stepper: Stepper, model: Model, s: State, residual: jax.Array) -> jax.Array:
-    """Whether the step that led to `s` failed: not converged, not finite, or with constraint drift."""
-    bad = ~(residual <= stepper.limit(model))
-    if stepper.integrator.holds_length:
-        return bad
-    size = safe_norm(model.links(s.r, model.ends(s.t)))
-    return bad | ~(jnp.max(jnp.abs(size / model.line.length - 1.0)) <= DRIFT_LIMIT)
+class Steps(NamedTuple):
+    """Steps that a run of k intervals accepts.
+
+    Attributes:
+        length: lengths (most,) [s], 0 after the last one.
+        ends: number of steps up to the end of each interval (k,).
+        residual, retried, failed: of each interval (k,), see `Trajectory`.
+    """
+
+    length: jax.Array
+    ends: jax.Array
+    residual: jax.Array
+    retried: jax.Array
+    failed: jax.Array
+
+
+def step_lengths(
+    stepper: Stepper, model: Model, s: State, dt: float | jax.Array, intervals: int, most: int | None = None
+) -> Steps:
+    """The steps of a run over `intervals` of dt [s], scalar or (intervals,), from s; not differentiated.
+
+    Args:
+        most: capacity for steps; default: half more than the intervals, and 64. What exceeds it counts as failed.
+    """
+    model, s, dt = jax.lax.stop_gradient((model, s, jnp.asarray(dt, model.dtype)))
+    most = intervals + max(64, intervals // 2) if most is None else most
+
+    def one(carry: tuple[Any, ...], size: jax.Array) -> tuple[tuple[Any, ...], tuple[jax.Array, ...]]:
+        s, number, lengths, alive = carry
+
+        def unfinished(now: tuple[Interval, jax.Array, jax.Array]) -> jax.Array:
+            return now[0].unfinished
+
+        def try_one(now: tuple[Interval, jax.Array, jax.Array]) -> tuple[Interval, jax.Array, jax.Array]:
+            interval, number, lengths = now
+            interval, part = attempt(stepper, model, interval, size, alive)
+            lengths = jax.lax.dynamic_update_index_in_dim(lengths, part * size, number, axis=0)
+            return interval, number + (part > 0.0), lengths
+
+        end, number, lengths = jax.lax.while_loop(unfinished, try_one, (begin_interval(s), number, lengths))
+        full = number > most
+        residual = jnp.where(full, jnp.inf, end.row).astype(model.dtype)
+        failed = end.failed | full
+        return (end.state, number, lengths, alive & ~failed), (number, residual, end.retried, failed)
+
+    first = begin(stepper, model, s).state
+    start = first, jnp.zeros((), jnp.int32), jnp.zeros(most + 1, model.dtype), jnp.ones((), bool)
+    sizes = jnp.broadcast_to(dt, intervals)
+    (_, _, lengths, _), found = jax.lax.scan(one, jax.tree.map(jnp.asarray, start), sizes)
+    return Steps(lengths[:most], *found)
 
 
 def integrate(
@@ -246,9 +274,13 @@ def integrate(
 ) -> tuple[State, Trajectory]:
     """Run `steps` steps of `dt` from `s`: a pure function to `jit`, `grad`, `jacfwd` and `vmap` over model, s and dt.
 
+    With `stepper.halvings` the accepted steps are found first (`step_lengths`), and the run repeats them, so that
+    derivatives exist in both modes. `stepper.plain` takes the steps as they are given, in half of the time; one that
+    does not converge is reported in the trajectory (`failed`, `first_bad`).
+
     Args:
         stepper: from `make_stepper`; static.
-        dt: step [s], or one for each step (steps,), such as `followed_steps` finds.
+        dt: step [s], or one for each step (steps,).
         steps: a multiple of `save_every`.
         checkpoint: for long reverse-mode runs: store states at about sqrt(steps) times only and repeat the steps from
             there in the backward pass (one more forward run, memory ~ sqrt(steps)). Not needed in forward mode.
@@ -258,27 +290,67 @@ def integrate(
     """
     if steps % save_every:
         raise ValueError(f"steps: {steps} is not a multiple of save_every = {save_every}")
-    saves = steps // save_every
-    progress = begin(stepper, model, s)
     dt = jnp.asarray(dt, model.dtype)
-    if dt.ndim:
-        dt = dt.reshape(saves, save_every)
-    run = partial(advance, stepper, save_every=save_every)
-    if not checkpoint or saves < 4:
-        progress, trajectory = run(model, progress, dt, saves=saves)
-        return progress.state, trajectory
-    per = math.isqrt(saves)
-    bunches, rest = divmod(saves, per)
+    if stepper.halvings and stepper.integrator.implicit:
+        return _along_accepted_steps(
+            stepper.plain, model, s, step_lengths(stepper, model, s, dt, steps), save_every, checkpoint
+        )
+    sizes = jnp.broadcast_to(dt, steps).reshape(-1, save_every)
+
+    def save(carry: Progress, row: jax.Array) -> tuple[Progress, Trajectory]:
+        return advance_and_save(stepper.plain, model, carry, row, save_every)
+
+    progress, trajectory = _scan(save, begin(stepper, model, s), sizes, checkpoint)
+    return progress.state, trajectory
+
+
+def _along_accepted_steps(
+    stepper: Stepper, model: Model, s: State, found: Steps, save_every: int, checkpoint: bool
+) -> tuple[State, Trajectory]:
+    """The run along known steps."""
+
+    def take(s: State, h: jax.Array) -> tuple[State, State]:
+        s = jax.lax.cond(h > 0.0, lambda s: step(stepper, model, s, h)[0], lambda s: s, s)
+        return s, s
+
+    first = jax.tree.map(jnp.asarray, begin(stepper, model, s).state)
+    last, states = _scan(take, first, found.length, checkpoint)
+    at = jax.tree.map(lambda a: a[found.ends[save_every - 1 :: save_every] - 1], states)
+    residual, retried, failed = (x.reshape(-1, save_every) for x in (found.residual, found.retried, found.failed))
+    number = jnp.where(found.failed, jnp.arange(len(found.failed), dtype=jnp.int32), len(found.failed))
+    before = jax.lax.associative_scan(jnp.minimum, number)[save_every - 1 :: save_every]
+    trajectory = Trajectory(
+        at.r,
+        at.v,
+        at.tension,
+        at.work,
+        jnp.max(residual, axis=1),
+        jnp.sum(retried, axis=1, dtype=jnp.int32),
+        jnp.sum(failed, axis=1, dtype=jnp.int32),
+        jnp.where(before < len(found.failed), before, -1),
+        at.parted,
+        at.own,
+    )
+    return last, trajectory
+
+
+def _scan(
+    f: Callable[[Carry, jax.Array], tuple[Carry, Rows]], start: Carry, rows: jax.Array, checkpoint: bool
+) -> tuple[Carry, Rows]:
+    """`jax.lax.scan`, with `checkpoint` in about sqrt(n) pieces that reverse mode repeats."""
+    count = len(rows)
+    if not checkpoint or count < 4:
+        return jax.lax.scan(f, start, rows)
+    per = math.isqrt(count)
+    whole = count // per * per
 
     @jax.checkpoint
-    def bunch(model: Model, progress: Progress, dt: jax.Array) -> tuple[Progress, Trajectory]:
-        return run(model, progress, dt, saves=per)
+    def piece(carry: Carry, rows: jax.Array) -> tuple[Carry, Rows]:
+        return jax.lax.scan(f, carry, rows)
 
-    whole = bunches * per
-    sizes = dt[:whole].reshape(bunches, per, save_every) if dt.ndim else jnp.broadcast_to(dt, bunches)
-    progress, trajectory = jax.lax.scan(lambda p, size: bunch(model, p, size), progress, sizes)
-    trajectory = jax.tree.map(lambda a: a.reshape(bunches * per, *a.shape[2:]), trajectory)
-    if rest:
-        progress, tail = run(model, progress, dt[whole:] if dt.ndim else dt, saves=rest)
-        trajectory = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), trajectory, tail)
-    return progress.state, trajectory
+    carry, found = jax.lax.scan(piece, start, rows[:whole].reshape(-1, per, *rows.shape[1:]))
+    found = jax.tree.map(lambda a: a.reshape(whole, *a.shape[2:]), found)
+    if whole < count:
+        carry, rest = jax.lax.scan(f, carry, rows[whole:])
+        found = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), found, rest)
+    return carry, found

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import statistics
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,12 +17,11 @@ from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Kinematics, Model, State, state
-from dropper_jax.residual import Solver
+from dropper_jax.residual import Linear, Problem, Solver, Stepper, Unknowns
 from dropper_jax.run.build import build, build_model, stepper_of
 from dropper_jax.scene import RunSpec
-from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.integrate import Progress, advance, begin
-from dropper_jax.stepping.stepper import Stepper, make_stepper
+from dropper_jax.stepping.stepper import make_stepper
 
 FULL, BARE = "whole scene", "bare scene"
 
@@ -121,20 +121,13 @@ class Variant:
 
         Counted in a separate run, by solvers that call the host: the timed program is that of users.
         """
-        names = {self.stepper.solver, self.stepper.fallback} & SOLVERS.keys()
-        counted = {name: _CountingSolver(SOLVERS[name]) for name in names}
-        if not counted:
+        if self.stepper.solver is None:
             return None
-        SOLVERS.update({_CountingSolver.key(name): solver for name, solver in counted.items()})
-        keys = {key: _CountingSolver.key(getattr(self.stepper, key)) for key in ("solver", "fallback")}
-        try:
-            run = jax.jit(partial(advance, replace(self.stepper, **keys), saves=1, save_every=self.steps))
-            jax.block_until_ready(run(self.model, self.start, self.dt))
-            jax.effects_barrier()
-        finally:
-            for name in names:
-                del SOLVERS[_CountingSolver.key(name)]
-        return sum(solver.count for solver in counted.values()) / self.steps
+        counting = CountingSolver(self.stepper.solver)
+        run = jax.jit(partial(advance, replace(self.stepper, solver=counting), saves=1, save_every=self.steps))
+        jax.block_until_ready(run(self.model, self.start, self.dt))
+        jax.effects_barrier()
+        return counting.count / self.steps - 1.0  # a first correction of zero evaluates the guess
 
     def row(self, us: float, ratio: float) -> dict[str, Any]:
         corrections = self.corrections()
@@ -152,27 +145,32 @@ class Variant:
         }
 
 
-class _CountingSolver:
+class CountingSolver:
     """A linear solver that counts its corrections."""
 
     def __init__(self, solver: Solver) -> None:
-        self.solver, self.count = solver, 0
+        self.solver = solver
+        self.name = solver.name
+        self.count = 0
 
-    @staticmethod
-    def key(name: str) -> str:
-        """The name during counting: programs of other steppers must not share its traces."""
-        return f"counted {name}"
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.solver, name)
-
-    def apply(self, factor: Any, rows: Any) -> Any:
-        """The solver's correction."""
-        jax.debug.callback(self._add)
-        return self.solver.apply(factor, rows)
+    def linearise(self, problem: Problem, u: Unknowns) -> CountedMatrix:
+        """The solver's matrix."""
+        return CountedMatrix(self.solver.linearise(problem, u), self._add)
 
     def _add(self) -> None:
         self.count += 1
+
+
+class CountedMatrix(NamedTuple):
+    """A factored matrix that reports each use to the host."""
+
+    matrix: Linear
+    report: Callable[[], None]
+
+    def apply(self, rows: Unknowns) -> Unknowns:
+        """The solver's correction."""
+        jax.debug.callback(self.report)
+        return self.matrix.apply(rows)
 
 
 def _fresh(stepper: Stepper, model: Model, s: State) -> Progress:

@@ -14,9 +14,10 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.model import Model, State
+from dropper_jax.residual import Stepper
 from dropper_jax.stepping.controlled import advance_controlled, start_controlled
 from dropper_jax.stepping.integrate import begin, empty_rows, next_progress, scan_steps
-from dropper_jax.stepping.stepper import FULL_STEP, Stepper, make_stepper
+from dropper_jax.stepping.stepper import make_stepper
 
 #: Schemes with a weight gamma, and the default weights of a comparison.
 SCHEME_WEIGHTS = {"theta": (0.51, 1.0), "theta_midpoint": (0.51,), "thesis_angles": (0.51,)}
@@ -158,20 +159,6 @@ class Marched(NamedTuple):
     path: jax.Array
 
 
-class SchemeNumbers(NamedTuple):
-    """Numbers in which schemes of the same equations differ.
-
-    Attributes:
-        weight: of the new time; None: the scheme's own.
-        fractions: of the substeps of a step (5,); the first `stages` are taken.
-        stages: their number.
-    """
-
-    weight: float | None
-    fractions: np.ndarray
-    stages: int
-
-
 @cached_jit(static=("stepper", "capacity"), emitters=False)
 def march(
     stepper: Stepper,
@@ -181,41 +168,31 @@ def march(
     every: jax.Array,
     saves: jax.Array,
     capacity: int,
-    numbers: SchemeNumbers,
 ) -> Marched:
     """`saves` times `every` steps of `dt` from s, in the first of `capacity` rows.
 
-    dt, `every`, `saves` and the numbers of the scheme are traced, so other step sizes, durations, weights and
-    compositions do not compile again.
+    dt, `every` and `saves` are traced, so other step sizes and durations do not compile again.
     """
     dt = jnp.asarray(dt, model.dtype)
-    weight, fractions, stages = numbers
-    weight, fractions = jax.tree.map(lambda x: jnp.asarray(x, model.dtype), (weight, fractions))
-    stepper = replace(stepper, integrator=stepper.integrator.with_weight(weight))
 
-    def stage(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        progress, before, first, worst, level, retried, path = carry
-        number = i % stages
-        last = number == stages - 1
-        after, report, _ = next_progress(stepper, model, progress, fractions[number] * dt)
-        worst, level, r = jnp.maximum(worst, report.residual), jnp.maximum(level, report.level), after.state.r
-        path = path + jnp.where(last, jnp.sum((r - before) ** 2) / dt, 0.0)
-        first = jnp.where(i == stages - 1, after.state.tension, first)
-        retried = retried + (last & (level > FULL_STEP))
-        return after, jnp.where(last, r, before), first, worst, jnp.where(last, FULL_STEP, level), retried, path
+    def one(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        progress, first, worst, retried, path = carry
+        after, taken = next_progress(stepper, model, progress, dt)
+        path = path + jnp.sum((after.state.r - progress.state.r) ** 2) / dt
+        first = jnp.where(i == 0, after.state.tension, first)
+        return after, first, jnp.maximum(worst, taken.row), retried + taken.retried, path
 
     def row(carry: tuple[Any, ...]) -> Marched:
-        progress, _, first, worst, _, retried, path = carry
-        s, bad = progress.state, progress.first_bad // stages
-        return Marched(s.r, s.v, jnp.stack([s.tension, first]), s.work, worst, bad, retried, path)
+        progress, first, worst, retried, path = carry
+        s = progress.state
+        return Marched(s.r, s.v, jnp.stack([s.tension, first]), s.work, worst, progress.first_bad, retried, path)
 
     def save(carry: tuple[Any, ...], _: jax.Array) -> tuple[tuple[Any, ...], Marched]:
-        carry = jax.lax.fori_loop(0, every * stages, stage, carry)
+        carry = jax.lax.fori_loop(0, every, one, carry)
         return carry, row(carry)
 
-    zero, none = jnp.zeros((), model.dtype), jnp.full((), FULL_STEP, jnp.int32)
-    progress = begin(stepper, model, s)
-    start = progress, progress.state.r, jnp.zeros_like(s.tension), zero, none, jnp.zeros((), jnp.int32), zero
+    zero = jnp.zeros((), model.dtype)
+    start = begin(stepper, model, s), jnp.zeros_like(s.tension), zero, jnp.zeros((), jnp.int32), zero
     return scan_steps(save, start, saves, empty_rows(jax.eval_shape(row, start), capacity))[1]
 
 
@@ -244,30 +221,14 @@ def march_held(
     return MarchResult(run, carry.taken, carry.refused)
 
 
-def grid_program(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
-    """`march` with the step `grid / every` [s], with spare rows, by the program of schemes of the same equations."""
-    scheme, weight = stepper.integrator.common_form(model)
-    fractions = stepper.integrator.stages if len(scheme.stages) == 1 else (1.0,)
-    padded = np.array([*fractions, *[0.0] * (5 - len(fractions))])
-    numbers = SchemeNumbers(weight, padded, len(fractions))
-    stepper = replace(stepper, integrator=scheme)
-    return march(stepper, model, s, grid / every, every, saves, spare_rows(saves), numbers)
-
-
 def spare_rows(saves: int) -> int:
     """Rows of a program that serves many durations: `saves` if that is small, else 640, or a larger power of two."""
     return saves if saves <= 32 else 640 if saves <= 640 else 1 << (saves - 1).bit_length()
 
 
 def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
-    """`march` with the step `grid / every` [s], as numpy arrays (saves, ...).
-
-    First by the program that does not halve steps, half of the code; by the full one if a step does not converge.
-    """
-    small = stepper.plain if stepper.halvings else stepper
-    run = grid_program(small, model, s, grid, every, saves)
-    if int(run.bad[saves - 1]) >= 0 and stepper != small:
-        run = grid_program(stepper, model, s, grid, every, saves)
+    """`march` with the step `grid / every` [s], as numpy arrays (saves, ...), by a program with spare rows."""
+    run = march(stepper, model, s, grid / every, every, saves, spare_rows(saves))
     return jax.tree.map(lambda x: np.asarray(x)[:saves], run)
 
 

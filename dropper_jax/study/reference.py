@@ -16,10 +16,10 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators.consistent import instant
 from dropper_jax.model import Model, State
-from dropper_jax.residual import GRAVITY_SCALE
-from dropper_jax.stepping.integrate import begin, consistent_velocity, step_failed
-from dropper_jax.stepping.step import step
-from dropper_jax.stepping.stepper import Stepper, make_stepper
+from dropper_jax.residual import GRAVITY_SCALE, Stepper
+from dropper_jax.stepping.control import advance_over
+from dropper_jax.stepping.integrate import begin, consistent_velocity
+from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.march import grid_run, link_vectors, rms_angle
 
 
@@ -209,11 +209,7 @@ def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, st
 
     Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9-20.
     """
-    # first by the program without fallback solvers, half of the code
-    found = _measure_growth(model, s, stepper.plain, dt, steps, seed)
-    if isinstance(found.converged, jax.core.Tracer) or not found.converged:
-        found = _measure_growth(model, s, stepper, dt, steps, seed)
-    return found
+    return _measure_growth(model, s, stepper, dt, steps, seed)
 
 
 @cached_jit(static=("stepper", "steps"), brief=True)
@@ -225,9 +221,14 @@ def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | jax.Ar
 
     def one(carry: tuple[State, Any], _: None) -> tuple[tuple[State, Any], tuple[jax.Array, jax.Array]]:
         s, ds = carry
-        s, ds, report = jax.jvp(lambda x: step(stepper, model, x, dt), (s,), (ds,), has_aux=True)
+
+        def advance(s: State) -> tuple[State, jax.Array]:
+            taken = advance_over(stepper, model, s, dt)
+            return taken.state, taken.failed
+
+        s, ds, failed = jax.jvp(advance, (s,), (ds,), has_aux=True)
         size = perturbation_size(model, ds.r, ds.v)
-        return (s, _only_motion(ds, size)), (jnp.log(size), step_failed(stepper, model, s, report.residual))
+        return (s, _only_motion(ds, size)), (jnp.log(size), failed)
 
     _, (logs, bad) = jax.lax.scan(one, (carry, tangent), None, length=steps)
     growth = jnp.cumsum(logs)

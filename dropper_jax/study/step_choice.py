@@ -9,8 +9,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
+from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build, equal_steps
-from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.march import grid_run, link_vectors, rms_angle, status_of
 from dropper_jax.study.reference import trusted_span
 

@@ -17,11 +17,10 @@ from jax.typing import ArrayLike
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.model import Model, State
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.residual import Stepper
 from dropper_jax.study.march import (
     Marched,
     Scheme,
-    grid_program,
     grid_run,
     link_vectors,
     march_held,
@@ -105,10 +104,9 @@ def _scheme_rows(
         status = status_of(run, stepper)
         wall = None
         if status == "ok":
-            used = stepper if run.retried[-1] else stepper.plain
-            again = partial(grid_program, used, own, start, target.grid, every, saves)
-            # the first row compiles, and a run with retries is the second one of its row
-            wall = pick(_walls(again, repeats, seconds if rows and not run.retried[-1] else 0.0))
+            again = partial(grid_run, stepper, own, start, target.grid, every, saves)
+            # the first row compiles
+            wall = pick(_walls(again, repeats, seconds if rows else 0.0))
         per_step = wall / steps if wall else per_step
         rows.append(
             {
@@ -128,7 +126,7 @@ def _row_labels(scheme: Scheme, stepper: Stepper) -> dict[str, Any]:
     return {
         "integrator": scheme.integrator,
         "gamma": scheme.gamma,
-        "solver": stepper.solver,
+        "solver": stepper.solver_name,
         "dtype": scheme.dtype,
         "label": scheme.label,
     }

@@ -200,9 +200,9 @@ class Problem(Residuals):
     def plan(self, run: int) -> Plan:
         """Static settings of a run, the same for all, so that runs of one kind share a program."""
         scene = self.scenes[run]
-        more = {} if self.retries else {"extra": 0, "halvings": 0}
+        more = {} if self.retries else {"halvings": 0}
         return Plan(
-            equal_steps(build_model(scene), scene.run, track_work=False, reverse=False, **more),
+            equal_steps(build_model(scene), scene.run, track_work=False, **more),
             scene.start.kind,
             scene.start.zero,
             scene.start.release_nodes,

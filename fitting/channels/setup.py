@@ -25,10 +25,10 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State, state
+from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build_model, from_angles
 from dropper_jax.statics.static_pose import nodal_loads, settle
 from dropper_jax.stepping.integrate import integrate
-from dropper_jax.stepping.stepper import Stepper
 from fitting.channels.channel import Channel, Data, SavedMotion
 from fitting.parameters.of_scene import find_parameters, full_names, scene_parameter
 from fitting.parameters.parameter import Parameter, check_once
@@ -325,7 +325,7 @@ def differentiate_channels(
 ) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...], State, jax.Array]:
     """Channel values, their derivatives (k, m, directions), the start, and the first failed step."""
     # one kernel takes twice as long to compile, which pays for single lines only
-    program = _differentiate_system if plan.stepper.until_converged else _differentiate_line
+    program = _differentiate_system if setup.model.geometry.branched else _differentiate_line
     return program(plan, setup, tangents, near, dt, times)
 
 

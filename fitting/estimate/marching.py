@@ -11,10 +11,12 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.model import Model, State
+from dropper_jax.residual import Stepper
 from dropper_jax.solvers import SOLVERS
+from dropper_jax.stepping.control import advance_over
 from dropper_jax.stepping.controlled import advance_controlled, start_controlled
-from dropper_jax.stepping.integrate import begin, checked_step, scan_steps
-from dropper_jax.stepping.stepper import Stepper, make_stepper
+from dropper_jax.stepping.integrate import begin, scan_steps
+from dropper_jax.stepping.stepper import make_stepper
 from fitting.traces import planar
 
 
@@ -30,16 +32,14 @@ def choose_stepper(model: Model, integrator: str | None = None, solver: str = "a
     if integrator is None and Rattle4().refuse(model) is None:
         if solver != "auto" and (reason := SOLVERS[solver].refuse(model, Rattle4())):
             raise SceneError(f"run.solver: {solver!r} cannot serve this fit: {reason}")
-        settings = {"extra": 0, "halvings": 0, "track_work": False, "reverse": False, "batched": True}
+        chosen = SOLVERS["condensed" if solver == "auto" else solver]
         # Newton iterations of a rattle_4 stage: its Jacobian is exact, three reach rounding at 1/60 s (residual 8e-16)
-        return Stepper(Rattle4(), "condensed" if solver == "auto" else solver, "banded", 3, **settings)
+        return Stepper(integrator=Rattle4(), solver=chosen, iterations=3, track_work=False)
     # No halving: a window whose steps do not solve means that the fit's step was too long; it then tries a shorter one.
-    # Sticking joints are different: only the last fallback finds which of them stick, on the whole step or on half of
-    # it, and an unsolved step has an unbounded derivative (measured on three links: 1e20).
-    settings = {"halvings": 1} if model.laws else {"halvings": 0, "extra": 0}
-    return make_stepper(
-        model, integrator or "energy_momentum", solver, track_work=False, reverse=False, **settings
-    )  # all derivatives of a fit use forward mode
+    # Sticking joints are different: a step in which they cannot be found is halved once, since an unsolved step has an
+    # unbounded derivative (measured on three links: 1e20).
+    halvings = 1 if model.laws else 0
+    return make_stepper(model, integrator or "energy_momentum", solver, track_work=False, halvings=halvings)
 
 
 def march(
@@ -69,8 +69,8 @@ def march(
 
     def full_interval(carry: tuple[State, jax.Array], i: jax.Array) -> tuple[tuple[State, jax.Array], tuple[Any, ...]]:
         def part(_: jax.Array, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
-            s, unsolved = checked_step(stepper, model, carry[0], dt / substeps, carry[1] == 0)[::2]
-            return s, carry[1] + jnp.where(i < counted, unsolved, 0)
+            taken = advance_over(stepper, model, carry[0], dt / substeps, carry[1] == 0)
+            return taken.state, carry[1] + jnp.where(i < counted, taken.failed, 0)
 
         s, bad = jax.lax.fori_loop(0, substeps, part, carry)
         return (s, bad), (s.r, s.v)

@@ -18,7 +18,7 @@ import numpy as np
 from dropper_jax.backend.export_cache import Constants
 from dropper_jax.backend.programs import BRIEFLY, compiler_options, lower_cached
 from dropper_jax.model import Model
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.residual import Stepper
 from fitting.estimate.marching import at_samples, choose_stepper, march
 from fitting.estimate.normal_equations import Evaluation, drop_wild
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState

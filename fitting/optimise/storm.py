@@ -22,11 +22,12 @@ from dropper_jax.base.read import DeclaredSection
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State, state
+from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build_model, shift_model, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
 from dropper_jax.sea import Sea
 from dropper_jax.stepping.adjoint import Record, backward_pass, check_recordable, record
-from dropper_jax.stepping.stepper import Stepper, make_stepper
+from dropper_jax.stepping.stepper import make_stepper
 from fitting.optimise.models import Still, in_waves, leaf_numbers, sea_of, still_scene
 from fitting.optimise.quantities import Quantity
 from fitting.optimise.values import Rest, near_rest
@@ -59,12 +60,12 @@ class Peaks:
 
 
 def storm_stepper(model: Model) -> Stepper:
-    """The stepper of windows: energy-momentum, without fallbacks for steps that do not converge.
+    """The stepper of windows: energy-momentum, without halved steps.
 
     Raises:
         SceneError: a scene without a backward pass.
     """
-    stepper = make_stepper(model, extra=0, halvings=0, track_work=False)
+    stepper = make_stepper(model, halvings=0, track_work=False)
     check_recordable(stepper, model)
     return stepper
 

@@ -16,6 +16,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
+from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build, equal_steps, initial_state, with_points_fixed
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
 from dropper_jax.scene import RunSpec, StartSpec
@@ -24,7 +25,6 @@ from dropper_jax.statics.search import outward
 from dropper_jax.statics.static_pose import nodal_loads
 from dropper_jax.statics.tangent import follow_parameters, free_motion
 from dropper_jax.stepping.integrate import Trajectory, advance_and_save, begin, empty_trajectory, integrate, scan_steps
-from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.march import spare_rows
 from fitting.parameters.of_scene import find_parameters, full_names
 from fitting.parameters.parameter import Parameter, apply, with_effects
@@ -41,7 +41,7 @@ class Plan:
         of: the quantity.
         parameters: positions of the values; their own start values and bounds are omitted.
         start, run: of the scene.
-        stepper: with or without fallbacks for steps that do not converge.
+        stepper: with or without halved steps.
     """
 
     of: Quantity
@@ -98,7 +98,7 @@ class Study:
 
     @cached_property
     def stepper(self) -> Stepper:
-        more = {} if self.retries else {"extra": 0, "halvings": 0}
+        more = {} if self.retries else {"halvings": 0}
         return equal_steps(self.model, self.scene.run, track_work=False, **more)
 
     @cached_property
@@ -270,8 +270,7 @@ def vary_study(problem: Study, at: jax.Array, start: Varied, saves: int) -> tupl
     plan, model, run = problem.plan, problem.model, None
     if not plan.of.at_rest:
         dt, rows = jnp.asarray(plan.run.dt, model.dtype), spare_rows(plan.run.saves)
-        forward = dataclasses.replace(plan.stepper, reverse=False)
-        run = _vary_run(forward, plan.parameters, model, at, start, dt, saves, plan.run.save_every, rows)
+        run = _vary_run(plan.stepper, plan.parameters, model, at, start, dt, saves, plan.run.save_every, rows)
         run = Varied(
             jax.tree.map(lambda x: np.asarray(x)[:saves], run.tree), [np.asarray(x)[:, :saves] for x in run.slopes]
         )

@@ -21,9 +21,9 @@ from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.paths import describe
 from dropper_jax.model import Model, State
+from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build, build_model, equal_steps
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
-from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.of_scene import DAMPING, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
 

@@ -19,11 +19,11 @@ from dropper_jax.backend.programs import BRIEFLY, WIDELY, compiler_options
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.model import Model, State
+from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
 from dropper_jax.run.chunks import WORTH_ONE_KERNEL
 from dropper_jax.run.quantities import STATISTICS
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin, observe
-from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.parameter import apply
 from fitting.sweep.plan import STATUS, Plan, on_processor
 
@@ -79,7 +79,7 @@ class Program:
         self.system = plan.base[0].geometry.branched and on_processor()
         # Cases run without halved steps first, and those that fail once more with them. For the lab dropper this takes
         # half of the code and of the compilation, and is as one kernel 1.8 times as fast.
-        self.small = plan.stepper if plan.stepper.until_converged else replace(plan.stepper, halvings=0, batched=True)
+        self.small = plan.stepper if self.system else plan.stepper.plain
         self._compiled: dict[Stepper, jax.stages.Compiled] = {}
 
     def compile(self, chunks: list[int]) -> None:
@@ -159,7 +159,7 @@ class Program:
             chunk = one_by_one(run, self.in_axes) if self.system else lanes(run, self.in_axes, self.fallbacks)
             brief = self.plan.cases * self.plan.scene.run.steps < WORTH_ONE_KERNEL
             options = compiler_options((BRIEFLY if brief else {}) if self.system else WIDELY)
-            if stepper.batched:
+            if not self.system and not stepper.halvings:
                 chunk = one_kernel(chunk)
             specs = tuple(PartitionSpec() if axis is None else PartitionSpec("device") for axis in self.in_axes)
             out = PartitionSpec("device")

@@ -6,15 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax import load_scene, make_stepper
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.model import Model, State
+from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build
-from dropper_jax.stepping.integrate import Trajectory, integrate
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.stepping.integrate import Trajectory, advance, begin
 from fitting.traces.trace import Convention, Trace
 
 
@@ -60,11 +61,8 @@ def simulate_truth(
     model, start = build(scene)
     stepper = make_stepper(model, integrator, "auto", track_work=False)
     frames = round(duration * rate)
-    for kind in dict.fromkeys((stepper.plain, stepper)):  # without retries, which few runs need, compilation is shorter
-        trajectory = _run(kind, model, start, 1 / (rate * substeps), frames * substeps, substeps)
-        if int(trajectory.first_bad[-1]) < 0:
-            break
-    else:
+    trajectory = _run(stepper, model, start, 1 / (rate * substeps), frames * substeps, substeps)
+    if int(trajectory.first_bad[-1]) >= 0:
         raise SceneError("synthetic: the run of the true model failed. Use a scene that runs, or a finer step")
     free = np.concatenate([np.asarray(start.r)[None], np.asarray(trajectory.r)])
     nodes_at = jax.vmap(lambda r: model.nodes(r, model.ends(0.0)))
@@ -73,7 +71,8 @@ def simulate_truth(
 
 @cached_jit(static=("stepper", "steps", "every"))
 def _run(stepper: Stepper, model: Model, start: State, h: float, steps: int, every: int) -> Trajectory:
-    return integrate(stepper, model, start, h, steps, every)[1]
+    dt = jnp.asarray(h, model.dtype)
+    return advance(stepper, model, begin(stepper, model, start), dt, steps // every, every)[1]
 
 
 def observe(motion: Motion, camera: Camera, seed: int, name: str = "synthetic") -> Trace:

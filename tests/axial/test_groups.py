@@ -113,13 +113,14 @@ def test_many_rigid_lines_of_every_length_are_solved_as_by_the_whole_jacobian():
     scheme = dj.make_stepper(model).integrator
 
     @partial(jax.jit, static_argnums=(0, 1))
-    def solved(name: str, apply: str) -> Unknowns:
+    def solved(name: str, transposed: bool) -> Unknowns:
         problem = scheme.problem(model, s, jnp.asarray(0.01))
         rows = jax.tree.map(lambda x: jnp.sin(37.0 * jnp.arange(1.0, x.size + 1)).reshape(x.shape), problem.guess())
-        return getattr(SOLVERS[name], apply)(SOLVERS[name].factor(problem, problem.guess()), rows)
+        factored = SOLVERS[name].linearise(problem, problem.guess())
+        return (factored.transpose() if transposed else factored).apply(rows)
 
-    for apply in ("apply", "apply_transposed"):
-        network, dense = solved("network", apply), solved("dense", apply)
+    for transposed in (False, True):
+        network, dense = solved("network", transposed), solved("dense", transposed)
         np.testing.assert_allclose(network.x, dense.x, atol=1e-8 * np.max(np.abs(dense.x)))
         np.testing.assert_allclose(network.y, dense.y, atol=1e-8 * np.max(np.abs(dense.y)))
 

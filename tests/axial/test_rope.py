@@ -120,7 +120,7 @@ def test_a_step_from_rest_has_exact_derivatives_by_stiffness_in_both_modes(law, 
     line = {"name": "l", "from": "a", "to": "b", "type": "rope", "length": 10.0, "links": 4}
     table = {"run": {"dt": 0.02, "duration": 1.0}, "line_type": [kind], "point": ends, "line": [line]}
     model, start = dj.build({**table, "effects": {"weight": {}}})
-    stepper = make_stepper(model, extra=0, halvings=0)
+    stepper = make_stepper(model, halvings=0)
     leaves, tree = jax.tree_util.tree_flatten_with_path(model)
     stiff = ["EA" in jax.tree_util.keystr(path) for path, _ in leaves]
     assert sum(stiff) == 1

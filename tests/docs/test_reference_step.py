@@ -75,8 +75,8 @@ def run(stepper, model, s):
     """States after each step by `dj.step`, and the largest residual."""
 
     def step(s, _):
-        s, report = dj.step(stepper, model, s, DT)
-        return s, (s, report.residual)
+        s, row = dj.step(stepper, model, s, DT)
+        return s, (s, row)
 
     _, (path, residuals) = jax.lax.scan(step, s, None, length=STEPS)
     return path, jnp.max(residuals)

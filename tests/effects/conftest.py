@@ -63,7 +63,7 @@ def runs():
 
     def make(scene, dt, steps, integrator="energy_momentum", every=1):
         model, state = dj.build(scene)
-        return model, _run(dj.make_stepper(model, integrator, halvings=0, extra=0), model, state, dt, steps, every)[1]
+        return model, _run(dj.make_stepper(model, integrator, halvings=0), model, state, dt, steps, every)[1]
 
     return make
 

@@ -83,7 +83,7 @@ def test_forces_at_rest_are_the_slope_of_the_springs_energy(attitude):
 
 
 def test_a_drum_that_sinks_comes_to_rest_on_the_bed():
-    ran = dj.simulate(scene((0.0, 0.1, 0.0), height=-18.5), halvings=0, extra=0)
+    ran = dj.simulate(scene((0.0, 0.1, 0.0), height=-18.5), halvings=0)
     weight = G * (3000.0 - RHO * np.pi / 4 * 2.0)
     deep = weight / (SOFT * 1.0 * 2.0)  # over its plan area D L
     assert ran.status == "ok"

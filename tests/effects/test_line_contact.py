@@ -66,7 +66,7 @@ def crossings():
     """Fifty crossings, the last ten damped: places (50, k, nodes, 3), energies (50, k), failed and halved steps."""
     model, s = dj.build(crossing(20.0))
     stepper = dj.make_stepper(model)
-    assert stepper.solver == "network"
+    assert stepper.solver_name == "network"
     (contact,) = model.effects
     models, starts = zip(*(thrown(model, s, seed) for seed in range(50)), strict=True)
     damping = jnp.where(jnp.arange(50) < 40, 0.0, 20.0)

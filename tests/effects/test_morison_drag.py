@@ -95,8 +95,7 @@ def test_frozen_and_implicit_directions_agree_to_second_order(hanging, march):
         effects=tuple(replace(e, tangents="implicit") if isinstance(e, MorisonDrag) else e for e in model.effects),
     )
     pairs = [
-        (m, dj.make_stepper(m, solver=solver, halvings=0, extra=0))
-        for m, solver in ((model, "condensed"), (implicit, "banded"))
+        (m, dj.make_stepper(m, solver=solver, halvings=0)) for m, solver in ((model, "condensed"), (implicit, "banded"))
     ]
     gaps = []
     for steps in (50, 100):

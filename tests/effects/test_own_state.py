@@ -100,13 +100,11 @@ def test_every_kind_of_scheme_carries_it(known, integrator):
 def test_a_halved_step_advances_it_by_parts(known):
     model, s = dj.build(rope(links=2))
     s = replace(s, v=s.v.at[-1, 0].set(3.0), own={"creep": jnp.array([1e-3, 2e-3])})
-    never = dj.make_stepper(
-        model, tolerance=0.0, extra=0, halvings=2
-    )  # no step is good enough: halved as often as allowed
+    never = dj.make_stepper(model, tolerance=0.0, halvings=2)  # no step is good enough: halved as often as allowed
     exact = dj.make_stepper(model)
     h = jnp.asarray(0.02)
-    halved, report = dj.step(never, model, s, h)
-    assert int(report.level) == 2
+    halved, run = dj.integrate(never, model, s, h, 1)
+    assert int(run.retried[0]) == 1
     parts = s
     for _ in range(4):
         parts, _ = dj.step(exact, model, parts, h / 4)

@@ -22,8 +22,8 @@ from dropper_jax import (
     parameter,
     simulate,
     state,
-    step,
 )
+from dropper_jax.stepping.control import advance_over
 
 G = 9.81
 
@@ -91,8 +91,8 @@ def test_pulled_chain_stretches_against_friction_and_keeps_half_of_it_on_unloadi
         def one(s, i):
             t = (i + 0.5) * 0.05
             force = pull * jnp.where(t < rise, t / rise, jnp.maximum(2.0 - t / rise, 0.0))
-            s, report = step(stepper, with_force(model, end, force), s, jnp.asarray(0.05))
-            return s, (s.r[end, 0], report.residual)
+            taken = advance_over(stepper, with_force(model, end, force), s, jnp.asarray(0.05))
+            return taken.state, (taken.state.r[end, 0], taken.row)
 
         return jax.lax.scan(one, s, jnp.arange(1600))[1]
 

@@ -11,7 +11,7 @@ import dropper_jax as dj
 
 RHO = 1000.0
 #: Without retries the programs compile in half the time; a step that needed one would fail the test.
-simulate = partial(dj.simulate, halvings=0, extra=0)
+simulate = partial(dj.simulate, halvings=0)
 
 LAGRANGIAN = {"can": 1.0, "cat": 0.0, "added_mass": "lagrangian"}
 

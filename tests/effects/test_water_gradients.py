@@ -37,7 +37,7 @@ SCENE = {
 @pytest.mark.check
 def test_gradients_agree_forward_reverse_and_with_differences_through_the_surface(both_modes):
     model, state = dj.build(SCENE)
-    stepper = dj.make_stepper(model, halvings=0, extra=0)
+    stepper = dj.make_stepper(model, halvings=0)
 
     def changed(p):
         values = dict(zip(NAMES, p, strict=True))

@@ -78,7 +78,7 @@ def order(march, releases):
 
     def find(integrator, powers, gamma=None, damped=False):
         model, s, exact = releases("dropper-release-a" if damped else "dropper-release-a-undamped")
-        stepper = dj.make_stepper(model, integrator, gamma=gamma, extra=0, halvings=0, track_work=False)
+        stepper = dj.make_stepper(model, integrator, gamma=gamma, halvings=0, track_work=False)
         errors = []
         for p in powers:
             r = march(stepper, model, s, RELEASE_DURATION, round(RELEASE_DURATION * 2**p), RELEASE_SAVES)[0]
@@ -96,7 +96,7 @@ def energy_loss(march):
 
     def find(integrator, gamma):
         model, s = dj.build("dropper-release-a-undamped")
-        stepper = dj.make_stepper(model, integrator, gamma=gamma, extra=0, halvings=0, track_work=False)
+        stepper = dj.make_stepper(model, integrator, gamma=gamma, halvings=0, track_work=False)
         r, v, _ = march(stepper, model, s, 1.0, 500)
         before, after = (9.81 * np.sum(MASS * z) for z in (s.r[:, 2], r[-1, :, 2]))
         return before - after - 0.5 * np.sum(MASS[:, None] * v[-1] ** 2)
@@ -210,7 +210,7 @@ def motion_error(march, motion):
 
     def find(integrator, name, steps):
         model, s, exact = motion(name)
-        stepper = dj.make_stepper(model, integrator, extra=0, halvings=0, track_work=False)
+        stepper = dj.make_stepper(model, integrator, halvings=0, track_work=False)
         return np.max(np.abs(march(stepper, model, s, DURATION, steps, SAVES)[0] - exact))
 
     return find

@@ -86,7 +86,7 @@ def test_gradients_of_a_driven_line_agree_with_differences_forward_and_reverse(c
     axial = {"law": "rope", "EA": 60.0, "damping": 0.3}
     start = {"kind": "positions", "positions": nodes}
     model, s = dj.build(chain([0.3, 0.2, 0.25], [0.2, 0.1, 0.3], start, nodes[-1], effects, axial=axial))
-    stepper = make_stepper(model, "generalized_alpha", track_work=False, extra=0, halvings=0)
+    stepper = make_stepper(model, "generalized_alpha", track_work=False, halvings=0)
 
     def mean_square(factor):
         axial = replace(model.line.axial, EA=model.line.axial.EA * factor)
@@ -114,7 +114,7 @@ def test_the_damper_of_a_slack_line_brakes_in_one_law_and_not_in_the_other(chain
     ):
         axial = {"law": law, "EA": 100.0, "damping": BA}
         model, s = dj.build(chain([LENGTH], [MASS], start, effects={}, axial=axial))
-        stepper = make_stepper(model, integrator, extra=0, halvings=0, track_work=False)
+        stepper = make_stepper(model, integrator, halvings=0, track_work=False)
         _, path = jax.jit(lambda m, s, stepper=stepper: integrate(stepper, m, s, 1e-3, 200))(model, s)
         assert float(path.v[-1, -1, 2]) == pytest.approx(expected, rel=close), (law, integrator)
 

@@ -18,9 +18,9 @@ def test_weights_above_one_half_take_energy_and_a_weight_of_one_takes_most(energ
 @pytest.mark.check
 def test_a_weighting_of_one_half_is_the_energy_momentum_scheme(march):
     model, s = dj.build("dropper-release-a")
-    default = march(dj.make_stepper(model, extra=0, halvings=0, track_work=False), model, s, 0.5, 128, 2)[0]
+    default = march(dj.make_stepper(model, halvings=0, track_work=False), model, s, 0.5, 128, 2)[0]
     weighted = march(
-        dj.make_stepper(model, "theta_midpoint", gamma=0.5, extra=0, halvings=0, track_work=False),
+        dj.make_stepper(model, "theta_midpoint", gamma=0.5, halvings=0, track_work=False),
         model,
         s,
         0.5,

@@ -108,7 +108,7 @@ def test_tridiagonal_systems(rows):
 def test_runs_of_a_dropper_with_a_member_that_needs_smaller_steps():
     """A batch in which one member is halved and one fails does not touch the others."""
     model, start = dj.build("dropper-release-a")
-    stepper = dj.make_stepper(model, "energy_momentum", iterations=6, extra=0, track_work=False)
+    stepper = dj.make_stepper(model, "energy_momentum", iterations=6, track_work=False)
 
     def run(dt):
         _, saved = dj.integrate(stepper, model, start, dt, 6)

@@ -42,7 +42,7 @@ SCENE = {
 @pytest.fixture(scope="module")
 def solution():
     """A short run whose poses are then set by hand: pitched by 0.5 rad, 3 m out and 1 m down."""
-    ran = dj.simulate(SCENE, halvings=0, extra=0)
+    ran = dj.simulate(SCENE, halvings=0)
     shape = ran.body_position.shape
     place, turn = np.broadcast_to([3.0, 0.0, -1.0], shape), np.broadcast_to([0.0, 0.5, 0.0], shape)
     return dataclasses.replace(ran, body_position=place.copy(), body_attitude=turn.copy())

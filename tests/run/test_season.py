@@ -107,7 +107,7 @@ def test_growth_by_month_and_depth_is_tabulated():
 
 def test_drop_off_compares_accelerations_with_what_holds_a_mussel():
     weak, strong = (
-        report_run(dj.simulate(scene(attachment=force, mussel_mass=0.004), halvings=0, extra=0))["crop"]
+        report_run(dj.simulate(scene(attachment=force, mussel_mass=0.004), halvings=0))["crop"]
         for force in (0.0085, 10.0)
     )
     # a mussel of 4 g displaces 4/1300*1025 g: it weighs 8.3 mN in water, and 5.58 g move with it

@@ -23,7 +23,7 @@ SCENE = {
 
 @pytest.fixture(scope="module")
 def solution():
-    return dj.simulate(SCENE, halvings=0, extra=0)
+    return dj.simulate(SCENE, halvings=0)
 
 
 def test_growth_from_a_bare_rope_gives_mass_diameter_and_wet_weight():

@@ -250,7 +250,7 @@ SCENE = {
 @pytest.mark.check
 def test_gradients_of_a_run_agree_forward_reverse_and_with_differences(both_modes):
     model, state = dj.build(SCENE)
-    stepper = dj.make_stepper(model, halvings=0, extra=0)
+    stepper = dj.make_stepper(model, halvings=0)
     waves, order = model.sea.waves, jnp.arange(1.0, model.sea.waves.size + 1)
 
     def final(p):

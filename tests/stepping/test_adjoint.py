@@ -26,7 +26,7 @@ def farm():
     table["sea"] |= {"waves": {"kind": "regular", "amplitude": 1.5, "period": 8.0}}
     scene = load_scene(table)
     model, start = build(scene)
-    return model, start, make_stepper(model, extra=0, halvings=0, track_work=False)
+    return model, start, make_stepper(model, halvings=0, track_work=False)
 
 
 def quantities(r, tension):

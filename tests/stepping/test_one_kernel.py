@@ -13,7 +13,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import one_kernel, scatter_add
 from dropper_jax.backend import tridiagonal
-from dropper_jax.backend.one_kernel import FLAG, LIMIT, OPTION, in_force, inside, is_inline, with_option
+from dropper_jax.backend.one_kernel import FLAG, LIMIT, OPTION, in_force, is_inline, with_option
 from dropper_jax.study.march import march_held
 
 PROGRAM = """
@@ -74,8 +74,7 @@ def test_error_controlled_runs_consist_of_operations_that_compile_to_one_kernel(
     def run(model, s, grid, tolerance):
         return march_held.__wrapped__(stepper, model, s, grid, tolerance, 5)
 
-    with inside(True):
-        assert is_inline(jax.make_jaxpr(run)(model, start, 0.1, 1e-5).jaxpr)
+    assert is_inline(jax.make_jaxpr(run)(model, start, 0.1, 1e-5).jaxpr)
 
 
 @pytest.mark.check
@@ -121,12 +120,7 @@ def dense(lower, diagonal, upper):
     return np.diag(diagonal) + np.diag(lower[1:], -1) + np.diag(upper[:-1], 1)
 
 
-@jax.jit
-def reduced(*arrays):
-    """The solve that runs as one kernel take."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tridiagonal, "in_force", lambda: True)
-        return tridiagonal.solve_tridiagonal(*arrays)
+reduced = jax.jit(tridiagonal.solve_tridiagonal)
 
 
 @pytest.mark.parametrize("rows", [1, 2, 3, 4, 7, 18, 100, 128, 129, 1000])

@@ -13,7 +13,7 @@ import pytest
 from dropper_jax import SceneError, build, build_model, integrate, load_scene, make_stepper, report_run, simulate, state
 from dropper_jax.cli.run import text
 from dropper_jax.model import as_parted
-from dropper_jax.stepping.step import step_and_part
+from dropper_jax.residual.breaking import break_links, without_broken_links
 from fitting.sensitivity import study, windows
 from fitting.sweep import open_sweep, sweep
 
@@ -129,15 +129,13 @@ def test_the_link_nearest_to_its_load_breaks_and_only_that_one():
     model = build_model(load_scene(hanging(4, {"line": "line", "load": 500.0})))
     s = replace(state(model, np.zeros((4, 3))), work=jnp.zeros(0))
 
-    def step_of(tension):
-        return lambda seen, now: (replace(now, tension=jnp.asarray(tension), t=now.t + 0.5), seen.line.axial.intact)
-
     parted = []
     for tension in ([400.0, 499.9, 300.0, 0.0], [510.0, 501.0, 530.0, 500.0], [900.0, 900.0, 0.0, 900.0]):
-        s, intact = step_and_part(step_of(tension), model, s)
+        before = without_broken_links(model, s)
+        s = break_links(model, before, s, replace(s, tension=jnp.asarray(tension), t=s.t + 0.5))
         parted.append((int(s.parted.link[0]), float(s.parted.t[0]), float(s.parted.tension[0])))
     assert parted == [(-1, 0.0, 0.0), (2, 1.0, 530.0), (2, 1.0, 530.0)]
-    np.testing.assert_array_equal(intact, [1.0, 1.0, 0.0, 1.0])  # as the third step sees it
+    np.testing.assert_array_equal(before.line.axial.intact, [1.0, 1.0, 0.0, 1.0])  # as the third step sees it
 
 
 def test_a_link_that_parts_bends_nothing_and_its_bending_is_lost():
@@ -146,7 +144,7 @@ def test_a_link_that_parts_bends_nothing_and_its_bending_is_lost():
     angles = np.array([0.1, 0.4, 0.9, 1.2])
     links = 2.6 * np.stack([np.sin(angles), np.zeros(4), -np.cos(angles)], axis=1)
     s = state(model, np.cumsum(links, axis=0))
-    after, _ = step_and_part(lambda _, now: (replace(now, t=now.t + 1.0), None), model, s)
+    after = break_links(model, without_broken_links(model, s), s, replace(s, t=s.t + 1.0))
     # links of 2.5 m, stretched by 0.1 m: EA e^2/(2 L); EI/(2 l) |q2 - q1|^2 = (EI/l) (1 - cos) at both its joints
     bent = 300.0 / 2.5 * (2.0 - np.cos(0.3) - np.cos(0.5))
     assert float(after.work[-1]) == pytest.approx(-(EA * 0.1**2 / (2 * 2.5) + bent), rel=1e-9)
@@ -198,9 +196,9 @@ def test_a_sweep_and_a_study_count_the_energy_of_broken_links_as_single_runs_do(
     pytest.importorskip("zarr")
     scene = hanging(2, {"line": "line", "link": 2, "time": 0.5}, run={"dt": 0.01, "duration": 0.7})
     times = [0.3, 0.5]
-    found = open_sweep(sweep(scene, {"failure.0.time": times}, tmp_path / "cut.zarr", extra=0, halvings=0).path)
+    found = open_sweep(sweep(scene, {"failure.0.time": times}, tmp_path / "cut.zarr", halvings=0).path)
     for time in times:
-        single = simulate(load_scene(scene).with_values({"failure.0.time": time}), extra=0, halvings=0)
+        single = simulate(load_scene(scene).with_values({"failure.0.time": time}), halvings=0)
         case = found.sel({"failure.0.time": time})
         # the stretch that the parted link would have: much more than the tolerance
         assert 0.5 * EA / 5.0 * (0.5 * G * (0.7 - time) ** 2) ** 2 > 1e-3 * abs(single.energy[-1])

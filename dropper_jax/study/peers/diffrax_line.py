@@ -26,7 +26,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax.lax.linalg import tridiagonal_solve
 
-from dropper_jax.backend.tridiagonal import one_kernel_of
 from dropper_jax.integrators.projected import moving
 from dropper_jax.model import Model, State
 from dropper_jax.study.march import link_vectors
@@ -79,9 +78,8 @@ def rows(model: Model, s: State, target: Reference) -> list[dict[str, Any]]:
     """One row per formulation, solver and tolerance (relative and absolute alike)."""
     kinds = ["tridiagonal"] + (["angles"] if refuse_angles(model, s) is None else [])
     cases = [*itertools.product(kinds, SOLVERS, TOLERANCES)]
-    if one_kernel_of(model.line.links):
-        # an implicit solver factors dense matrices by LAPACK in any case
-        cases += itertools.product(["cyclic"], SOLVERS[:3], TOLERANCES)
+    # an implicit solver factors dense matrices by LAPACK in any case
+    cases += itertools.product(["cyclic"], SOLVERS[:3], TOLERANCES)
     return [_row(model, s, target, *case) for case in cases]
 
 

@@ -13,10 +13,11 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Effect, Model, State
+from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
 from dropper_jax.run.simulate import simulate
 from dropper_jax.stepping.integrate import integrate
-from dropper_jax.stepping.stepper import Stepper, make_stepper
+from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.march import Scheme
 from dropper_jax.study.stability import scenes
 from dropper_jax.study.stability.case import Case, CaseRun, Outcome, run_case

@@ -37,7 +37,7 @@ SCENE = {
     "start": {"kind": "angles", "zero": "down", "polar": [1.0, 0.5]},
 }
 #: The retries of a step take most of the compilation, and no case here needs them.
-QUICK = {"extra": 0, "halvings": 0}
+QUICK = {"halvings": 0}
 VARY = {"b_l": [0.0, 0.1, 0.2, 0.4, 0.8], "start.polar.0": [0.5, 1.0]}
 
 
@@ -159,7 +159,7 @@ def test_killed_process_resumes_without_redoing_or_losing_a_case(whole, tmp_path
     code = (
         "from fitting.sweep import sweep; import time, fitting.sweep.store as s; w = s.SweepStore.write\n"
         "s.SweepStore.write = lambda *a: (w(*a), time.sleep(0.3))\n"
-        f"sweep({SCENE!r}, {VARY!r}, {str(path)!r}, chunk=4, traces=True, extra=0, halvings=0)"
+        f"sweep({SCENE!r}, {VARY!r}, {str(path)!r}, chunk=4, traces=True, halvings=0)"
     )
     child = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
     until = time.monotonic() + 60

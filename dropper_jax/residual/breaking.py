@@ -1,0 +1,53 @@
+"""Links that break at the end of a step: at their breaking load, or at a given time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.model import BREAKING, Model, Parted, State, as_parted, book_works
+
+
+def without_broken_links(model: Model, s: State) -> Model:
+    """The model with the links that have broken so far."""
+    return as_parted(model, s.parted)
+
+
+def break_links(model: Model, before: Model, s: State, s1: State) -> State:
+    """The end of a step with the links that break there; their energy is booked as work of breaking.
+
+    Args:
+        before: the model during the step.
+        s, s1: start and end of the step; `parted` is that of s.
+    """
+    parted = _part(model, s.parted, s1)
+    work = s1.work
+    if work.size:
+        kept, whole = (m.with_internal_state(s1.own) for m in (as_parted(model, parted), before))
+        work = work + book_works(model, {BREAKING: _link_energy(kept, s1) - _link_energy(whole, s1)})
+    return replace(s1, parted=parted, work=work)
+
+
+def _link_energy(model: Model, s: State) -> jax.Array:
+    """Energy [J] of links before they break: of stretch and, for lines with bending stiffness, of bending."""
+    k = model.kinematics(s.r, s.v, s.t)
+    own = model.line.axial.energy(k.links, model.line.length)
+    return sum((e.potential(k) for e in model.effects if e.parts), own)
+
+
+def _part(model: Model, parted: Parted, s1: State) -> Parted:
+    failures = model.line.failures
+    tension, t = jax.lax.stop_gradient((s1.tension, s1.t))
+    share = tension / failures.load
+    named = jnp.asarray(failures.named, jnp.int32)
+    link = jnp.where(named >= 0, named, jnp.argmax(share, axis=1))
+    # relative rounding of a time that is a whole number of steps
+    due = (jnp.max(share, axis=1) >= 1.0) | (t >= failures.time * (1.0 - 1e-9))
+    now = due & (parted.link < 0)
+    return Parted(
+        jnp.where(now, link, parted.link).astype(jnp.int32),
+        jnp.where(now, t, parted.t),
+        jnp.where(now, tension[link], parted.tension),
+    )

@@ -1,0 +1,415 @@
+"""A step is a residual: Newton's method on it, and the exact derivative of its solution.
+
+    R(theta, u) = 0,    u <- u - P^-1 R(u),    theta = (model, state, step)
+
+P is the Jacobian that the solver takes from `jax.jacfwd`; a solver may leave something out. The derivative follows from
+the implicit function theorem at the solution, never through the corrections:
+
+    R_u du = -R_theta dtheta
+
+The scheme writes the residual (`Problem`), the solver takes and factors the matrix (`Solver`), and nothing here knows
+either of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+from jax.flatten_util import ravel_pytree
+
+from dropper_jax.model import LimitsTimeStep, Model, State
+from dropper_jax.residual.breaking import break_links, without_broken_links
+
+#: Rows within the tolerance that fall by less than this factor per correction are rounding. With 0.3, energy of a loop
+#: of 1 g between 10 kg drifts by 1.2e-6 of its scale; with 0.6 by 3e-10.
+FALLING = 0.6
+#: Residual assigned to a step in which nodes moved farther than an effect can follow (`model.LimitsTimeStep`).
+TOO_FAR = 1e30
+#: Smoothings of set-valued laws, one correction each, as fractions of the rate that friction stops within the step.
+EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
+#: Largest scaled row of a converged step. Rounding gives 1e-14 (7 links) to 1e-12 (1000 links, nodes far from the
+#: origin) in float64, and about 1e-5 in float32.
+TOLERANCE = {"float64": 1e-11, "float32": 1e-4}
+
+#: What a step depends on: model, state at its start, length [s].
+Theta = tuple[Model, State, jax.Array]
+
+
+class Unknowns(NamedTuple):
+    """Unknowns of a step, or its rows, or scales of either.
+
+    Attributes:
+        x: per free node, (nodes, 3).
+        y: per link, (n,): tensions; as rows: the axial laws.
+        z: per law of an effect, (joints, c) each.
+    """
+
+    x: jax.Array
+    y: jax.Array
+    z: tuple[jax.Array, ...] = ()
+
+
+class Problem(Protocol):
+    """The equations of one step; made by a scheme in each trace."""
+
+    def guess(self) -> Unknowns:
+        """Unknowns to start from."""
+
+    def residual(self, u: Unknowns) -> Unknowns:
+        """Rows in physical units: forces [N], elongations [m], torques [N m]."""
+
+    def row_scale(self) -> Unknowns:
+        """Sizes of the rows."""
+
+    def column_scale(self) -> Unknowns:
+        """Sizes of the unknowns."""
+
+    def finish(self, u: Unknowns) -> State:
+        """The state at the end of the step."""
+
+
+class Linear(Protocol):
+    """A factored matrix."""
+
+    def apply(self, rows: Unknowns) -> Unknowns:
+        """`P^-1 rows`."""
+
+    def transpose(self) -> Linear:
+        """The transposed matrix, factored."""
+
+
+class Scheme(Protocol):
+    """Writes the equations of a step, or takes it explicitly."""
+
+    @property
+    def implicit(self) -> bool:
+        """Whether a step solves equations."""
+
+    @property
+    def stages(self) -> tuple[float, ...]:
+        """Fractions of the substeps (compositions have several)."""
+
+    def problem(self, model: Model, s: State, h: jax.Array) -> Problem:
+        """The equations of one step."""
+
+    def advance(self, model: Model, s: State, h: jax.Array) -> State:
+        """One step of an explicit scheme."""
+
+
+class Solver(Protocol):
+    """Takes a matrix from the residual; it may be approximate."""
+
+    @property
+    def name(self) -> str:
+        """Its name in `[run]`."""
+
+    def refuse(self, model: Model, integrator: Scheme) -> str | None:
+        """Why it cannot solve the model with a scheme, or None."""
+
+    def linearise(self, problem: Any, u: Unknowns) -> Linear:
+        """The factored matrix at the unknowns."""
+
+
+@dataclass(frozen=True)
+class Newton:
+    """Newton's method: a solver, and how corrections are counted.
+
+    Attributes:
+        solver: takes the matrix; None where nothing is solved.
+        iterations: number of corrections, or, with `enough`, their maximum number.
+        enough: corrections end if the rows are below this fraction of the tolerance, or below the tolerance and no
+            longer falling. None: a fixed number of corrections, each with a matrix of its own.
+        least: minimum number of corrections. With 0 a guess below the tolerance is left alone.
+        renew: the matrix is taken again if a correction leaves more than this fraction of the rows; 0: every time.
+        shortened: how often in turn a correction is halved that does not make the rows smaller.
+    """
+
+    solver: Solver | None
+    iterations: int = 4
+    enough: float | None = None
+    least: int = 1
+    renew: float = 0.0
+    shortened: int = 0
+
+    @property
+    def solver_name(self) -> str:
+        """Name of the solver in `[run]`; `none` without one."""
+        return "none" if self.solver is None else self.solver.name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stepper(Newton):
+    """Static choices of a step: a scheme, and Newton's method on its equations.
+
+    Attributes:
+        integrator: the scheme.
+        tolerance: maximum scaled row of a converged step; None: that of the model's precision (`TOLERANCE`).
+        easing: whether a step with set-valued laws that does not converge is solved with smoothed laws.
+        halvings: how often a step that does not converge is halved; 0: it is taken as it is, and reported.
+        track_work: count the work of each effect in `State.work`.
+    """
+
+    integrator: Scheme
+    tolerance: float | None = None
+    easing: bool = False
+    halvings: int = 0
+    track_work: bool = True
+
+    @property
+    def plain(self) -> Stepper:
+        """The same without halved steps: derivatives in both modes."""
+        return replace(self, halvings=0)
+
+    def limit(self, model: Model) -> float:
+        """Maximum scaled row of a converged step."""
+        return TOLERANCE[str(jnp.dtype(model.dtype))] if self.tolerance is None else self.tolerance
+
+
+def largest_row(rows: Unknowns, scale: Unknowns) -> jax.Array:
+    """The largest scaled row, a scalar; NaN if any row is."""
+    pairs = zip(jax.tree.leaves(rows), jax.tree.leaves(scale), strict=True)
+    return jnp.max(jnp.stack([jnp.max(jnp.abs(row) / size) for row, size in pairs]))
+
+
+def subtract(u: Unknowns, du: Unknowns, factor: jax.Array | float = 1.0) -> Unknowns:
+    """u - factor du."""
+    return jax.tree.map(lambda a, b: a - factor * b, u, du)
+
+
+class Corrections(NamedTuple):
+    """Newton's method between two corrections.
+
+    Attributes:
+        u, rows: the unknowns and their rows.
+        now, before: the largest scaled row, and that before the last correction.
+        count: number of corrections, -1 before the guess is evaluated.
+        halved: how often the next correction is halved.
+    """
+
+    u: Unknowns
+    rows: Unknowns
+    now: jax.Array
+    before: jax.Array
+    count: jax.Array
+    halved: jax.Array
+
+
+def newton(method: Newton, problem: Problem, tolerance: jax.Array | float) -> tuple[Unknowns, jax.Array]:
+    """The unknowns after the corrections `u <- u - P^-1 R(u)`, and their largest scaled row.
+
+    With `enough` None it is a scan of corrections. Otherwise corrections end at rounding,
+    and the matrix of one correction serves the next ones as long as the rows fall fast.
+    """
+    guess, scale = problem.guess(), problem.row_scale()
+    if method.enough is None:
+
+        def correct_once(u: Unknowns, _: None) -> tuple[Unknowns, None]:
+            return subtract(u, method.solver.linearise(problem, u).apply(problem.residual(u))), None
+
+        u, _ = jax.lax.scan(correct_once, guess, None, length=method.iterations)
+        return u, largest_row(problem.residual(u), scale)
+
+    def unsolved(c: Corrections) -> jax.Array:
+        # a NaN compares false: no correction removes it
+        falling = (c.now > tolerance) | (c.now < FALLING * c.before)
+        wanted = (c.now > method.enough * tolerance) & falling & (c.count < method.iterations)
+        return (c.count < method.least) | wanted
+
+    def correct(matrix: Linear, c: Corrections) -> Corrections:
+        u = subtract(c.u, matrix.apply(c.rows), 0.5**c.halved if method.shortened else 1.0)
+        rows = problem.residual(u)
+        after = Corrections(u, rows, largest_row(rows, scale), c.now, c.count + 1, jnp.zeros_like(c.halved))
+        if not method.shortened:
+            return after
+        worse = ~((after.now < c.now) | (after.now <= tolerance)) & (c.halved < method.shortened)
+        shorter = c._replace(count=c.count + 1, halved=c.halved + 1)
+        return jax.tree.map(partial(jnp.where, worse), shorter, after)
+
+    def correct_with_one_matrix(c: Corrections) -> Corrections:
+        matrix, first = method.solver.linearise(problem, c.u), c.count
+
+        def serves(c: Corrections) -> jax.Array:
+            still_good = (c.count == 0) | (c.now < method.renew * c.before) | (c.halved > 0)
+            return (c.count == first) | (unsolved(c) & still_good)
+
+        return jax.lax.while_loop(serves, partial(correct, matrix), c)
+
+    # The guess is evaluated by a correction of zero, so that the rows are in the program once: with a second copy
+    # systems of lines compile up to twice as long.
+    far, none = jnp.full((), jnp.inf, guess.x.dtype), jnp.zeros((), jnp.int32)
+    start = Corrections(guess, jax.tree.map(jnp.zeros_like, guess), far, far, none - 1, none)
+    end = jax.lax.while_loop(unsolved, correct_with_one_matrix, start)
+    return end.u, end.now
+
+
+def eased(solver: Solver, problem: Any) -> tuple[Unknowns, jax.Array]:
+    """The same for set-valued laws whose active set is unknown: a scan of corrections with ever less smoothed laws.
+
+    Newton on the laws themselves cycles if several joints stop at once. The primal-dual form of the smoothed law (Chan,
+    Golub and Mulet 1999) allows full corrections while its unknowns are admissible.
+    """
+    laws = problem.model.laws
+
+    def correct(u: Unknowns, easing: jax.Array) -> tuple[Unknowns, None]:
+        smoothed = problem.with_smoothing(easing)
+        u = subtract(u, solver.linearise(smoothed, u).apply(smoothed.residual(u)))
+        admissible = tuple(law.admissible(z) for law, z in zip(laws, u.z, strict=False))
+        return u._replace(z=admissible + u.z[len(laws) :]), None  # multipliers of constraints follow those of laws
+
+    guess = problem.guess()
+    u, _ = jax.lax.scan(correct, guess, jnp.asarray(EASING, guess.x.dtype))
+    return u, largest_row(problem.residual(u), problem.row_scale())
+
+
+def solve(stepper: Stepper, theta: Theta) -> tuple[Unknowns, jax.Array]:
+    """The solution of a step, and its largest scaled row; not differentiated."""
+    model, s, h = jax.lax.stop_gradient(theta)
+    problem, tolerance = stepper.integrator.problem(model, s, h), stepper.limit(model)
+    u, row = newton(stepper, problem, tolerance)
+    if stepper.easing:
+        u, row = jax.lax.cond(row <= tolerance, lambda: (u, row), lambda: eased(stepper.solver, problem))
+    return u, row
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def solution(stepper: Stepper, theta: Theta, u: Unknowns) -> Unknowns:
+    """u, which solves `R(theta, u) = 0`, as a function of theta."""
+    return u
+
+
+@partial(solution.defjvp, symbolic_zeros=True)
+def _implicit_derivative(
+    stepper: Stepper, primals: tuple[Theta, Unknowns], tangents: tuple[Any, Any]
+) -> tuple[Unknowns, Unknowns]:
+    theta, u = primals
+    u = solution(stepper, theta, u)  # so that this rule can be differentiated again
+    leaves, tree = jax.tree.flatten(theta)
+    dots = jax.tree.leaves(tangents[0], is_leaf=lambda dot: isinstance(dot, SymbolicZero))
+    moving = [i for i, dot in enumerate(dots) if not _is_zero(dot)]
+
+    def problem_at(values: list[jax.Array]) -> Any:
+        given = list(leaves)
+        for i, value in zip(moving, values, strict=True):
+            given[i] = value
+        return stepper.integrator.problem(*jax.tree.unflatten(tree, given))
+
+    # reverse mode stores theta and u of a step, and takes the matrix again on its way back
+    @jax.checkpoint
+    def derivative(values: list[jax.Array], u: Unknowns, dots: list[jax.Array]) -> Unknowns:
+        flat, unravel = ravel_pytree(u)
+
+        def rows(values: list[jax.Array], flat: jax.Array) -> jax.Array:
+            return ravel_pytree(problem_at(values).residual(unravel(flat)))[0]
+
+        def solve_by(matrix: Linear, scale: jax.Array) -> Callable[..., jax.Array]:
+            return partial(refine, lambda b: ravel_pytree(matrix.apply(unravel(b)))[0], scale)
+
+        problem = problem_at(values)
+        matrix = stepper.solver.linearise(problem, u)
+        _, jacobian = jax.linearize(partial(rows, values), flat)
+        _, change = jax.jvp(lambda values: rows(values, flat), (values,), (dots,))
+        forward = solve_by(matrix, _flat_scale(problem.column_scale(), u))
+        backward = solve_by(matrix.transpose(), 1.0 / _flat_scale(problem.row_scale(), u))
+        # one flat vector: JAX transposes a linear solve only if its whole right side is linear in the tangents
+        return unravel(jax.lax.custom_linear_solve(jacobian, -change, forward, backward))
+
+    return u, derivative([leaves[i] for i in moving], u, [dots[i] for i in moving])
+
+
+def _is_zero(dot: Any) -> bool:
+    return isinstance(dot, SymbolicZero) or dot.dtype == jax.dtypes.float0
+
+
+def _flat_scale(scale: Unknowns, like: Unknowns) -> jax.Array:
+    return ravel_pytree(jax.tree.map(lambda size, a: jnp.broadcast_to(size, a.shape), scale, like))[0]
+
+
+def refine(
+    apply: Callable[[jax.Array], jax.Array],
+    scale: jax.Array,
+    product: Callable[[jax.Array], jax.Array],
+    b: jax.Array,
+) -> jax.Array:
+    """`J x = b` with `apply` = P^-1 as preconditioner: `x <- x + P^-1 (b - J x)`, until x stops changing.
+
+    It ends if a correction is below 1000 rounding errors of x, or no longer decreases. `scale` are sizes of x.
+    """
+
+    def size(x: jax.Array) -> jax.Array:
+        return jnp.max(jnp.abs(x) / scale)
+
+    def unsolved(carry: tuple[jax.Array, ...]) -> jax.Array:
+        x, change, before, count = carry
+        rounding = 1e3 * jnp.finfo(x.dtype).eps * size(x)
+        # maximum number of corrections: the condensed solver needs about as many as Newton
+        return (change > rounding) & (count < 200) & ((change < before) | (count < 8))
+
+    def correct(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        x, change, _, count = carry
+        dx = apply(b - product(x))
+        return x + dx, size(dx), change, count + 1
+
+    x = apply(b)
+    change = size(x)
+    return jax.lax.while_loop(unsolved, correct, (x, change, jnp.full_like(change, jnp.inf), jnp.zeros((), jnp.int32)))[
+        0
+    ]
+
+
+def step(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, jax.Array]:
+    """The state after a step of h [s], and the largest scaled row of its equations (NaN if it is not finite).
+
+    A step above `stepper.limit(model)` has failed; it never raises. Differentiable in both modes by model, s and h.
+    """
+    if s.parted is not None:
+        before = without_broken_links(model, s)
+        s1, row = step(stepper, before, replace(s, parted=None), h)
+        return break_links(model, before, s, s1), row
+    h = jnp.asarray(h, model.dtype)
+    integrator = stepper.integrator
+    if not integrator.implicit:
+        return _explicit_step(integrator, model, s, h)
+    if len(integrator.stages) == 1:
+        return _implicit_step(stepper, model, s, h)
+
+    def stage(s: State, fraction: jax.Array) -> tuple[State, jax.Array]:
+        return _implicit_step(stepper, model, s, fraction * h)
+
+    # a scan, not an unrolled loop: five copies of a step would take five times as long to compile
+    s, rows = jax.lax.scan(stage, jax.tree.map(jnp.asarray, s), jnp.asarray(integrator.stages, model.dtype))
+    return s, jnp.max(rows)
+
+
+def _implicit_step(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, jax.Array]:
+    theta = model, s, h
+    return finish_step(stepper, theta, *solve(stepper, theta))
+
+
+def finish_step(stepper: Stepper, theta: Theta, u: Unknowns, row: jax.Array) -> tuple[State, jax.Array]:
+    """The state after a step whose solution u and largest scaled row are known, and the row."""
+    model, s, _ = theta
+    s1 = stepper.integrator.problem(*theta).finish(solution(stepper, theta, u))
+    return s1, limit_pace(*jax.lax.stop_gradient((model, s, s1)), row)
+
+
+def _explicit_step(integrator: Scheme, model: Model, s: State, h: jax.Array) -> tuple[State, jax.Array]:
+    s1 = integrator.advance(model.with_internal_state(s.own), s, h)
+    finite = jnp.all(jnp.isfinite(s1.r)) & jnp.all(jnp.isfinite(s1.v))
+    row = jnp.where(finite, 0.0, jnp.nan).astype(model.dtype)
+    return s1, limit_pace(model, s, s1, row)
+
+
+def limit_pace(model: Model, s: State, s1: State, row: jax.Array) -> jax.Array:
+    """The largest row of a step from s to s1; `TOO_FAR` if nodes moved farther than an effect can follow."""
+    watching = model.having(LimitsTimeStep)
+    if not watching:
+        return row
+    ends = tuple(model.kinematics(now.r, now.v, now.t) for now in (s, s1))
+    far = jnp.any(jnp.stack([effect.too_far(*ends) for effect in watching]))
+    return jnp.where(far, jnp.maximum(row, TOO_FAR), row)  # a NaN remains NaN

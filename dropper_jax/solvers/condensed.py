@@ -1,11 +1,11 @@
 """Nodes are eliminated first, each by itself, which leaves a tridiagonal system for the tensions. Linear cost.
 
-    K dx - G dy = r_x,    g . D dx - c dy = r_y    ->    (g D K^-1 G' + c) dy = g D K^-1 r_x - r_y
+    K dx + D' G dy = r_x,    g . D dx + c dy = r_y    ->    (g D K^-1 D' G - c) dy = g D K^-1 r_x - r_y
 
-K is local to the nodes (nodes, 3, 3), G the force of a unit tension, g the gradient of the axial law, c its compliance,
-D takes differences over links. Of the stiffness against turning of its links a node keeps a fraction (`KEPT`), and
-nothing of that towards its neighbours. Newton therefore converges linearly to the same solution, by a factor of about
-0.1 per correction at h omega = 0.6.
+K is local to the nodes (nodes, 3, 3), G the force of a unit tension, g and c are the derivatives of the axial law by
+the link and by its tension, D takes differences over links. Of the stiffness against turning of its links a node keeps
+a fraction (`KEPT`), and nothing of that towards its neighbours. Newton therefore converges linearly to the same
+solution, by a factor of about 0.1 per correction at h omega = 0.6.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Tensions(NamedTuple):
     ) -> Tensions:
         """The matrix that remains for the tensions."""
         matrix = ConstraintMatrix.of(inverse, force, gradient)
-        matrix = matrix._replace(diagonal=matrix.diagonal + compliance)
+        matrix = matrix._replace(diagonal=matrix.diagonal - compliance)
         return cls(geometry, inverse, force, gradient, compliance, matrix)
 
     def apply(self, rows: Unknowns) -> Unknowns:

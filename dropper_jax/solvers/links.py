@@ -16,7 +16,7 @@ class LinkParts(NamedTuple):
         turn: force by the link vector (n, 3, 3).
         force: force by the tension (n, 3).
         gradient: law by the link vector (n, 3).
-        compliance: minus the law by the tension (n,).
+        compliance: law by the tension (n,), minus the link's compliance.
     """
 
     turn: jax.Array
@@ -30,7 +30,7 @@ class LinkParts(NamedTuple):
         d = problem.link_vectors(u.x)
         turn, gradient = local_jacobian(lambda d: problem.link_rows(d, u.y), d)
         force, law = local_jacobian(lambda y: problem.link_rows(d, y), u.y)
-        return cls(turn, force, gradient, -law)
+        return cls(turn, force, gradient, law)
 
     def transpose(self) -> LinkParts:
         turn, force, gradient, compliance = self

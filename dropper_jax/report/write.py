@@ -122,6 +122,7 @@ def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
         )
         axes.margins(x=0.01)
         axes.set_title(line["line"], loc="left")
+    style.share_scales(panels)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower left", ncols=5, columnspacing=1.0)
     return _finish(figure, part, "tension range", lines, found["tension"], folder / "tension_range.png")
@@ -144,6 +145,7 @@ def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
         used = "" if held is None else f", maximum utilisation {held['utilisation']['max']:.2f}"
         axes.set_title(anchor["point"] + used, loc="left")
         style.time_axis(axes, part.t)
+    style.share_scales(panels)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
     return _finish(figure, part, "loads of the fixed points", anchors, found["anchors"], folder / "anchors.png")
 

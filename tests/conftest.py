@@ -325,8 +325,8 @@ def in_browser(tmp_path):
         The browser's time runs ahead of messages between frames: what waits for one is looked at again and again.
         Below 500 px, the narrowest window, the page is in a frame; `file` is where it needs its neighbours.
         """
-        timer = f"setTimeout(look, {after})" if every is None else f"setInterval(look, {every})"
-        write = f"""<script>{{ const look = () => {{
+        timer = f"setTimeout(show_seen, {after})" if every is None else f"setInterval(show_seen, {every})"
+        write = f"""<script>{{ const show_seen = () => {{
           const out = document.getElementById("seen") || document.createElement("pre"); out.id = "seen";
           out.style.cssText = "position: absolute; width: 0; height: 0; overflow: hidden";  // takes no room
           out.textContent = JSON.stringify({probe}); document.body.append(out); }}; {timer}; }}</script></body>"""

@@ -48,6 +48,26 @@ def test_ratio_of_heave_to_surface_is_that_of_their_amplitudes():
     assert motion._heave_ratio([motion._spectra(both[0])]) == []
 
 
+def test_a_zoom_has_the_scale_of_its_envelope_and_a_constant_keeps_it(tmp_path, monkeypatch):
+    t = np.linspace(0.0, 4000.0, 40001)
+    wave = np.sin(2 * np.pi * t / 8.0) * np.exp(-(((t - 3000.0) / 500.0) ** 2))
+    late = np.where(t < 3500.0, 0.0, 0.5)  # constant in the zoom
+    both = [
+        panels.Panel("force [N]", [panels.Curve("", t, wave)]),
+        panels.Panel("tension [N]", [panels.Curve("", t, late)]),
+        panels.Panel("z [m]", [panels.Curve("", t, 0.5 * wave)]),
+    ]
+    drawn = []
+    monkeypatch.setattr(style, "finish", lambda figure, *_: drawn.append(figure))
+    run = SimpleNamespace(t=t)
+    panels.history(run, tmp_path / "history.png", "histories", both)
+    limits = np.array([axes.get_ylim() for axes in drawn[0].axes]).reshape(3, 2, 2)
+    np.testing.assert_array_equal(limits[:, 0], limits[:, 1])
+    np.testing.assert_array_equal(limits[0, 0], limits[1, 0])
+    assert 2.0 < np.ptp(limits[0, 0]) < 2.5
+    assert 1.0 < np.ptp(limits[2, 0]) < 1.25
+
+
 def test_turns_count_waves_and_not_rounding():
     t = np.linspace(0.0, 100.0, 20001)
     assert panels.turns(np.sin(2 * np.pi * t / 8.0)) == 25  # two in each of 12.5 waves

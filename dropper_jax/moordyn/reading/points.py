@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -60,6 +61,12 @@ def read_ends(deck: Deck, notes: list[str]) -> Ends:
     left = [(key, row.number) for key, row in bodies.items() if key not in taken]
     notes += [f"line {line}: body {key} is not represented: nothing of the scene is on it" for key, line in left]
     return found
+
+
+def wet_floats_note(floats: Sequence[str]) -> str:
+    """What differs for points whose volume lifts them, by name."""
+    names = ", ".join(map(repr, floats[:3])) + (f" and {len(floats) - 3} more" if len(floats) > 3 else "")
+    return f"points that float ({names}): MoorDyn treats their full volume as submerged, also above the surface"
 
 
 def _holder(row: Row) -> str:

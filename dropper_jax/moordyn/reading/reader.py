@@ -20,7 +20,7 @@ from dropper_jax.moordyn.reading.options import (
     read_types,
     read_waves,
 )
-from dropper_jax.moordyn.reading.points import Ends, first_version, read_ends
+from dropper_jax.moordyn.reading.points import Ends, first_version, read_ends, wet_floats_note
 from dropper_jax.moordyn.reading.sections import Deck, columns, integer, number, read_input, split_file
 
 #: Values used if the file does not give them; MoorDyn's driver would.
@@ -93,6 +93,10 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
         **({"start": {"kind": "points"}} if options.values["tmaxic"] == 0.0 else {}),
         **_sea(deck, options, notes),
     }
+    density = options.values["rho"]
+    floats = [p["name"] for p in scene["point"] if density * p.get("volume", 0.0) > p.get("mass", 0.0)]
+    if floats:
+        notes.append(wet_floats_note(floats))
     without = [section for section in WITHOUT if deck.rows.get(section)]
     notes += [f"line {deck.first[section]}: section {section.upper()} is not represented" for section in without]
     if options.left:

@@ -306,6 +306,19 @@ def test_a_connector_on_a_body_has_no_mass_and_no_length(tmp_path):
     assert body["attachments"] == {"point-R2B": [0.0, 0.0, 0.5]}
 
 
+def test_a_deck_with_a_float_has_the_note_on_its_volume_that_writing_gives(tmp_path):
+    file = tmp_path / "deck.txt"
+    fairlead = next(line for line in DECK.splitlines() if line.split()[:1] == ["2"] and len(line.split()) > 4)
+    words = fairlead.split()
+    afloat = " ".join([words[0], "Free", *words[2:5], "30", "0.5", "0.3", "0.5"])
+    file.write_text(DECK.replace(fairlead, afloat))
+    scene = load_scene(file)
+    written = write_moordyn(scene, tmp_path / "again.txt")
+    (note,) = [text for text in written if "full volume" in text]
+    assert f"{file.name}: {note}" in scene.notes
+    assert not any("full volume" in text for text in load_scene(JOINED).notes)
+
+
 JOINED = Path(__file__).parent / "decks" / "joined_by_rods.txt"
 
 

@@ -170,7 +170,7 @@ def load_on_fixed_point(
     along = jnp.where(starts[:, None], 1, -1) * model.links(r, ends)[own]
     direction = along / safe_norm(along)[:, None]
     at = graph.everywhere(r, ends.positions)[np.where(starts, graph.first[own], graph.last[own])]
-    near = jnp.broadcast_to(line.near_share, line.length.shape)[own]
+    near = jnp.broadcast_to(jnp.asarray(line.near_share, r.dtype), line.length.shape)[own]
     effects = {effect.name: effect for effect in model.effects}
     share = jnp.where(starts, near, 1.0 - near)
     weight = share * effects["weight"].per_link(line)[own] if "weight" in effects else jnp.zeros_like(share)

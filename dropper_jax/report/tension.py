@@ -22,7 +22,10 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
     ratio of maximum tension to breaking load, without and with the safety factor.
     """
     at_tension = positions_at(record.t, record.positions, record.t_tension)
-    forces, angles = end_forces(record.scene, at_tension, record.tension), end_angles(at_tension, record.written_lines)
+    forces, angles = (
+        end_forces(record.scene, at_tension, record.tension, t=record.t_tension),
+        end_angles(at_tension, record.written_lines),
+    )
     return [
         _line(record, where, settings) | _ends("force_n", forces[where.name]) | _ends("angle_deg", angles[where.name])
         for where in record.written_lines
@@ -87,9 +90,9 @@ def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:
 def anchors(record: Record) -> list[dict[str, Any]]:
     """Force of the lines on each fixed point: horizontal and vertical (upwards positive) load [N], uplift angle [rad].
 
-    The sum of `T_j d_j/|d_j|` over the links j that end there, d_j from the point outwards, at the times of the
-    tensions. The uplift angle, `atan2(vertical, horizontal)`, is evaluated if the load is at least 1 % of its mean: a
-    zero load has no direction.
+    It is the sum of the forces of the lines that end there (see `run.end_links`), at the times of the tensions. The
+    uplift angle, `atan2(vertical, horizontal)`, is evaluated if the load is at least 1 % of its mean: a zero load has
+    no direction.
     """
     found = []
     held = {anchor.point: anchor for anchor in record.scene.anchors}

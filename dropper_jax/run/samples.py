@@ -226,9 +226,10 @@ class Samples:
     def end_forces(self) -> dict[str, dict[str, dict[str, float]]]:
         """min, mean, max and final force [N] of every line on its first and last point at the saved times.
 
-        Tensions of links are at their middles, so the difference is half the weight in water of the end link.
+        Tensions of links are at their middles, so the difference is the weight of half the end link, less its buoyancy
+        as far as it is in the water.
         """
-        return _by_end(end_forces(self.scene, self.positions, self.tension))
+        return _by_end(end_forces(self.scene, self.positions, self.tension, t=self.t))
 
     def end_angles(self) -> dict[str, dict[str, dict[str, float]]]:
         """The same of the angles [deg] of the end links above the horizontal: the uplift at an anchor."""

@@ -340,7 +340,7 @@ def extent(values: np.ndarray, extremes: Extremes | None = None) -> dict[str, fl
         low, high = np.argmin(extremes.least), np.argmax(extremes.largest)
         found |= {"min": extremes.least.flat[low], "max": extremes.largest.flat[high]}
         found |= {"min_s": extremes.least_at.flat[low], "max_s": extremes.largest_at.flat[high]}
-    return {key: float(value) for key, value in found.items()}
+    return {key: float(value) + 0.0 for key, value in found.items()}
 
 
 def body_extents(position: np.ndarray, attitude: np.ndarray) -> dict[str, dict[str, float]]:

@@ -105,13 +105,14 @@ def saved_signal(
     """One of the `SIGNALS` at the saved times: (k, n), (k, lines, 2) or (k, fixed points, 3) [N]."""
     if signal == "tension":
         return tension
-    if signal == "end_force":
-        forces = end_forces(scene, positions_at(t, positions, t_tension), tension)
-        return np.stack(list(forces.values()), axis=1)
-    loads = [point_load(scene, name, t, positions, t_tension, tension) for name in held_points(scene)]
-    vectors = np.stack(loads, axis=1) if loads else np.zeros((len(tension), 0, 3))
-    parts = np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2], np.linalg.norm(vectors, axis=-1)
-    return np.stack(parts, axis=-1)
+    with np.errstate(invalid="ignore", over="ignore"):  # a failed run may end with infinite positions
+        if signal == "end_force":
+            forces = end_forces(scene, positions_at(t, positions, t_tension), tension)
+            return np.stack(list(forces.values()), axis=1)
+        loads = [point_load(scene, name, t, positions, t_tension, tension) for name in held_points(scene)]
+        vectors = np.stack(loads, axis=1) if loads else np.zeros((len(tension), 0, 3))
+        parts = np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2], np.linalg.norm(vectors, axis=-1)
+        return np.stack(parts, axis=-1)
 
 
 def extremes_by_signal(scene: Scene, extremes: Extremes) -> dict[str, Extremes]:

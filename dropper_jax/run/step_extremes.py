@@ -52,9 +52,10 @@ class StepSignals:
     tension_time: float = option("fraction of the step")
 
     def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
-        t = before.t + self.tension_time * (after.t - before.t)
-        r = before.r + self.tension_time * (after.r - before.r)
-        nodes = model.nodes(r, model.ends(t))
+        share = self.tension_time
+        # linear over the step, as `bends.positions_at` between saved times
+        first, last = (model.nodes(s.r, model.ends(s.t)) for s in (before, after))
+        nodes = first + share * (last - first)
         at = nodes[np.array(self.nodes)]
         along = nodes[np.array(self.inner)] - at
         size = safe_norm(along)[:, None]
@@ -68,7 +69,7 @@ class StepSignals:
         if loads:
             load = jnp.stack(loads)
             found.append(jnp.stack([horizontal_norm(load), load[:, 2], safe_norm(load)], axis=1).ravel())
-        return jnp.concatenate(found), t
+        return jnp.concatenate(found), before.t + share * (after.t - before.t)
 
 
 def step_signals(scene: Scene, tension_time: float) -> StepSignals | None:

@@ -87,9 +87,7 @@ def _tension_row(line: dict[str, Any]) -> Cells:
         "least [N]": with_position(line["least"], newton(line["least"]["n"])),
         "mean, first link [N]": newton(line["mean_first_link_n"]),
         "mean, last link [N]": newton(line["mean_last_link_n"]),
-        **{
-            f"force on {end} point, mean / max [N]": _mean_and_peak(line, end) for end in ("first", "last")
-        },
+        **{f"force on {end} point, mean / max [N]": _mean_and_peak(line, end) for end in ("first", "last")},
         **{
             f"angle up at {end} point, mean / max [deg]": " / ".join(
                 f"{line[f'{what}_{end}_angle_deg']:.1f}" for what in ("mean", "max")

@@ -36,7 +36,7 @@ def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None)
     Raises:
         SceneError: with the required and the free size.
     """
-    size = run.saves * row_bytes(model, start)
+    size = run.saves * (row_bytes(model, start) + _extremes_bytes(model, run))
     if scratch is None:
         # copies of all saved states in memory at once (measured), if nothing is stored on disk
         # memory of JAX and its programs [bytes]
@@ -61,6 +61,14 @@ def row_bytes(model: Model, s: State) -> int:
     own = sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves((s.parted, s.own)))
     nodes = model.free_nodes + 2 * max(1, model.line.links // 8)
     return int(np.dtype(model.dtype).itemsize * (2 * 3 * nodes + 3 * model.line.links + 16) + own)
+
+
+def _extremes_bytes(model: Model, run: RunSpec) -> int:
+    """Bytes of the extremes of a saved state and their times: of links, ends of lines and fixed points."""
+    if run.save_every == 1 and run.step_tolerance is None:
+        return 0
+    signals = model.line.links + 2 * len(model.geometry.members) + 3 * len(model.geometry.held_points)
+    return 4 * signals * int(np.dtype(model.dtype).itemsize)
 
 
 #: Minimum number of chunks of a run that has at least this number of saves.

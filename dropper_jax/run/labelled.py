@@ -242,7 +242,11 @@ def _wrong_arrays(solution: Samples) -> Iterator[str]:
         "potential": (k,),
         "work": (k, len(solution.work_names)),
         "tension_square": (k, links),
-        **{f"{signal}_{name}": (k, *shape) for signal, shape in signal_shapes(solution.scene).items() for name in ARRAYS_OF},
+        **{
+            f"{signal}_{name}": (k, *shape)
+            for signal, shape in signal_shapes(solution.scene).items()
+            for name in ARRAYS_OF
+        },
         **{name: (k, len(solution.scene.bodies), 3) for name in BODIES},
     }
     for name, shape in shapes.items():

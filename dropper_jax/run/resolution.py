@@ -288,12 +288,12 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
         worst = float(np.max(np.where(slack, np.max(largest[1:, where.links], axis=0, initial=0.0), 0.0)))
         # ratio to the static tension above which a previously slack line has a snatch load
         if rest > 0.0 and worst > 10.0 * rest:
-            before, what = ("compression", "high loads after compression") if line.rigid else ("slack", "snatch loads")
+            before, what = ("compression", "peaks") if line.rigid else ("slack", "peaks are snatch loads and")
             text = (
                 f"{line.name}: changes from {before} to {worst:.4g} N, {worst / rest:.3g} times its static tension: "
-                f"peaks are {what} and may be chaotic. Use --errors"
+                f"{what} may be chaotic. Use --errors"
             )
-            yield what, worst, text
+            yield "high tensions after compression" if line.rigid else "snatch loads", worst, text
 
 
 def unresolved_peak(tension: np.ndarray) -> tuple[int, int] | None:

@@ -131,4 +131,3 @@ def signal_shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
     """The shape of each of the `SIGNALS` at one time."""
     links, lines, points = sum(line.links for line in scene.lines), len(whole_lines(scene)), len(held_points(scene))
     return {"tension": (links,), "end_force": (lines, 2), "point_load": (points, len(LOADS))}
-

@@ -89,8 +89,8 @@ def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: 
 def tension_history(run: Run, path: str | Path) -> Path:
     """Tension against time [N or kN]: the maximum of all links, the force on fixed points, both ends of lines.
 
-    Of many the most loaded. The shade is the range of the steps of a sample if not every step is saved. A long record is drawn
-    as its envelope, with a zoom around its maximum tension.
+    Of many the most loaded. The shade is the range of the steps of a sample if not every step is saved. A long record
+    is drawn as its envelope, with a zoom around its maximum tension.
     """
     kept = slice(_begin(run), None)
     unit, size = force_unit(run.max_tension[kept])
@@ -129,7 +129,7 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
         name: np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
         for name in held_points(run.scene)
     }
-    ranges: dict[str, tuple[np.ndarray, ...]] = {name: () for name in loads}
+    ranges: dict[str, tuple[np.ndarray, ...]] = dict.fromkeys(loads, ())
     if run.min_load is not None and run.max_load is not None:
         both = run.min_load[kept] / size, run.max_load[kept] / size
         ranges = {name: tuple(a[:, i] for a in both) for i, name in enumerate(loads)}

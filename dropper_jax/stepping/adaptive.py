@@ -81,8 +81,8 @@ def advance_adaptively(
 ) -> tuple[Adaptive, tuple[Trajectory, Within]]:
     """Advance by `saves` intervals of dt [s], in steps with a roughness of at most `tolerance` [m/s].
 
-    Saved tensions are means over their interval; signals of `watch` have their extremes over all steps. With a `count` only this number of intervals is computed, and of
-    `saves` rows the first are filled.
+    Saved tensions are means over their interval; signals of `watch` have their extremes over all steps. With a `count`
+    only this number of intervals is computed, and of `saves` rows the first are filled.
     """
 
     def save(adaptive: Adaptive, _: jax.Array | None) -> tuple[Adaptive, tuple[Trajectory, Within]]:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any
 
-import jax
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
@@ -16,8 +14,6 @@ from dropper_jax.load.checks_water import bed_height
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.scene import LineSlice, LineSpec, WholeLine, grown, line_slices, whole_lines
-
-Array = TypeVar("Array", np.ndarray, jax.Array)
 
 
 def overgrown(scene: Scene) -> Scene:
@@ -207,30 +203,10 @@ def _force(scene: Scene, nodes: np.ndarray, tension: np.ndarray, weight: float) 
     with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
         along = nodes[:, 1] - nodes[:, 0]
         force = tension[:, None] * along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-        force[:, 2] -= carried_weight(np, weight, force, nodes[:, 0], bed)
+        # points within a millimetre of the bed lie on it: anchors are at its height
+        lifts = np.inf if bed is None else np.where(nodes[:, 0, 2] < bed + 1e-3, np.maximum(force[:, 2], 0.0), np.inf)
+        force[:, 2] -= np.minimum(weight, lifts)
         return force
-
-
-def carried_weight(xp: ModuleType, weight: Array, force: Array, node: Array, bed: Array | None) -> Array:
-    """Weight (k,) [N] of the end of a line that its point carries: on the seabed as far as the line lifts it.
-
-    Args:
-        xp: `numpy` or `jax.numpy`.
-        weight: of the part of the end link that belongs to the point [N]; force: of the tension on the point (k, 3).
-        node: position of the point (k, 3) [m]; bed: height of the seabed there (k,) [m], None without.
-    """
-    if bed is None:
-        return weight
-    # points within a millimetre of the bed lie on it: anchors are at its height
-    on_bed = node[:, 2] < bed + 1e-3
-    return xp.where(on_bed, xp.minimum(weight, xp.maximum(force[:, 2], 0.0)), weight)
-
-
-def end_weights(scene: Scene) -> np.ndarray:
-    """Weight in water (lines, 2) [N] of the parts of the end links that belong to the first and the last point."""
-    first, weights = _first_shares(scene), wet_weights(scene)
-    ends = [(where.links.start, where.links.stop - 1) for where in line_slices(scene)]
-    return np.array([(first[start] * weights[start], (1.0 - first[end]) * weights[end]) for start, end in ends])
 
 
 def line_weights(scene: Scene) -> list[dict[str, Any]]:

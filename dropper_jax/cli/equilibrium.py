@@ -113,8 +113,8 @@ def _tide_text(found: dict[str, Any]) -> str:
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> dict[str, Any]:
-    from dropper_jax.run.growth import end_angles, end_forces, line_weights
-    from dropper_jax.scene.data import held_loads, line_offsets, whole_lines
+    from dropper_jax.run.growth import end_angles, end_forces, fixed_point_loads, line_weights
+    from dropper_jax.scene.data import line_offsets, whole_lines
 
     result = done_object(
         scene=scene.name,
@@ -131,7 +131,8 @@ def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarr
             result[key] = {name: {"first": float(x), "last": float(y)} for name, ((x, y),) in ends.items()}
         result["line_weights"] = line_weights(scene)
     if scene.branched:
-        result |= {"lines": line_offsets(scene), "held_load_n": held_loads(scene, found.positions, found.tension)}
+        loads = fixed_point_loads(scene, np.asarray(found.positions), np.asarray(found.tension))
+        result |= {"lines": line_offsets(scene), "held_load_n": loads}
     return result
 
 
@@ -146,7 +147,7 @@ def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, be
 
 
 def _end_forces(found: dict[str, Any]) -> str:
-    """Forces on the end points of lines, including the weight in water of the part of the end link at the point, and
+    """Forces on the end points of lines, including the weight of the part of the end link at the point, and
     the angles of the end links above the horizontal."""
     forces, angles = found["end_forces_n"], found["end_angles_deg"]
     rows = [("line", "force on first point [N]", "angle up [deg]", "force on last point [N]", "angle up [deg]")]

@@ -37,7 +37,7 @@ from dropper_jax.load.checks_system import (
 )
 from dropper_jax.load.packaged import find_scene, folder_of
 from dropper_jax.load.paths import Written, get, is_written, locate, locate_written, path_as_given, set_value
-from dropper_jax.load.resolve import resolve
+from dropper_jax.load.resolve import GRAVITIES, resolve, with_one_gravity
 from dropper_jax.load.template import Template
 from dropper_jax.scene import (
     AnchorSpec,
@@ -174,6 +174,7 @@ class Scene(SceneData):
         if "scene" in table:
             raise SceneError("scene: this is a site, not a scene. Use it with cases, season or optimise")
         table, written, template = resolve(table)
+        table = with_one_gravity(table)
         check_keys(table, SECTIONS, "")
         bodies = read_items(BodySpec.read, table.get("body", []), "body")
         vessels = read_items(VesselSpec.read, table.get("vessel", []), "vessel")
@@ -259,6 +260,9 @@ class Scene(SceneData):
             if ScenePath(path).section == "parameters":
                 raise SceneError(f"{path}: the scene has no [parameters]. Use paths of its values")
         table = self.to_dict()
+        for path, other in (GRAVITIES, GRAVITIES[::-1]):
+            if path in values and other not in values and self.sea is not None:
+                values[other] = values[path]
         if "sea.packaged" in values:  # another sea replaces this one's waves and water
             table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
         if self.written is not None:

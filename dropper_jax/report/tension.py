@@ -23,7 +23,8 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
     ratio of maximum tension to breaking load, without and with the safety factor.
     """
     at_tension = positions_at(record.t, record.positions, record.t_tension)
-    forces, angles = end_forces(record.scene, at_tension, record.tension), end_angles(at_tension, record.written_lines)
+    forces = end_forces(record.scene, at_tension, record.tension, t=record.t_tension)
+    angles = end_angles(at_tension, record.written_lines)
     found = []
     for i, where in enumerate(record.written_lines):
         extremes = Extremes(*(a[:, i] for a in record.extremes["end_force"]))
@@ -97,10 +98,9 @@ def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:
 def anchors(record: Record) -> list[dict[str, Any]]:
     """Force of the lines on each fixed point: horizontal and vertical (upwards positive) load [N], uplift angle [rad].
 
-    The sum of `T_j d_j/|d_j|` over the links j that end there, d_j from the point outwards, at the times of the
-    tensions. The uplift angle, `atan2(vertical, horizontal)`, is evaluated if the load is at least 1 % of its mean: a
-    zero load has no direction. Minima and maxima of the loads are those of all steps, the total one at the time `max_s`
-    [s].
+    It is the sum of the forces of the lines that end there (see `run.end_links`), at the times of the tensions. The
+    uplift angle, `atan2(vertical, horizontal)`, is evaluated if the load is at least 1 % of its mean: a zero load has
+    no direction. Minima and maxima of the loads are those of all steps, the total one at the time `max_s` [s].
     """
     found = []
     held = {anchor.point: anchor for anchor in record.scene.anchors}

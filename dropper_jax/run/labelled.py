@@ -39,7 +39,7 @@ def derive_variables(solution: Samples) -> Variables:
     loads = [point_load(solution.scene, name, *arrays) for name in held_points(solution.scene)]
     found: Variables = {}
     if loads:
-        meaning = "sum of the tension forces of the lines that end at a fixed point; at tension_time"
+        meaning = "sum of the forces of the lines that end at a fixed point; at tension_time"
         found["point_load"] = (("time", "held_point", "axis"), np.stack(loads, axis=1), _attributes("N", meaning))
     ends = np.stack(list(end_tensions(solution.scene, solution.tension).values()), axis=1)
     meaning = "tension of the first and the last link of each line; at tension_time"

@@ -28,6 +28,7 @@ from dropper_jax.base.fields import component, option
 from dropper_jax.base.numerics import horizontal_norm, safe_norm, trace_once
 from dropper_jax.model import Model, Parted, State, state
 from dropper_jax.model.geometry import Member
+from dropper_jax.run.end_links import load_on_fixed_point
 from dropper_jax.statics.modes import natural_periods
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import Trajectory, observe
@@ -165,7 +166,8 @@ class Quantity:
         """The number at one instant, a static pose."""
         if self.signal == PERIOD:
             return natural_periods(model, s, self.members[0] + 1)[-1]
-        return STATISTICS[self.statistic](self.instant(model, s.r, s.r, s.v, s.tension, s.t, s.parted)[None])
+        still = model if model.sea is None else dataclasses.replace(model, sea=model.sea.without_waves())
+        return STATISTICS[self.statistic](self.instant(still, s.r, s.r, s.v, s.tension, s.t, s.parted)[None])
 
     def instant(
         self,
@@ -207,10 +209,8 @@ class Quantity:
         return -r[:, 2] if self.signal == "depth" else r[:, "xyz".index(self.signal)]
 
     def _anchor_load(self, model: Model, r: jax.Array, tension: jax.Array, t: jax.Array) -> jax.Array:
-        """Force of the lines on a fixed point [N]: the sum of `T d/|d|`, d outwards along each link that ends there."""
-        own = np.array(self.members)
-        d = model.links(r, model.ends(t))[own]
-        force = jnp.sum((np.array(self.signs) * tension[own] / safe_norm(d))[:, None] * d, axis=0)
+        """Force of the lines on a fixed point [N], or its angle [rad]."""
+        force = load_on_fixed_point(model, self.members, self.signs, r, tension, t)
         across, up = horizontal_norm(force), force[2]
         if self.direction == "uplift":
             return jnp.arctan2(up, across)

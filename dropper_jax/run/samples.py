@@ -241,7 +241,8 @@ class Samples:
     def end_forces(self) -> dict[str, dict[str, dict[str, float]]]:
         """The same of the force [N] of every line on its first and last point, at the times of the tensions.
 
-        Tensions of links are at their middles, so the difference is half the weight in water of the end link.
+        Tensions of links are at their middles, so the difference is the weight of half the end link, less its buoyancy
+        as far as it is in the water.
         """
         rows, extremes = self.signal("end_force"), self.step_extremes("end_force")
         return {

@@ -6,16 +6,19 @@ the rows of the run here.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from itertools import chain
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.fields import component, option
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.bends import held_points, point_load, positions_at
-from dropper_jax.run.growth import carried_weight, end_forces, end_weights
+from dropper_jax.run.end_links import end_forces_of_model
+from dropper_jax.run.growth import end_forces
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.stepping.extremes import Extremes
 
@@ -28,71 +31,53 @@ STEP_EXTREMES = tuple(f"{signal}_{name}" for signal in SIGNALS for name in ARRAY
 LOADS = ("horizontal", "vertical", "total")
 
 
-@component
+@dataclass(frozen=True)
 class StepSignals:
     """Signals (m,) of a step: tensions of the links, forces on the end points of lines, loads of fixed points, in N.
 
     They are those of `growth.end_forces` and `bends.point_load`, at the time of the step's tension.
 
     Attributes:
-        weights: of the parts of the end links that belong to their points (2 lines,) [N], first ends and then last ends
-            of the scene's lines.
-        nodes, inner, links: the ends' nodes, the next nodes and the end links.
+        links: end links (2 lines,), the first and then the last of each of the scene's lines.
         whole: ends of the lines as the user wrote them, first and last in turn.
         points: ends at each fixed point.
         tension_time: fraction of the step at which its tension is.
     """
 
-    weights: jax.Array
-    nodes: tuple[int, ...] = option("nodes of the ends")
-    inner: tuple[int, ...] = option("nodes next to them")
-    links: tuple[int, ...] = option("end links")
-    whole: tuple[int, ...] = option("ends of the lines as written")
-    points: tuple[tuple[int, ...], ...] = option("ends at each fixed point")
-    tension_time: float = option("fraction of the step")
+    links: tuple[int, ...]
+    whole: tuple[int, ...]
+    points: tuple[tuple[int, ...], ...]
+    tension_time: float
 
     def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
         share = self.tension_time
+        t = before.t + share * (after.t - before.t)
         # linear over the step, as `bends.positions_at` between saved times
-        first, last = (model.nodes(s.r, model.ends(s.t)) for s in (before, after))
-        nodes = first + share * (last - first)
-        at = nodes[np.array(self.nodes)]
-        along = nodes[np.array(self.inner)] - at
-        size = safe_norm(along)[:, None]
-        force = after.tension[np.array(self.links)][:, None] * along / jnp.where(size > 0.0, size, 1.0)
-        loads = [jnp.sum(force[np.array(own)], axis=0) for own in self.points]
-        bed = model.effect("seabed")
-        height = None if bed is None else bed.bed_height(at, rounded=0.0)
-        carried = carried_weight(jnp, self.weights, force, at, height)
-        ends = safe_norm(force.at[:, 2].add(-carried))[np.array(self.whole)]
-        found = [after.tension, ends]
-        if loads:
-            load = jnp.stack(loads)
+        first, last = (model.geometry.everywhere(s.r, model.ends(s.t).positions) for s in (before, after))
+        links = np.array(self.links)
+        starts = np.arange(len(links)) < len(links) // 2
+        forces = end_forces_of_model(model, links, starts, first + share * (last - first), after.tension, t)
+        found = [after.tension, safe_norm(forces)[np.array(self.whole)]]
+        if self.points:
+            load = jnp.stack([jnp.sum(forces[np.array(own)], axis=0) for own in self.points])
             found.append(jnp.stack([horizontal_norm(load), load[:, 2], safe_norm(load)], axis=1).ravel())
-        return jnp.concatenate(found), before.t + share * (after.t - before.t)
+        return jnp.concatenate(found), t
+
+
+jax.tree_util.register_static(StepSignals)
 
 
 def step_signals(scene: Scene, tension_time: float) -> StepSignals | None:
     """The signals of a run whose saved states are farther apart than its steps; None if every step is saved."""
-    run = scene.run
-    if run.save_every == 1 and run.step_tolerance is None:
+    if scene.run.save_every == 1 and scene.run.step_tolerance is None:
         return None
-    lines, slices = scene.lines, line_slices(scene)
-    first = [(where.nodes.start, where.nodes.start + 1, where.links.start) for where in slices]
-    last = [(where.nodes.stop - 1, where.nodes.stop - 2, where.links.stop - 1) for where in slices]
-    nodes, inner, links = zip(*first, *last, strict=True)
-    whole = [end for line in whole_lines(scene) for end in _whole_ends(line.links, first, last)]
-    names = [line.start for line in lines] + [line.end for line in lines]
+    slices = line_slices(scene)
+    first, last = [where.links.start for where in slices], [where.links.stop - 1 for where in slices]
+    lines = [line.links for line in whole_lines(scene)]
+    whole = [(first.index(own.start), len(first) + last.index(own.stop - 1)) for own in lines]
+    names = [line.start for line in scene.lines] + [line.end for line in scene.lines]
     points = [tuple(i for i, name in enumerate(names) if name == point) for point in held_points(scene)]
-    weights = jnp.asarray(end_weights(scene).T.ravel(), scene.run.dtype)
-    return StepSignals(weights, nodes, inner, links, tuple(whole), tuple(points), float(tension_time))
-
-
-def _whole_ends(links: slice, first: list[tuple[int, ...]], last: list[tuple[int, ...]]) -> tuple[int, int]:
-    """Numbers of the ends of a line with these links among the first and last ends of the scene's lines."""
-    start = [link for *_, link in first].index(links.start)
-    end = [link for *_, link in last].index(links.stop - 1)
-    return start, len(first) + end
+    return StepSignals((*first, *last), tuple(chain.from_iterable(whole)), tuple(points), float(tension_time))
 
 
 def saved_signal(
@@ -108,7 +93,7 @@ def saved_signal(
         return tension
     with np.errstate(invalid="ignore", over="ignore"):  # a failed run may end with infinite positions
         if signal == "end_force":
-            forces = end_forces(scene, positions_at(t, positions, t_tension), tension)
+            forces = end_forces(scene, positions_at(t, positions, t_tension), tension, t=t_tension)
             return np.stack(list(forces.values()), axis=1)
         loads = [point_load(scene, name, t, positions, t_tension, tension) for name in held_points(scene)]
         vectors = np.stack(loads, axis=1) if loads else np.zeros((len(tension), 0, 3))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dropper_jax import plots
+from dropper_jax import load_scene, plots
 from dropper_jax.cli.outputs import draw
 from dropper_jax.plots import motion, panels, style
 from dropper_jax.plots.run import chosen_links, readable
@@ -79,10 +79,17 @@ def test_links_at_rest_have_no_panel(longline):
 
 
 def test_loads_of_a_point_are_the_pull_of_its_lines_along_them():
-    scene = SimpleNamespace(
-        points=[SimpleNamespace(name=n, is_free=free) for n, free in (("a", False), ("b", True), ("c", False))],
-        lines=[SimpleNamespace(name="l", links=1, start="a", end="b", piece_of=None)]
-        + [SimpleNamespace(name="m", links=1, start="b", end="a", piece_of=None)],
+    kind = {"links": 1, "length": 5.0, "mass": 1.0, "axial": {"law": "rope", "EA": 1e4}}
+    scene = load_scene(
+        {
+            "run": {"dt": 0.1, "duration": 1.0},
+            "point": [
+                {"name": "a", "position": [0.0, 0.0, 0.0]},
+                {"name": "b", "kind": "free", "position": [3.0, 0.0, 4.0]},
+            ],
+            "line": [{"name": "l", "from": "a", "to": "b", **kind}, {"name": "m", "from": "b", "to": "a", **kind}],
+            "start": {"kind": "points"},
+        }
     )
     t = np.array([0.0, 1.0])
     r = np.array([[0.0, 0, 0], [3, 0, 4], [3, 0, 4], [0, 0, 0]])

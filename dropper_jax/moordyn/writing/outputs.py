@@ -79,7 +79,8 @@ def write_out(
 
     Lines and points have the IDs of the MoorDyn input if there is one (`numbers`), otherwise they count from 1 in the
     scene's order. As in MoorDyn, the tension [N] at an end is the magnitude of the force on the end node: the tension
-    of the link there and half its weight in water. Its drag and inertia, which are small in comparison, are neglected.
+    of the link there and half its weight, less its buoyancy in the water. Its drag and inertia, which are small in
+    comparison, are neglected.
     At an inner node it is the magnitude of the mean of both links' tension vectors. Tensions belong to
     `solution.t_tension`, half a step before the row's time in midpoint schemes.
 
@@ -144,7 +145,8 @@ def _line(solution: Solution, channel: str, number: str, numbers: Numbers) -> Li
 
 
 def _end_tension(solution: Solution, line: LineSlice, last: bool) -> np.ndarray:
-    return end_forces(solution.scene, solution.positions, solution.tension, solution.lines)[line.name][:, int(last)]
+    forces = end_forces(solution.scene, solution.positions, solution.tension, solution.lines, solution.t)
+    return forces[line.name][:, int(last)]
 
 
 def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:

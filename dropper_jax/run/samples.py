@@ -287,9 +287,8 @@ class Samples:
     @property
     def saved_rows(self) -> str:
         """What the saved tensions are if not every step is saved; else empty."""
-        interval = self.settings["dt"]
         if self.scene.run.step_tolerance is not None:
-            return f"saved tensions are means over {interval:g} s"
+            return f"saved tensions are means over {self.settings['dt']:g} s"
         every = self.settings.get("save_every", 1)
         return "" if every == 1 else f"every {every}th step is saved"
 

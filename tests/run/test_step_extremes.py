@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.cli.run import text, with_gaps
 from dropper_jax.report.build import report_run
+from dropper_jax.report.sections import largest_table
+from dropper_jax.run.resolution import step_facts
 from dropper_jax.run.step_extremes import STEP_EXTREMES
 
 #: A rope that goes slack and snaps taut under its moved end, and its load.
@@ -21,6 +24,12 @@ ROPE = {
     ],
     "effects": {"weight": {}, "end_motion": {"point": "top", "amplitude": [0.05, 0.0, 0.0], "period": 0.5}},
     "start": {"kind": "points"},
+}
+#: What the check of a step finds.
+CHECKED = {
+    **{"repeated": "the whole run", "mean_tension": 0.01, "window_maxima": 0.01, "positions": 0.01},
+    **{"chaotic_from_s": None, "angles_rad": None, "snaps_unresolved": False, "snap_period_s": None},
+    "dt_for_1_percent_s": 0.005,
 }
 PENDULUM = "conical-pendulum-damped"
 
@@ -71,6 +80,34 @@ def test_what_is_saved_is_said(every_step, thinned, tmp_path):
     assert any("every 16th step is saved" in note and "all steps" in note for note in found["notes"])
 
 
+def test_tables_have_the_times_of_peaks_and_rigid_links_are_in_compression(every_step, thinned):
+    shown = text(thinned)
+    assert "every 16th step is saved; min and max of tensions and forces are those of all steps" in shown
+    row = next(row for row in shown.splitlines() if row.startswith("rope  ")).split()
+    extent = every_step.line_tensions()["rope"]
+    assert float(row[4]) == pytest.approx(extent["max"], abs=1e-3)
+    assert float(row[5]) == pytest.approx(extent["max_s"], abs=1e-6)
+    assert "axial motion" not in text(replace(every_step, settings={**every_step.settings, "step_check": CHECKED}))
+    facts = step_facts(every_step)
+    assert facts["slack_to_taut_steps"] > 0
+    assert facts["compression_to_tension_steps"] == 0
+
+
+def test_rows_keep_the_order_of_the_scene_with_a_count_of_hidden_lines():
+    rows = {f"sock-{i}": [(f"sock-{i}", str(i))] for i in range(1, 7)}
+    assert with_gaps(rows, {"sock-2", "sock-4"}) == [
+        ("(1 line not shown)", ""),
+        ("sock-2", "2"),
+        ("(1 line not shown)", ""),
+        ("sock-4", "4"),
+        ("(2 lines not shown)", ""),
+    ]
+    lines = [{"line": f"sock-{i}", "n": 1.0 + (i != 3)} for i in range(1, 32)]
+    table = largest_table(lines, lambda line: line["n"], lambda line: {"line": line["line"], "n": str(line["n"])})
+    names = [row.split("|")[1].strip() for row in table.splitlines()[2:6]]
+    assert names == ["sock-1", "sock-2", "(1 not shown)", "sock-4"]
+
+
 def test_a_report_has_the_peaks_of_all_steps(every_step, thinned):
     wanted, found = (report_run(run) for run in (every_step, thinned))
     for key in ("largest", "least"):
@@ -110,6 +147,7 @@ def test_an_error_controlled_run_has_the_extremes_of_all_times_that_could_be_sav
 def test_the_anchor_link_of_a_snapping_chain_has_its_peak():
     run = dj.simulate("paper-case-1-table-6", dt=0.000625, save_every=16, duration=12)
     found = run.step_extremes("tension").largest
-    assert found[:, 0].max() == pytest.approx(83269, rel=1e-3)
-    assert found.max() == pytest.approx(108250, rel=1e-3)
+    # rounding of another program grows to 1 % of the late peak at the anchor
+    assert found[:, 0].max() == pytest.approx(83269, rel=0.01)
+    assert found.max() == pytest.approx(108250, rel=1e-4)
     assert run.tension[:, 0].max() < 66e3

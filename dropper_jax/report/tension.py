@@ -127,9 +127,15 @@ def anchors(record: Record) -> list[dict[str, Any]]:
 
 
 def load_extremes(record: Record) -> dict[str, Extremes]:
-    """Extremes (q, 3) [N] of the horizontal, vertical and total load of each fixed point at which a line ends."""
-    found = record.extremes["point_load"]
-    return {name: Extremes(*(a[:, i] for a in found)) for i, name in enumerate(held_points(record.scene))}
+    """Extremes (q, 3) [N] of the horizontal, vertical and total load of each fixed point; zero where no line ends."""
+    found, loaded = record.extremes["point_load"], held_points(record.scene)
+    zero, times = np.zeros((len(record.t_tension), 3)), np.tile(record.t_tension[:, None], 3)
+    none = Extremes(zero, zero, times, times)
+    return {
+        point.name: Extremes(*(a[:, loaded.index(point.name)] for a in found)) if point.name in loaded else none
+        for point in record.scene.points
+        if not point.is_free
+    }
 
 
 def _extremes_of(extremes: Extremes, part: int) -> dict[str, float]:

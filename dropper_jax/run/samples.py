@@ -244,7 +244,8 @@ class Samples:
         Tensions of links are at their middles, so the difference is the weight of half the end link, less its buoyancy
         as far as it is in the water.
         """
-        rows, extremes = self.signal("end_force"), self.step_extremes("end_force")
+        rows = self.signal("end_force")
+        extremes = self._extremes_or("end_force", rows)
         return {
             line.name: {
                 end: extent(rows[:, i, [j]], Extremes(*(a[:, i, [j]] for a in extremes)))
@@ -271,10 +272,13 @@ class Samples:
 
         They are the saved values if every step is saved, and in files of earlier versions that have no extremes.
         """
+        if all(getattr(self, f"{signal}_{name}") is not None for name in ARRAYS_OF):
+            return Extremes(*(getattr(self, f"{signal}_{name}") for name in ARRAYS_OF))
+        return self._extremes_or(signal, self.signal(signal))
+
+    def _extremes_or(self, signal: str, values: np.ndarray) -> Extremes:
+        """The extremes of a signal over all steps as far as they are stored, else its saved values (k, ...)."""
         stored = [getattr(self, f"{signal}_{name}") for name in ARRAYS_OF]
-        if all(a is not None for a in stored):
-            return Extremes(*stored)
-        values = self.signal(signal)
         times = np.broadcast_to(self.t_tension.reshape(-1, *[1] * (values.ndim - 1)), values.shape)
         saved = Extremes(values, values, times, times)
         return Extremes(*(given if a is None else a for a, given in zip(stored, saved, strict=True)))

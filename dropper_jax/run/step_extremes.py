@@ -17,8 +17,8 @@ from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.bends import held_points, point_load, positions_at
-from dropper_jax.run.end_links import end_forces_of_model
-from dropper_jax.run.growth import end_forces
+from dropper_jax.run.end_links import EndLinks, end_forces_of_model, line_ends
+from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.stepping.extremes import Extremes
 
@@ -93,12 +93,27 @@ def saved_signal(
         return tension
     with np.errstate(invalid="ignore", over="ignore"):  # a failed run may end with infinite positions
         if signal == "end_force":
-            forces = end_forces(scene, positions_at(t, positions, t_tension), tension, t=t_tension)
-            return np.stack(list(forces.values()), axis=1)
+            return _end_forces(scene, t, positions, t_tension, tension)
         loads = [point_load(scene, name, t, positions, t_tension, tension) for name in held_points(scene)]
         vectors = np.stack(loads, axis=1) if loads else np.zeros((len(tension), 0, 3))
         parts = np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2], np.linalg.norm(vectors, axis=-1)
         return np.stack(parts, axis=-1)
+
+
+def _end_forces(
+    scene: Scene, t: np.ndarray, positions: np.ndarray, t_tension: np.ndarray, tension: np.ndarray
+) -> np.ndarray:
+    """Forces (k, lines, 2) [N] of the lines on their points, from the nodes of the end links alone: the positions of a
+    run may be larger than memory."""
+    links = EndLinks(overgrown(scene))
+    ends = {(end.link, end.last): end for end in line_ends(scene)}
+    found = np.zeros((len(tension), len(whole_lines(scene)), 2))
+    for i, line in enumerate(whole_lines(scene)):
+        for j, end in enumerate((ends[line.links.start, False], ends[line.links.stop - 1, True])):
+            nodes = positions_at(t, positions[:, [end.node, end.inner]], t_tension)
+            force = links.force(nodes, tension[:, end.link], end.link, end.last, t_tension)
+            found[:, i, j] = np.linalg.norm(force, axis=1)
+    return found
 
 
 def extremes_by_signal(scene: Scene, extremes: Extremes) -> dict[str, Extremes]:

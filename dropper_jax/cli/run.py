@@ -64,6 +64,8 @@ OVERRIDES = (
     "gamma",
     "rho_infinity",
 )
+#: Cells of a row of a table.
+Row = tuple[str, ...]
 #: Maximum number of lines of a system whose tensions are printed.
 MOST_LINES = 12
 
@@ -287,7 +289,7 @@ def _errors(solution: Solution) -> list[str]:
         return []
     loads = {row["line"]: row for row in found["loads"]}
     names = {"mean": "mean", "deviation": "deviation", "window_maximum": "maxima in waves", "maximum": "maximum"}
-    rows = {
+    rows: dict[str, list[Row]] = {
         line: [
             (
                 line,
@@ -331,11 +333,11 @@ def _tensions(solution: Solution) -> list[str]:
         parts = solution.line_tensions()
         shown = most_loaded(parts, lambda values: values["max"])
     heads = ("min", "at [s]", "mean", "max", "at [s]", "final")
-    rows = [("tension of links [N]", *heads)]
+    rows: list[Row] = [("tension of links [N]", *heads)]
     rows += with_gaps({name: [(name, *_extent_cells(values))] for name, values in parts.items()}, shown)
     # a mean over lines that differ is the load of none
     rows.append(("all links", *_extent_cells(whole["all"], mean=not solution.scene.branched)))
-    ends = [("force on end points [N]", *heads, "angle up [deg]", "min", "max")]
+    ends: list[Row] = [("force on end points [N]", *heads, "angle up [deg]", "min", "max")]
     ends += with_gaps(_end_rows(solution), shown)
     note = f"{solution.saved_rows}; min and max of tensions and forces are those of all steps, angles of saved ones"
     notes = [note] if solution.saved_rows else []
@@ -344,9 +346,10 @@ def _tensions(solution: Solution) -> list[str]:
     return [table(rows), "", table(ends), *notes, *weights_table(solution.scene)]
 
 
-def _end_rows(solution: Solution) -> dict[str, list[tuple[str, ...]]]:
+def _end_rows(solution: Solution) -> dict[str, list[Row]]:
     """Rows of the forces and angles at both ends of each line."""
-    angles, found = solution.end_angles(), {}
+    angles = solution.end_angles()
+    found: dict[str, list[Row]] = {}
     for name, both in solution.end_forces().items():
         found[name] = []
         for end, values in both.items():
@@ -373,9 +376,9 @@ def most_loaded(parts: Mapping[str, Any], size: Callable[[Any], float]) -> set[s
     return set(sorted(parts, key=lambda name: -size(parts[name]))[:MOST_LINES])
 
 
-def with_gaps(rows: Mapping[str, list[tuple[str, ...]]], shown: set[str] | None) -> list[tuple[str, ...]]:
+def with_gaps(rows: Mapping[str, list[Row]], shown: set[str] | None) -> list[Row]:
     """Rows of the shown lines (None: of all) in the order of the scene, with a count where lines are left out."""
-    found: list[tuple[str, ...]] = []
+    found: list[Row] = []
     hidden = 0
     width = max((len(row) for own in rows.values() for row in own), default=0)
 

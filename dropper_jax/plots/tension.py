@@ -129,14 +129,15 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
         name: np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
         for name in held_points(run.scene)
     }
-    ranges: dict[str, tuple[np.ndarray, ...]] = dict.fromkeys(loads, ())
-    if run.min_load is not None and run.max_load is not None:
-        both = run.min_load[kept] / size, run.max_load[kept] / size
-        ranges = {name: tuple(a[:, i] for a in both) for i, name in enumerate(loads)}
-    tops = {name: float(np.nanmax([load, *(size * a for a in ranges[name])])) for name, load in loads.items()}
+    low, high = (None if a is None else a[kept] for a in (run.min_load, run.max_load))
+    tops = {
+        name: float(np.nanmax(load if high is None else high[:, i])) for i, (name, load) in enumerate(loads.items())
+    }
     least = UNLOADED * max(tops.values())
     names = [name for name in sorted(tops, key=lambda name: -tops[name]) if tops[name] > least][:MOST]
-    curves = [Curve(name, t, loads[name] / size, *ranges[name]) for name in names]
+    at = {name: i for i, name in enumerate(loads)}
+    ranges = {name: [None if a is None else a[:, at[name]] / size for a in (low, high)] for name in names}
+    curves = [Curve(name, t, loads[name] / size, low=ranges[name][0], high=ranges[name][1]) for name in names]
     title = _count_title("force on each fixed point", len(names), len(loads))
     unloaded = sum(top <= least for top in tops.values())
     more = f"; {unloaded} below {UNLOADED:.0%} of the maximum" if unloaded else ""

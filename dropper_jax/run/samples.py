@@ -311,7 +311,7 @@ class Samples:
         return json.loads(json.dumps(meta, default=methodcaller("tolist")))
 
     @classmethod
-    def restore(cls, meta: Plain, arrays: dict[str, np.ndarray | dict[str, np.ndarray]]) -> Self:
+    def restore(cls, meta: Plain, arrays: dict[str, Any]) -> Self:
         """The run restored from saved provenance and arrays.
 
         Raises:

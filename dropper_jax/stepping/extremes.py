@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,12 +12,15 @@ from dropper_jax.model import Model, State
 
 
 class Extremes(NamedTuple):
-    """Minimum and maximum of signals (..., m) over the steps since the last saved time, and their times [s]."""
+    """Minimum and maximum of signals (..., m) over the steps since the last saved time, and their times [s].
 
-    least: jax.Array
-    largest: jax.Array
-    least_at: jax.Array
-    largest_at: jax.Array
+    Arrays of JAX during a run, of NumPy in a solution.
+    """
+
+    least: Any
+    largest: Any
+    least_at: Any
+    largest_at: Any
 
 
 #: Signals (m,) of a step and their time [s], from the model and the states before and after the step.

@@ -196,9 +196,11 @@ class Run:
 
     @property
     def peak(self) -> int:
-        """The sample of the maximum tension; that at the start belongs to no step."""
-        largest = np.nan_to_num(self.max_tension.max(axis=1), nan=-np.inf)
-        return 1 + int(np.argmax(largest[1:])) if len(largest) > 1 else 0
+        """The sample of the maximum tension, the last one if it is constant; that at the start belongs to no step."""
+        largest = np.nan_to_num(self.max_tension.max(axis=1), nan=-np.inf)[1:]
+        if len(largest) == 0 or np.ptp(largest) <= TENSION * np.abs(largest).max():
+            return len(largest)
+        return 1 + int(np.argmax(largest))
 
     def segments(self, nodes: np.ndarray) -> np.ndarray:
         """Both ends of each link (n, 2, d) from the positions of all nodes (nodes, d)."""

@@ -146,7 +146,7 @@ def test_a_snapshot_shows_the_peak_and_unloaded_anchors_have_no_curve(longline, 
 def test_spectra_of_x_and_y_that_coincide_are_both_visible(tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(style, "finish", lambda figure, *_: drawn.append(figure))
-    plots.amplitude_spectrum(dj.simulate("conical-pendulum", dt=0.01, duration=1.0), tmp_path / "spectrum.png")
+    plots.amplitude_spectrum(dj.simulate("conical-pendulum", dt=0.02, duration=20.0), tmp_path / "spectrum.png")
     assert [line.get_linestyle() for line in drawn[0].axes[0].get_lines()] == ["-", "--"]
 
 

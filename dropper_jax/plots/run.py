@@ -197,7 +197,9 @@ class Run:
     @property
     def peak(self) -> int:
         """The sample of the maximum tension, the last one if it is constant; that at the start belongs to no step."""
-        largest = np.nan_to_num(self.max_tension.max(axis=1), posinf=0.0)[1:]  # a failed run may end with any value
+        largest = np.nan_to_num(self.max_tension.max(axis=1), posinf=0.0, neginf=0.0)[
+            1:
+        ]  # a failed run may end with any value
         if len(largest) == 0 or np.ptp(largest) <= TENSION * np.abs(largest).max():
             return len(largest)
         return 1 + int(np.argmax(largest))

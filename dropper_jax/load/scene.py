@@ -202,7 +202,7 @@ class Scene(SceneData):
             bodies=bodies,
             vessels=vessels,
             effects=_read_effects(table.get("effects", {}), sum(line.links for line in lines)),
-            start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched),
+            start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched, len(lines) == 1),
             run=RunSpec.read(table["run"], "run", OPTIONS),
             sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
             failures=read_items(FailureSpec.read, table.get("failure", []), "failure", lines),

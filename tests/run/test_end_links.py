@@ -110,18 +110,21 @@ def test_a_light_cable_in_air_pulls_as_the_catenary_does():
     assert found == pytest.approx(np.linalg.norm(exact, axis=1), rel=0.003)
 
 
+HEAVY = {"mass": 90.0, "diameter": 0.3, "links": 44}
+
+
 @pytest.mark.parametrize(
-    ("first", "last", "length"),
+    ("first", "last", "length", "kind"),
     [
-        ([0.0, 0.0, 8.0], [14.0, 0.0, -9.0], 22.0),
-        ([0.0, 0.0, 8.0], [4.0, 0.0, 0.0], 9.2),
-        ([0.0, 0.0, 0.1], [14.0, 0.0, -9.0], 17.6),
+        ([0.0, 0.0, 8.0], [14.0, 0.0, -9.0], 22.0, HEAVY),
+        ([0.0, 0.0, 8.0], [4.0, 0.0, 0.0], 9.2, {"mass": 20.0, "diameter": 0.1, "links": 40}),
+        ([0.0, 0.0, 0.1], [14.0, 0.0, -9.0], 17.6, HEAVY),
     ],
     ids=["dry and wet", "dry, down to the surface", "half wet"],
 )
-def test_a_line_out_of_the_water_has_its_weight_above_the_surface_only(first, last, length):
-    exact = shoot(first, last, length, 90.0, 0.3, (6000.0, -12000.0))
-    line = dj.load_scene(scene(first, last, length, 44, mass=90.0))
+def test_a_line_out_of_the_water_has_its_weight_above_the_surface_only(first, last, length, kind):
+    exact = shoot(first, last, length, kind["mass"], kind["diameter"], (6000.0, -12000.0))
+    line = dj.load_scene(scene(first, last, length, **kind))
     pose = dj.equilibrium(line)
     found = end_force_vectors(line, pose.positions[None], pose.tension[None], line_slices(line))["line"][0]
     size = np.linalg.norm(exact, axis=1)
@@ -129,23 +132,25 @@ def test_a_line_out_of_the_water_has_its_weight_above_the_surface_only(first, la
     assert np.linalg.norm(found, axis=1) == pytest.approx(size, rel=0.003)
 
 
-def test_lines_pull_a_float_at_the_surface_by_its_net_lift():
-    mass, volume = 300.0, 0.6
-    buoy = {"name": "b", "kind": "free", "position": [0.0, 0.0, -0.3], "mass": mass, "volume": volume}
-    rope = scene([0.0, 0.0, -20.0], [0.0, 0.0, 0.0], 20.0, 4, mass=2.0, diameter=0.04)
-    rope["point"][1] = buoy
-    rope["line"][0]["length"] = 20.0
-    loaded = dj.load_scene(rope)
-    pose = dj.equilibrium(loaded)
-    z = pose.positions[-1, 2]
-    # the float's wet fraction over its own diameter, as docs/physics.md has it
-    s = 0.5 - z / np.cbrt(6.0 * volume / np.pi)
-    lift = G * (RHO * volume * s**2 * (3.0 - 2.0 * s) - mass)
-    assert 0.05 < s < 0.95
-    first, last = end_force_vectors(loaded, pose.positions[None], pose.tension[None], line_slices(loaded))["line"][0]
-    assert last[2] == pytest.approx(-lift, rel=0.01)
-    # the rope hangs in the water between its points
-    assert first[2] + last[2] == pytest.approx(-G * 20.0 * (2.0 - RHO * np.pi / 4 * 0.04**2), rel=1e-3)
+def test_ropes_of_a_float_at_the_surface_pull_with_their_weight_in_water():
+    anchors = [-8.0, 0.0, -5.0], [8.0, 0.0, -5.0]
+    ropes = scene(*anchors, 14.0, 28, mass=12.0, diameter=0.06)
+    buoy = {"name": "float", "kind": "free", "position": [0.0, 0.0, -0.1], "mass": 20.0, "volume": 0.2}
+    rope = ropes["line"][0]
+    ropes["line"] = [rope | {"name": "left", "to": "float"}, rope | {"name": "right", "from": "float"}]
+    ropes["point"] += [buoy]
+    ropes = dj.load_scene(ropes)
+    pose = dj.equilibrium(ropes)
+    left, right = line_slices(ropes)
+    top = pose.positions[left.nodes.stop - 1]
+    assert abs(top[2]) < 0.3  # the float is at the surface
+    exact = shoot(anchors[0], top, 14.0, 12.0, 0.06, (300.0, -200.0))
+    found = end_force_vectors(ropes, pose.positions[None], pose.tension[None], (left, right))
+    assert np.linalg.norm(found["left"][0], axis=1) == pytest.approx(np.linalg.norm(exact, axis=1), rel=0.003)
+    # and the float carries them
+    s = 0.5 - top[2] / np.cbrt(6.0 * 0.2 / np.pi)
+    lift = G * (RHO * 0.2 * s**2 * (3.0 - 2.0 * s) - 20.0)
+    assert found["left"][0, 1, 2] + found["right"][0, 0, 2] == pytest.approx(-lift, rel=0.01)
 
 
 def test_the_end_of_a_line_is_wet_under_crests_and_below_the_level():

@@ -45,8 +45,8 @@ def found(loop):
 
 def test_an_extreme_is_that_of_all_steps_whatever_is_saved(loop):
     thinned = {**SCENE, "run": {**SCENE["run"], "save_every": 5}}
-    assert study(thinned, "tension.1.max", ["b_l", "line.0.mass.1"]).plan == loop.plan  # the same program
-    assert study(thinned, "tension.1.mean", ["b_l"]).plan.run.save_every == 5
+    assert study(thinned, "tension.1.max", ["b_l", "line.0.mass.1"]).scene == loop.scene  # the same run
+    assert study(thinned, "tension.1.mean", ["b_l"]).scene.run.save_every == 5
 
 
 def differences(function, at: np.ndarray) -> np.ndarray:

@@ -144,9 +144,21 @@ def _extremes_of(extremes: Extremes, part: int) -> dict[str, float]:
 
 
 def _uplift(extremes: Extremes, row: int) -> float:
-    """Angle [rad] above the horizontal of the maximum load since the previous sample."""
-    across, up = extremes.largest[row, :2]
-    return float(np.arctan2(up if abs(up) >= abs(extremes.least[row, 1]) else extremes.least[row, 1], across))
+    """Angle [rad] above the horizontal of the maximum load since the previous sample.
+
+    An extreme of the vertical or the horizontal part at the time of the maximum load gives it; if neither is at this
+    time, it is that of both maxima.
+    """
+    size, when = extremes.largest[row, 2], extremes.largest_at[row, 2]
+    ups = (extremes.largest[row, 1], extremes.largest_at[row, 1]), (extremes.least[row, 1], extremes.least_at[row, 1])
+    for up, at in ups:
+        if at == when and size > 0.0:
+            return float(np.arcsin(np.clip(up / size, -1.0, 1.0)))
+    steepest = max((up for up, _ in ups), key=abs)
+    across = extremes.largest[row, 0]
+    if extremes.largest_at[row, 0] == when:
+        steepest = np.copysign(np.sqrt(max(size**2 - across**2, 0.0)), steepest)
+    return float(np.arctan2(steepest, across))
 
 
 def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], peaks: dict[str, Extremes]) -> dict[str, Any]:

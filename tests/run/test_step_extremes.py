@@ -118,6 +118,8 @@ def test_a_report_has_the_peaks_of_all_steps(every_step, thinned):
         assert other[load]["max"] == pytest.approx(anchor[load]["max"], rel=1e-6, abs=1e-6)
         assert other[load]["min"] == pytest.approx(anchor[load]["min"], rel=1e-6, abs=1e-6)
     assert other["total_n"]["max_s"] == pytest.approx(anchor["total_n"]["max_s"])
+    uplift = anchor["uplift_at_largest_load_rad"]
+    assert other["uplift_at_largest_load_rad"] == pytest.approx(uplift, abs=1e-6)
     assert found["tension"][0]["max_first_force_n"] == pytest.approx(wanted["tension"][0]["max_first_force_n"], 1e-6)
 
 

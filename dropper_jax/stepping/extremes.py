@@ -48,7 +48,8 @@ def with_step(
     """The extremes with those of one more step; a NaN is permanent."""
     if extremes is None or watch is None:
         return None
-    signals, t = watch(model, before, after)
+    # apart from the step, whose rounding it would change
+    signals, t = watch(model, *jax.lax.optimization_barrier((before, after)))
     return Extremes(
         jnp.minimum(extremes.least, signals),
         jnp.maximum(extremes.largest, signals),

@@ -134,7 +134,7 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
 
     A system that stays in the plane of x and z is seen from one side only.
     """
-    index = int(np.argmax(np.max(run.tension, axis=1))) if time is None else int(np.argmin(np.abs(run.t - time)))
+    index = run.peak if time is None else int(np.argmin(np.abs(run.t - time)))
     nodes = run.positions[index]
     low, high = nodes.min(axis=0), nodes.max(axis=0)
     middle, half = 0.5 * (low + high), 0.55 * max((high - low).max(), 1.0)

@@ -166,18 +166,32 @@ def load_on_fixed_point(
         links: those that end there; signs: 1 for links that start there, -1 for links that end there.
         r: free nodes (nodes, 3) [m]; tension: of all links (n,) [N]; t: time [s].
     """
-    own, starts = np.array(links), np.array(signs) > 0.0
-    ends, line, graph = model.ends(t), model.line, model.geometry
-    along = jnp.where(starts[:, None], 1, -1) * model.links(r, ends)[own]
+    own, starts, graph = np.array(links), np.array(signs) > 0.0, model.geometry
+    nodes = graph.everywhere(r, model.ends(t).positions)
+    return jnp.sum(end_forces_of_model(model, own, starts, nodes, tension, t), axis=0)
+
+
+def end_forces_of_model(
+    model: Model, links: np.ndarray, starts: np.ndarray, nodes: jax.Array, tension: jax.Array, t: jax.Array
+) -> jax.Array:
+    """Force (m, 3) [N] of end links on their points, differentiable.
+
+    Args:
+        links: the end links (m,); starts: whether each link starts at its point or ends there (m,).
+        nodes: all nodes, free ones first (see `Graph.everywhere`) [m]; tension: of all links (n,) [N]; t: time [s].
+    """
+    line, graph = model.line, model.geometry
+    ends = graph.first[links], graph.last[links]
+    at, inner = nodes[np.where(starts, *ends)], nodes[np.where(starts, *reversed(ends))]
+    along = inner - at
     direction = along / safe_norm(along)[:, None]
-    at = graph.everywhere(r, ends.positions)[np.where(starts, graph.first[own], graph.last[own])]
-    near = jnp.broadcast_to(jnp.asarray(line.near_share, r.dtype), line.length.shape)[own]
+    near = jnp.broadcast_to(jnp.asarray(line.near_share, nodes.dtype), line.length.shape)[links]
     share = jnp.where(starts, near, 1.0 - near)
     effects: dict[str, Any] = {effect.name: effect for effect in model.effects}
-    weight = share * effects["weight"].per_link(line)[own] if "weight" in effects else jnp.zeros_like(share)
+    weight = share * effects["weight"].per_link(line)[links] if "weight" in effects else jnp.zeros_like(share)
     if "buoyancy" in effects and model.sea is not None and line.diameter is not None:
-        diameter = jnp.broadcast_to(line.diameter, line.length.shape)[own]
-        wet = wet_fraction(model.sea.elevation(at, t), at, direction, share * line.length[own], diameter)
-        weight = weight - share * effects["buoyancy"].per_link(model)[own] * wet
+        diameter = jnp.broadcast_to(line.diameter, line.length.shape)[links]
+        wet = wet_fraction(model.sea.elevation(at, t), at, direction, share * line.length[links], diameter)
+        weight = weight - share * effects["buoyancy"].per_link(model)[links] * wet
     lies = at[:, 2] < effects["seabed"].bed_height(at, rounded=0.0) + ON_BED if "seabed" in effects else False
-    return jnp.sum(force_on_point(direction, tension[own], weight, lies, jnp), axis=0)
+    return force_on_point(direction, tension[links], weight, lies, jnp)

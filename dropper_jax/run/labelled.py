@@ -16,6 +16,7 @@ from dropper_jax.base.read import Plain
 from dropper_jax.load.checks_water import surface_over
 from dropper_jax.run.bends import end_tensions, held_points, point_load
 from dropper_jax.run.samples import BODIES, RUN_FORMAT, WITHIN, Kind, Samples
+from dropper_jax.run.step_extremes import ARRAYS_OF, LOADS, signal_shapes
 from dropper_jax.scene import line_slices, whole_lines
 
 if TYPE_CHECKING:
@@ -73,6 +74,8 @@ def coordinates(solution: Samples) -> Variables:
     }
     if names := held_points(solution.scene):
         found["held_point"] = ("held_point", np.array(names, dtype=str), {"long_name": "fixed point"})
+        if solution.point_load_max is not None:
+            found["load"] = ("load", list(LOADS), {"long_name": "part of a load, vertical upwards"})
     return found
 
 
@@ -238,7 +241,12 @@ def _wrong_arrays(solution: Samples) -> Iterator[str]:
         "kinetic": (k,),
         "potential": (k,),
         "work": (k, len(solution.work_names)),
-        **dict.fromkeys(WITHIN, (k, links)),
+        "tension_square": (k, links),
+        **{
+            f"{signal}_{name}": (k, *shape)
+            for signal, shape in signal_shapes(solution.scene).items()
+            for name in ARRAYS_OF
+        },
         **{name: (k, len(solution.scene.bodies), 3) for name in BODIES},
     }
     for name, shape in shapes.items():

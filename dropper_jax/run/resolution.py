@@ -183,8 +183,9 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
     Returns:
         axial_period_s: `2 pi/omega` of the stiffest link, `omega^2 = 4 EA/(L m)`, None if no link stretches.
         steps_per_axial_period, axial_step_s: steps per period, and the step that gives 60 steps per period.
-        largest_turn_rad: maximum rotation of a link between two saved times. slack_to_taut_steps: number of steps,
-            summed over the links, in which a link changes from slack to taut. None unless every step is saved.
+        largest_turn_rad: maximum rotation of a link between two saved times. slack_to_taut_steps,
+            compression_to_tension_steps: number of steps, summed over the links, in which an elastic link changes from
+            slack to taut, and a rigid one from compression to tension. None unless every step is saved.
     """
     used, period = solution.settings, periods(solution.scene).get("axial")
     # steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`
@@ -194,6 +195,7 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
         "axial_step_s": None if period is None else period / 60,
         "largest_turn_rad": None,
         "slack_to_taut_steps": None,
+        "compression_to_tension_steps": None,
     }
     if used.get("save_every") != 1 or "refused_steps" in used or len(solution.t) < 3:
         return facts
@@ -204,7 +206,10 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
             links = links / np.maximum(np.linalg.norm(links, axis=2, keepdims=True), 1e-300)
             turns.append(float(np.max(np.linalg.norm(links[1:] - links[:-1], axis=2))))
     facts["largest_turn_rad"] = float(2.0 * np.arcsin(min(0.5 * max(turns), 1.0)))
-    facts["slack_to_taut_steps"] = int(np.sum(taut[1:] & ~taut[:-1]))
+    changes = np.sum(taut[1:] & ~taut[:-1], axis=0)
+    rigid = np.concatenate([np.full(line.links, line.rigid) for line in solution.scene.lines])
+    facts["slack_to_taut_steps"] = int(np.sum(changes[~rigid]))
+    facts["compression_to_tension_steps"] = int(np.sum(changes[rigid]))
     return facts
 
 
@@ -278,16 +283,17 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
     least, largest = solution.tension_range
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):
         rest = float(np.max(solution.tension[0, where.links]))
-        # ratio to the static tension below which a link is slack
+        # ratio to the static tension below which a link is slack, or in compression
         slack = np.any(least[1:, where.links] < 1e-3 * rest, axis=0)
         worst = float(np.max(np.where(slack, np.max(largest[1:, where.links], axis=0, initial=0.0), 0.0)))
         # ratio to the static tension above which a previously slack line has a snatch load
         if rest > 0.0 and worst > 10.0 * rest:
+            before, what = ("compression", "peaks") if line.rigid else ("slack", "peaks are snatch loads and")
             text = (
-                f"{line.name}: changes from slack to {worst:.4g} N, {worst / rest:.3g} times its static tension: peaks "
-                "are snatch loads and may be chaotic. Use --errors"
+                f"{line.name}: changes from {before} to {worst:.4g} N, {worst / rest:.3g} times its static tension: "
+                f"{what} may be chaotic. Use --errors"
             )
-            yield "snatch loads", worst, text
+            yield "high tensions after compression" if line.rigid else "snatch loads", worst, text
 
 
 def unresolved_peak(tension: np.ndarray) -> tuple[int, int] | None:

@@ -34,6 +34,7 @@ from dropper_jax.run.row_store import (
 )
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.step_check import with_step_check
+from dropper_jax.run.step_extremes import step_signals
 from dropper_jax.run.summary import summary
 from dropper_jax.scene import RunSpec
 from dropper_jax.statics.search import node_positions
@@ -75,8 +76,13 @@ class Solution(Samples):
         versions: of the packages that affect the result.
         warnings: one line each.
         broken: broken links, by time: line, link (from 1), time_s, tension_n.
-        tension_min, tension_max, tension_square: with a step tolerance the extremes of the tensions since the last
-            saved time (k, n) [N] and the means of their squares [N^2]; else None. `tension` then is their mean.
+        tension_min, tension_max: extremes of the tensions over the steps since the last saved time (k, n) [N], at
+            `tension_min_time`, `tension_max_time` [s]. None if every step is saved: `step_extremes` has them always.
+            With a step tolerance `tension` is the mean since the last saved time, else that of a saved step.
+        end_force_min, end_force_max and their times: the same of the forces on the end points (k, lines, 2).
+        point_load_min, point_load_max and their times: the same of the loads of fixed points (k, points, 3).
+        tension_square: with a step tolerance the mean square of the tensions since the last saved time [N^2]; else
+            None.
         body_position, body_attitude: of each rigid body its reference point (k, bodies, 3) [m], and roll, pitch and yaw
             [rad]; None without.
         body_velocity, body_rates: velocity of the reference point [m/s], angular velocity in the scene's axes [rad/s].
@@ -96,7 +102,8 @@ class Solution(Samples):
             ("status", self.failure or self.status),
             ("scheme", f"{used['integrator']}, solver {used['solver']}"),
             ("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} saved times"),
-            ("tension", f"{np.min(self.tension):.4g} to {np.max(self.tension):.4g} N"),
+            ("tension", "{min:.4g} to {max:.4g} N".format(**self.tension_summary()["all"])),
+            *((("saved", f"{self.saved_rows}; extremes are those of all steps"),) if self.saved_rows else ()),
             ("energy balance error", f"{self.energy_drift:.2g} J (reference {self.energy_scale:.3g} J)"),
             *(("warning", text) for text in self.warnings),
         ]
@@ -196,10 +203,11 @@ def simulate(
         dt, duration: time step and simulated time [s]; the duration is rounded up to whole saved steps.
         integrator, solver: see `make_stepper`.
         dtype: `float64` or `float32`.
-        save_every: steps between saved times.
+        save_every: steps between saved times. Extremes of tensions, end forces and loads of fixed points are kept over
+            all steps, see `Solution.step_extremes`.
         step_tolerance: speed [m/s] that the change of a tension within a step may give to a link of mean mass. Steps
             then adapt to snap loads (see `stepping.adaptive`), dt is the interval between saved times and the maximum
-            step, and saved tensions are means over it; `tension_min` and `tension_max` keep the extremes.
+            step, and saved tensions are means over it; extremes are those of all steps.
         error_tolerance: error of a step in positions [m] and velocities [m/s] that tsit5 and dop853 allow (see
             `stepping.controlled`); dt is then the interval between states that can be saved, not a step.
         progress: called with the fraction done and a line of text.
@@ -262,7 +270,8 @@ def simulate(
     rows = InMemory() if folder is None else OnDisk(folder, about, name_leaves(first))
     started = time.perf_counter()
     before = 0 if start is None else int(start.settings["steps"])
-    compiled = compile_run(stepper, model, first.carry, run, before)
+    watch = step_signals(scene, stepper.integrator.tension_time)
+    compiled = compile_run(stepper, model, first.carry, run, before, watch)
     compile_s = time.perf_counter() - started
     start_s = time.perf_counter() - entered
     outcome = run_chunks(compiled, run.saves, say, rows)

@@ -15,6 +15,7 @@ import numpy as np
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.consistent import consistent
 from dropper_jax.model import Frozen, Model, Parted, State, as_parted, state
+from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
 
@@ -85,6 +86,7 @@ class Trajectory(NamedTuple):
         first_bad: number of the first failed step of the run, -1 before any failure (k,).
         parted: broken links, each (k, m), if the scene has failures.
         own: internal states of effects, by effect, each leaf (k, ...).
+        extremes: of the watched signals over the steps since the last saved time (k, m), if signals are watched.
     """
 
     r: jax.Array
@@ -97,6 +99,7 @@ class Trajectory(NamedTuple):
     first_bad: jax.Array
     parted: Parted | None = None
     own: dict[str, Frozen] | None = None
+    extremes: Extremes | None = None
 
 
 class Progress(NamedTuple):
@@ -169,13 +172,19 @@ def empty_rows(row: Rows, capacity: int) -> Rows:
 
 
 def advance(
-    stepper: Stepper, model: Model, progress: Progress, dt: jax.Array, saves: int, save_every: int = 1
+    stepper: Stepper,
+    model: Model,
+    progress: Progress,
+    dt: jax.Array,
+    saves: int,
+    save_every: int = 1,
+    watch: Watch | None = None,
 ) -> tuple[Progress, Trajectory]:
     """Advance by `saves * save_every` steps of dt [s], scalar or (saves, save_every), saved every `save_every`."""
     sizes = dt if jnp.ndim(dt) else None
 
     def save(carry: Progress, row: jax.Array | None) -> tuple[Progress, Trajectory]:
-        return advance_and_save(stepper, model, carry, dt if row is None else row, save_every)
+        return advance_and_save(stepper, model, carry, dt if row is None else row, save_every, watch)
 
     return jax.lax.scan(save, progress, sizes, length=saves)
 
@@ -188,42 +197,49 @@ def advance_some(
     count: jax.Array,
     capacity: int,
     save_every: int = 1,
+    watch: Watch | None = None,
 ) -> tuple[Progress, Trajectory]:
     """Advance by `count` saves, at most `capacity`, which is the number of rows of the trajectory: the first are
     filled.
 
     One program runs chunks of any length, which allows progress reports and interruption.
     """
-    rows = empty_trajectory(progress, capacity)
-    return scan_steps(lambda carry, _: advance_and_save(stepper, model, carry, dt, save_every), progress, count, rows)
+    rows = empty_trajectory(progress, capacity, no_extremes(watch, model, progress.state))
+    save = partial(advance_and_save, stepper, model, dt=dt, save_every=save_every, watch=watch)
+    return scan_steps(lambda carry, _: save(carry), progress, count, rows)
 
 
-def empty_trajectory(progress: Progress, capacity: int) -> Trajectory:
+def empty_trajectory(progress: Progress, capacity: int, extremes: Extremes | None = None) -> Trajectory:
     """A trajectory with `capacity` rows of zeros for states like this one."""
     s, number = progress.state, jnp.zeros((), jnp.int32)
     counts = jnp.zeros((), s.r.dtype), number, number, number
-    return empty_rows(Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own), capacity)
+    return empty_rows(Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own, extremes), capacity)
 
 
 def advance_and_save(
-    stepper: Stepper, model: Model, carry: Progress, dt: jax.Array, save_every: int
+    stepper: Stepper, model: Model, carry: Progress, dt: jax.Array, save_every: int, watch: Watch | None = None
 ) -> tuple[Progress, Trajectory]:
     """Advance by `save_every` steps of dt [s], scalar or (save_every,), and save the result."""
 
-    def one(carry: Progress, size: jax.Array | None) -> tuple[Progress, tuple[jax.Array, ...]]:
-        carry, report, bad = next_progress(stepper, model, carry, dt if size is None else size)
-        return carry, (report.residual, report.level > FULL_STEP, bad)
+    def one(
+        both: tuple[Progress, Extremes | None], size: jax.Array | None
+    ) -> tuple[tuple[Progress, Extremes | None], tuple[jax.Array, ...]]:
+        carry, extremes = both
+        after, report, bad = next_progress(stepper, model, carry, dt if size is None else size)
+        extremes = with_step(extremes, watch, model, carry.state, after.state)
+        return (after, extremes), (report.residual, report.level > FULL_STEP, bad)
 
     sizes = dt if jnp.ndim(dt) else None
+    both = carry, no_extremes(watch, model, carry.state)
     if save_every == 1:
-        carry, (residual, retried, bad) = one(carry, None if sizes is None else sizes[0])
+        (carry, extremes), (residual, retried, bad) = one(both, None if sizes is None else sizes[0])
         retried, bad = retried.astype(jnp.int32), bad.astype(jnp.int32)
     else:
-        carry, (residual, retried, bad) = jax.lax.scan(one, carry, sizes, length=save_every)
+        (carry, extremes), (residual, retried, bad) = jax.lax.scan(one, both, sizes, length=save_every)
         residual, retried, bad = jnp.max(residual), jnp.sum(retried), jnp.sum(bad)
     s = carry.state
     counts = residual, retried, bad, carry.first_bad
-    return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own)
+    return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own, extremes)
 
 
 def step_failed(stepper: Stepper, model: Model, s: State, residual: jax.Array) -> jax.Array:

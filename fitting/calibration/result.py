@@ -152,6 +152,7 @@ class FitResult(SceneFit):
         left_out: (run, from, to) [s] of windows that were not fitted because no start explains them.
         wrong_file: the mistake in the traces that explains a misfit, in a line; otherwise empty.
         energy: the ratio of the measured energy loss to the fitted law's, if a report was written (`energy`).
+        accepted: whether a misfit is accepted; it has errors then.
     """
 
     method: str
@@ -167,6 +168,11 @@ class FitResult(SceneFit):
     freed: list[Candidate] = field(default_factory=list)
     wrong_file: str = ""
     left_out: tuple[tuple[int, float, float], ...] = ()
+    accepted: bool = False
+
+    @property
+    def has_errors(self) -> bool:
+        return self.status == "ok" or (self.accepted and self.status == "misfit")
 
     @property
     def status(self) -> str:
@@ -277,7 +283,7 @@ class FitResult(SceneFit):
             "left_out": [
                 {"trace": self.traces[run].name, "from_s": low, "to_s": high} for run, low, high in self.left_out
             ],
-            "best_determined": self.best_combination,
+            "best_determined": self.has_errors and self.best_combination,
             "error": self.status != "ok" and self.outcome,
         }
         return jsonable(found | {key: value for key, value in requested.items() if value})

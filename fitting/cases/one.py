@@ -19,7 +19,7 @@ from dropper_jax.run.build import build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.quantities import STATISTICS, Quantity, quantity
+from dropper_jax.run.quantities import OVER_STEPS, STATISTICS, Quantity, quantity, quantity_signals
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.site import Case, Site, Storm
@@ -149,22 +149,25 @@ class Runner:
         start, positions, rest = self._start(scene, model, case.storm)
         skip = self.site.run_of(case.storm).skip
         tally = Tally(scene, skip, positions, self.site.curve_lines)
-        run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run)
-        carry, done, info = run.carry, 0, {"status": np.array(0)}
         signals: dict[Quantity, list[np.ndarray]] = {
             quantity(name, model, "quantities"): [] for name in self.site.quantities
         }
+        watch = None if scene.run.step_tolerance is None else quantity_signals(list(signals), start.r)
+        run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run, watch=watch)
+        carry, done, info = run.carry, 0, {"status": np.array(0)}
         retried = 0
         while done < scene.run.saves:
-            carry, (rows, within) = run.go_on(carry, scene.run.saves - done)
+            carry, (rows, _) = run.go_on(carry, scene.run.saves - done)
             t = (done + 1 + np.arange(len(rows.r))) * scene.run.dt
             good = int(np.argmax(rows.first_bad >= 0)) if np.any(rows.first_bad >= 0) else len(t)
-            largest = rows.tension if within is None else within.largest
+            largest, extremes = rows.tension, {}
+            if watch is not None:
+                largest, extremes = rows.extremes.largest[:, : rows.tension.shape[1]], watch.over_steps(rows.extremes)
             nodes = np.asarray(_nodes(model, rows.r, t))
             tally.add(t[:good], nodes[:good], np.asarray(rows.tension)[:good], np.asarray(largest)[:good])
             for one, parts in signals.items():
                 now = rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted
-                values = one.in_time(model, start.r, *now)
+                values = extremes[one] if one in extremes else one.in_time(model, start.r, *now)
                 parts.append(np.asarray(values)[:good][t[:good] > skip])
             done, retried = done + len(t), retried + int(np.sum(rows.retried[:good]))
             if good < len(t):
@@ -175,7 +178,8 @@ class Runner:
         depth = np.stack([_depth(start, model, line.nodes, case.storm.level) for line in tally.lines])
         more = {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
         for one, parts in signals.items():
-            more[f"quantity:{one.name}"] = np.asarray(STATISTICS[one.statistic](jnp.concatenate(parts)))
+            statistics = STATISTICS if watch is None else STATISTICS | OVER_STEPS
+            more[f"quantity:{one.name}"] = np.asarray(statistics[one.statistic](jnp.concatenate(parts)))
         return {**tally.collect(), **info, **more}
 
     def _start(self, scene: Scene, model: Model, storm: Storm) -> tuple[State, np.ndarray, np.ndarray]:

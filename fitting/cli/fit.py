@@ -183,6 +183,7 @@ def run(args: argparse.Namespace) -> int:
         progress=progress(args.quiet),
         **descent,
     )
+    result.accepted = args.accept_misfit
     if folder:
         from fitting.report.report import write_report
 

@@ -17,7 +17,7 @@ from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import SceneLike, build, equal_steps, initial_state, with_points_fixed
-from dropper_jax.run.quantities import PERIOD, Quantity, quantity
+from dropper_jax.run.quantities import OVER_STEPS, PERIOD, Quantity, quantity
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.rest_problem import rest, unbalanced_at
 from dropper_jax.statics.search import outward
@@ -290,6 +290,8 @@ def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
     model, start = build(scene)
     parameters = find_parameters(scene, model, names, "to")
     wanted = quantity(of, model)
+    if wanted.statistic in OVER_STEPS:  # an extreme is that of all steps
+        scene = scene.with_values({"run.save_every": 1})
     if wanted.signal == PERIOD and scene.start.kind != "static":
         raise SceneError(f"of: {of!r}: the scene starts at {scene.start.kind!r}; allowed: start.kind = 'static'")
     return Study(scene, wanted, parameters, model, start)

@@ -21,7 +21,7 @@ from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
 from dropper_jax.run.chunks import WORTH_ONE_KERNEL
-from dropper_jax.run.quantities import STATISTICS
+from dropper_jax.run.quantities import OVER_STEPS, STATISTICS, quantity_signals
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin, observe
 from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.parameter import apply
@@ -202,16 +202,20 @@ def run_case(
     """One case from start to end; a pure function to batch."""
     model = case_model(plan, model, values)
     every = plan.scene.run.save_every
+    named = plan.named_quantities
+    watch = None if every == 1 else quantity_signals(named, start.r)
     zero = jnp.zeros((), model.dtype)
     tally = Tally(zero - jnp.inf, zero + jnp.inf, zero, jnp.ones_like(start.tension), zero, zero)
 
     def save(carry: Carry, _: None) -> tuple[Carry, tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array] | None]]:
         progress, tally = carry
-        progress, row = advance(stepper, model, progress, dt, saves=1, save_every=every)
+        progress, row = advance(stepper, model, progress, dt, saves=1, save_every=every, watch=watch)
         tally = _count(model, start, progress.state, tally, row)
         s = progress.state
+        extremes = {} if watch is None else watch.over_steps(row.extremes)
         signals = tuple(
-            one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted) for one in plan.named_quantities
+            extremes[one] if one in extremes else one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted)
+            for one in named
         )
         return (progress, tally), (signals, (s.r, s.tension) if plan.traces else None)
 
@@ -232,7 +236,8 @@ def run_case(
         "energy_final": seen.kinetic + seen.potential,
     }
     found = {name: value for name, value in known.items() if name in plan.quantities}
-    found |= {one.name: STATISTICS[one.statistic](x) for one, x in zip(plan.named_quantities, signals, strict=True)}
+    statistics = STATISTICS if watch is None else STATISTICS | OVER_STEPS
+    found |= {one.name: statistics[one.statistic](x) for one, x in zip(named, signals, strict=True)}
     if plan.traces:
         found |= {"positions": traces[0], "tension": traces[1]}
     at = jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan)
@@ -244,10 +249,13 @@ def _count(model: Model, start: State, s: State, tally: Tally, row: Trajectory) 
     # rigid links keep their lengths; those that stretch are measured
     length = safe_norm(links) if model.line.axial.elastic else model.line.length
     tension = row.tension[0]
+    least, largest = tension, tension
+    if row.extremes is not None:
+        least, largest = (rows[0, : tension.size] for rows in row.extremes[:2])
     # a NaN is permanent: `maximum` propagates it
     return Tally(
-        jnp.maximum(tally.largest, jnp.max(tension)),
-        jnp.minimum(tally.smallest, jnp.min(tension)),
+        jnp.maximum(tally.largest, jnp.max(largest)),
+        jnp.minimum(tally.smallest, jnp.min(least)),
         tally.total + jnp.mean(tension),
         jnp.minimum(tally.cosine, -links[:, 2] / length),
         jnp.maximum(tally.excursion, jnp.max(safe_norm(s.r - start.r))),

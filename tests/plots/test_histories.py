@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import dropper_jax as dj
 from dropper_jax import load_scene, plots
 from dropper_jax.cli.outputs import draw
-from dropper_jax.plots import motion, panels, style
+from dropper_jax.plots import motion, panels, style, tension
 from dropper_jax.plots.run import chosen_links, readable
 from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import end_tensions, held_points, point_load
@@ -142,8 +143,31 @@ def test_a_run_in_which_nothing_moves_has_no_pictures_of_motion(longline, tmp_pa
         values[:] = values[0]
     names = {path.stem for path in draw(solution, tmp_path / "plots")}
     assert names.isdisjoint({"motion", "phase", "spectrum", "response"})
-    assert {"snapshot", "tension", "angles", "surface"} <= names
+    assert {"snapshot", "tension", "surface"} <= names
+    assert "angles" not in names  # those of many lines in one picture show nothing
     assert "no motion" in capsys.readouterr().err
+
+
+def test_a_snapshot_shows_the_peak_and_unloaded_anchors_have_no_curve(longline, tmp_path):
+    solution = longline()
+    solution.tension[23, 3] = 5000.0
+    run = readable(solution)
+    assert run.peak == 23
+    names = held_points(solution.scene)
+    lazy = next(line for line in solution.scene.lines if names[0] in (line.start, line.end))
+    others = [line.name for line in solution.scene.lines if line is not lazy and names[0] in (line.start, line.end)]
+    assert not others
+    solution.tension[:, next(w.links for w in solution.lines if w.name == lazy.name)] = 0.0
+    panel = tension._held_points_panel(readable(solution), "N", 1.0)
+    assert names[0] not in [curve.name for curve in panel.curves]
+    assert "1 below 1% of the maximum" in panel.title
+
+
+def test_spectra_of_x_and_y_that_coincide_are_both_visible(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(style, "finish", lambda figure, *_: drawn.append(figure))
+    plots.amplitude_spectrum(dj.simulate("conical-pendulum", dt=0.02, duration=20.0), tmp_path / "spectrum.png")
+    assert [line.get_linestyle() for line in drawn[0].axes[0].get_lines()] == ["-", "--"]
 
 
 def test_of_two_curves_that_coincide_the_later_is_dashed():

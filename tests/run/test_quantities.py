@@ -12,8 +12,9 @@ from dropper_jax import SceneError, as_toml
 from dropper_jax.cli import main
 from dropper_jax.run.bends import curvature
 from dropper_jax.run.growth import fixed_point_loads
-from dropper_jax.run.quantities import quantity, static_quantity
+from dropper_jax.run.quantities import quantity, quantity_signals, static_quantity
 from dropper_jax.scene import line_slices
+from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.study.offsets import solve_design
 
 SCENE = {
@@ -181,3 +182,19 @@ def test_the_command_prints_values_targets_and_angles(tmp_path, capsys):
     one = [vary[0], "--target=line.west-leg.anchor.angle", "--value=0.65"]
     assert main(["design", str(file), *one]) == 0
     assert "angles of the line there, upwards" in capsys.readouterr().out
+
+
+def test_extremes_over_steps_are_those_of_the_members_of_each_quantity():
+    model, start = dj.build(SCENE)
+    names = ("tension.west-leg.max", "tension.min", "tension.mean", "z.buoy.max")
+    watch = quantity_signals([quantity(name, model) for name in names], start.r)
+    found, t = watch(model, start, start)
+    tension = np.asarray(start.tension)
+    np.testing.assert_allclose(found[: len(tension)], tension)
+    np.testing.assert_allclose(found[len(tension) :], [tension[:3].max(), tension.min(), start.r[-1, 2]])
+    assert float(t) == float(start.t)
+    rows = Extremes(*(np.stack([found - 1.0, found - 2.0]), np.stack([found + 1.0, found + 2.0]), None, None))
+    by_name = {one.name: np.asarray(values) for one, values in watch.over_steps(rows).items()}
+    assert by_name.keys() == set(names) - {"tension.mean"}  # a mean has no extremes
+    np.testing.assert_allclose(by_name["tension.west-leg.max"], tension[:3].max() + [1.0, 2.0])
+    np.testing.assert_allclose(by_name["tension.min"], tension.min() - [1.0, 2.0])

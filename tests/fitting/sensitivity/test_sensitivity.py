@@ -43,6 +43,12 @@ def found(loop):
     return local(loop, check=True)
 
 
+def test_an_extreme_is_that_of_all_steps_whatever_is_saved(loop):
+    thinned = {**SCENE, "run": {**SCENE["run"], "save_every": 5}}
+    assert study(thinned, "tension.1.max", ["b_l", "line.0.mass.1"]).scene == loop.scene  # the same run
+    assert study(thinned, "tension.1.mean", ["b_l"]).scene.run.save_every == 5
+
+
 def differences(function, at: np.ndarray) -> np.ndarray:
     """Central differences of fourth order, good to about 1e-9."""
     size = 1e-4 * at

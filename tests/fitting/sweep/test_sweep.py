@@ -96,6 +96,17 @@ def test_quantities_by_name_are_those_of_single_runs(tmp_path):
     assert case["tension.l.fairlead.max"].attrs["units"] == "N"
 
 
+def test_extremes_are_those_of_all_steps_whatever_is_saved(tmp_path):
+    names = ["tension_max", "tension_min", "tension.l.fairlead.max", "tension.l.first.min", "z.bob.final"]
+    thinned = {**SCENE, "run": {**SCENE["run"], "save_every": 8}}
+    found = sweep(thinned, {"b_l": [0.1, 0.4]}, tmp_path / "thinned.zarr", quantities=names, **QUICK).path
+    run = dj.simulate(dj.load_scene(SCENE).with_values({"effects.linear_damping.b_l": 0.4}), **QUICK)
+    case, tension = open_sweep(found).sel({"b_l": 0.4}), run.tension[1:]
+    assert tension[7::8].max() < 0.999 * tension.max()
+    expected = (tension.max(), tension.min(), tension[:, 1].max(), tension[:, 0].min(), run.positions[-1, 2, 2])
+    np.testing.assert_allclose([float(case[name]) for name in names], expected, rtol=1e-9)
+
+
 @pytest.mark.parametrize(("backend", "chunk"), [("cpu", 1), pytest.param("gpu", 6, marks=pytest.mark.check)])
 def test_cases_of_a_system_run_one_by_one_or_on_a_gpu_together_and_are_those_of_single_runs(
     tmp_path, monkeypatch, backend, chunk

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    scene = read_scene(args, OVERRIDES)
+    scene = read_scene(args, OVERRIDES, notes=False)
 
     found = examine(scene)
     print_warnings(found["warnings"])

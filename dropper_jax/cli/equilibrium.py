@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    scene = read_scene(args)
+    scene = read_scene(args, notes=args.tide)
     if args.tide:
         return _tide(scene, args)
 

@@ -62,9 +62,11 @@ def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]
 
 
 def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
-    for line, strain in _strains(scene, positions):
-        if strain > 0.1:
-            yield f"{line}: is stretched by {strain:.0%} at rest; check its length and EA"
+    """One warning of all lines that are stretched by more than 10 %, with the largest strain."""
+    strains = {line: strain for line, strain in _strains(scene, positions) if strain > 0.1}
+    if strains:
+        names = sorted(strains, key=lambda name: -strains[name])
+        yield f"{lines_in_words(names)}: is stretched by {strains[names[0]]:.0%} at rest; check its length and EA"
 
 
 def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> Iterator[str]:

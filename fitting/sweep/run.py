@@ -15,6 +15,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.memory import versions
+from dropper_jax.effects import register_installed
 from dropper_jax.lanes import Fallbacks
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.storage import extra
@@ -157,6 +158,7 @@ def run_at(plan: Plan, values: np.ndarray) -> Found:
 
 def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:
     """One chunk of the sweep with this identity, on a worker; and the operations that ran by `vmap`."""
+    register_installed()
     program = _program(identity, 1)
     return program.collect(program([chunk]))[chunk], program.fallbacks
 

@@ -76,6 +76,10 @@ def sweep(
 ) -> SweepResult:
     """Run every combination of values and store the requested quantities in a Zarr folder.
 
+    Values that change the number of links or nodes, such as `parameters.droppers`, get a program for each shape of the
+    model. Arrays over links and nodes then have those of the largest case, and NaN where a case has fewer. A start that
+    fails leaves no folder.
+
     Args:
         scene: packaged name, TOML file, plain values or a `Scene`; its `[run]` sets step, duration and integrator.
         vary: values by path (or unique short name); the last one varies fastest.
@@ -99,6 +103,9 @@ def sweep(
     store = SweepStore(out, plan, versions(), mix_versions)
     try:
         return _fill(store, scheduler, progress or silent)
+    except BaseException:
+        store.remove_if_empty()
+        raise
     finally:
         store.close()
 

@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     angles = np.concatenate([np.stack(link_angles(found.positions[line.nodes]), axis=-1) for line in lines])
     bent = curvature(scene, np.asarray(found.positions)[None])[0]
     failed = found.status != "ok"
-    remarks = scene_warnings(scene)
+    remarks = scene_warnings(scene, at_rest=not failed)
     if not failed:
         check_stretch(scene, found.positions)
         remarks = (*remarks, *pose_remarks(scene, found.positions, found.tension))

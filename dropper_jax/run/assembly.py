@@ -122,6 +122,7 @@ def _observe_run(
         "save_every": every,
         **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
     }
+    at_rest = scene.start.is_static and not t[0]
     found = kind(
         scene=scene,
         settings=settings,
@@ -147,14 +148,10 @@ def _observe_run(
         continues={"origin_s": since.origin, "saves": since.saves} if before or since.origin else None,
         **seen.bodies,
         warnings=(
-            *scene_warnings(scene),
+            *scene_warnings(scene, at_rest),
             *_precision(scene, model),
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
-            *(
-                pose_remarks(scene, seen.each.positions[0], np.asarray(start.tension))
-                if scene.start.is_static and not t[0]
-                else ()
-            ),
+            *(pose_remarks(scene, seen.each.positions[0], np.asarray(start.tension)) if at_rest else ()),
             *(words(row) for row in broken),
         ),
     )

@@ -35,28 +35,34 @@ THICKEST = 0.5
 LARGEST_STRAIN = 0.1
 #: Height of an anchor above the seabed that a block or a screw may have: at least 1 m, or this fraction of the depth.
 ANCHOR_HEIGHT, ANCHOR_SHARE = 1.0, 0.05
+#: Fraction of the given height of a float over its anchor at which it must at least float.
+GUESSED_HEIGHT = 0.5
 #: Height above the surface, as a fraction of the depth, that fairleads of ships and platforms do not reach.
 HIGH_IN_THE_AIR = 0.5
 
 
-def scene_warnings(scene: Scene) -> tuple[str, ...]:
-    """Warnings that follow from the scene alone; those of its waves are `sea_warnings`."""
+def scene_warnings(scene: Scene, at_rest: bool = False) -> tuple[str, ...]:
+    """Warnings that follow from the scene alone; those of its waves are `sea_warnings`.
+
+    Args:
+        at_rest: its equilibrium is known, and `pose_remarks` report how far lines are stretched.
+    """
     return (
         *scene.notes,
         *motion_warnings(scene),
         *body_warnings(scene),
         *floating_warnings(scene),
-        *plausibility_warnings(scene),
+        *plausibility_warnings(scene, at_rest),
     )
 
 
-def plausibility_warnings(scene: Scene) -> tuple[str, ...]:
-    """A warning for each cause that makes the scene impossible or doubtful."""
+def plausibility_warnings(scene: Scene, at_rest: bool = False) -> tuple[str, ...]:
+    """A warning for each cause that makes the scene impossible or doubtful; `at_rest` as in `scene_warnings`."""
     return (
         *_check_current(scene),
         *_check_fixed_points(scene),
         *_check_lengths(scene),
-        *_check_spans(scene),
+        *_check_spans(scene, at_rest),
         *_check_masses(scene),
         *_check_lift(scene),
     )
@@ -214,11 +220,11 @@ def _range(values: list[float]) -> str:
 
 
 def _check_lift(scene: Scene) -> Iterator[str]:
-    """Floats that cannot carry what hangs on them: masses, and lines without a fixed end."""
+    """Floats that cannot carry what hangs on them: masses, lines without a fixed end, and parts of the moorings."""
     if scene.sea is None or "weight" not in scene.effects:
         return
     depth, weights = scene.sea.depth, wet_weights(scene)
-    slices = line_slices(scene)
+    whole = [float(np.sum(weights[where.links])) for where in line_slices(scene)]
     sinking = []
     for system in _connected(scene):
         lifts = _lifts(scene, system)
@@ -226,10 +232,8 @@ def _check_lift(scene: Scene) -> Iterator[str]:
         # those near the seabed may be meant to stand on it, and those below a fixed point hang on it
         if not floats or max(floats) < -0.5 * depth or any(p.position[2] > -0.5 * depth for p in system.held):
             continue
-        held = {point.name for point in system.held}
-        carried = [i for i in system.lines if not {scene.lines[i].start, scene.lines[i].end} & held]
         own = sum(lift for _, lift in lifts)
-        lines = sum(float(np.sum(weights[slices[i].links])) for i in carried)
+        lines = sum(whole[i] * _carried_share(scene, scene.lines[i], whole[i]) for i in system.lines)
         if own < lines:
             sinking.append((own, lines))
     if sinking:
@@ -237,8 +241,18 @@ def _check_lift(scene: Scene) -> Iterator[str]:
         more = f" (and {len(sinking) - 1} more systems)" if len(sinking) > 1 else ""
         yield (
             f"floats: their net lift with all masses is {own:.4g} N, and lines of {lines:.4g} N hang on them{more}: "
-            "they sink until the seabed carries the rest; check volumes and masses"
+            "the system sinks until it lies on the seabed; check volumes and masses"
         )
+
+
+def _carried_share(scene: Scene, line: LineSpec, weight: float) -> float:
+    """Fraction of a line of that weight in water [N] that floats carry at least."""
+    ends = [scene.point(line.start), scene.point(line.end)]
+    if weight <= 0.0 or all(point.is_free for point in ends):
+        return 1.0
+    # a mooring hangs at least straight down from its float, whose depth is a first guess
+    height = abs(float(ends[1].position[2] - ends[0].position[2]))
+    return GUESSED_HEIGHT * min(height / line.total, 1.0) if any(point.is_free for point in ends) else 0.0
 
 
 # --- lines ---
@@ -267,17 +281,21 @@ def _check_masses(scene: Scene) -> Iterator[str]:
     for line in whole_lines(scene):
         spec = line.spec
         per_metre = spec.mass / spec.length
-        worst = int(np.argmax(per_metre))
-        link = f"{spec.mass[worst]:.4g} kg in a link of {spec.length[worst]:.4g} m"
-        heavy = f"{line.name}: {link}, {per_metre[worst]:.4g} kg/m"
         if spec.diameter is None:
-            thick = np.sqrt(4.0 * per_metre / (np.pi * STEEL))
-            if np.any(thick > THICKEST * spec.length):
-                yield f"{heavy}: as much as a bar of steel {thick[worst]:.2g} m thick; check the unit of its mass, kg"
+            thickness = np.sqrt(4.0 * per_metre / (np.pi * STEEL))
+            wrong = thickness > THICKEST * spec.length
+        else:
+            density = 4.0 * per_metre / (np.pi * spec.diameter**2)
+            wrong = density > DENSEST
+        if not np.any(wrong):
             continue
-        density = 4.0 * per_metre / (np.pi * spec.diameter**2)
-        if np.any(density > DENSEST):
-            yield f"{heavy}: {np.max(density):.3g} kg/m^3, denser than any metal; check mass, kg, and diameter, m"
+        worst = int(np.argmax(np.where(wrong, spec.mass, 0.0)))
+        link = f"{spec.mass[worst]:.4g} kg in a link of {spec.length[worst]:.4g} m, {per_metre[worst]:.4g} kg/m"
+        if spec.diameter is None:
+            what = f"as much as a bar of steel {thickness[worst]:.2g} m thick; check the unit of its mass, kg"
+        else:
+            what = f"{density[worst]:.3g} kg/m^3, denser than any metal; check mass, kg, and diameter, m"
+        yield f"{line.name}: {link}: {what}"
 
 
 class _Path(NamedTuple):
@@ -289,13 +307,13 @@ class _Path(NamedTuple):
     lines: tuple[int, ...]
 
 
-def _check_spans(scene: Scene) -> Iterator[str]:
-    """Lines too short for the distance of the fixed points that they connect."""
+def _check_spans(scene: Scene, only_broken: bool) -> Iterator[str]:
+    """Lines too short for the distance of the fixed points that they connect; only those that break."""
     worst = None
     names: dict[str, None] = {}
     for path in _taut_paths(scene):
         tension, limit = _rest_tension(scene, path)
-        if tension <= limit[0]:
+        if tension <= limit[0] or (only_broken and not limit[1]):
             continue
         names |= dict.fromkeys(scene.lines[i].piece_of or scene.lines[i].name for i in path.lines)
         if worst is None or tension / limit[0] > worst[0] / worst[1][0]:

@@ -168,6 +168,15 @@ def test_parameters_of_a_template_survive_the_identity_of_a_sweep(tmp_path, caps
     assert again.links == dj.load_scene(scene).with_values({name: 3}).line.links
 
 
+def test_evenly_spaced_values_of_a_parameter_are_whole_where_they_can_be():
+    """A count takes whole numbers only."""
+    from fitting.cli.sweep import _values
+
+    assert [type(x) for x in _values("parameters.droppers=2:8:4")[1].tolist()] == [int] * 4
+    assert _values("parameters.leg=38:40:5")[1].tolist() == [38.0, 38.5, 39.0, 39.5, 40.0]
+    assert _values("b_l=0:1:2")[1].dtype == float
+
+
 def test_a_start_that_fails_leaves_nothing(tmp_path, monkeypatch):
     def fail(*_):
         raise SceneError("no equilibrium")

@@ -3,7 +3,6 @@
 import dataclasses
 import sys
 from importlib.metadata import entry_points
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
@@ -123,12 +122,12 @@ def register_file(file: str) -> None:
 def _run_file(path: Path) -> ModuleType:
     """The module of a file, which may import modules next to it."""
     name = f"dropper_effects_{path.stem}"
-    spec = spec_from_file_location(name, path)
-    module = module_from_spec(spec)
+    module = ModuleType(name)
+    module.__file__ = str(path)
     sys.modules[name] = module
     sys.path.insert(0, str(path.resolve().parent))
     try:
-        spec.loader.exec_module(module)
+        exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), vars(module))
     finally:
         sys.path.remove(str(path.resolve().parent))
     return module

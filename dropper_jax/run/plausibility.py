@@ -19,6 +19,7 @@ from dropper_jax.load.checks_water import bed_height
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.growth import floating_warnings, lines_in_words, wet_weights
 from dropper_jax.scene import BodySpec, LineSpec, PointSpec, line_slices, whole_lines
+from dropper_jax.sea.spec import SeaSpec
 
 #: Speed [m/s] that no current at a farm reaches: the fastest tidal streams of the world have 8 to 10 m/s, in narrows.
 FASTEST_CURRENT = 5.0
@@ -91,8 +92,7 @@ def fastest_current(scene: Scene) -> float:
 def _check_current(scene: Scene) -> Iterator[str]:
     speed = fastest_current(scene)
     if speed > FASTEST_CURRENT:
-        key = "velocities" if scene.sea.current.kind == "table" else "speed"
-        yield f"sea.current.{key}: {speed:.4g} m/s, more than {FASTEST_CURRENT:g} m/s; check its unit, m/s"
+        yield f"sea.current: {speed:.4g} m/s, more than {FASTEST_CURRENT:g} m/s; check its unit, m/s"
 
 
 # --- points ---
@@ -116,19 +116,17 @@ class Connected(NamedTuple):
 def _connected(scene: Scene) -> list[Connected]:
     """The systems of lines that only fixed points have in common."""
     points = {point.name: point for point in scene.points}
-    parent = {point.on if point.on and point.is_free else name: None for name, point in points.items()}
     label = {name: point.on if point.on and point.is_free else name for name, point in points.items()}
+    parent = {name: name for name in label.values()}
 
     def root(name: str) -> str:
-        while parent[name] is not None:
+        while parent[name] != name:
             name = parent[name]
         return name
 
     for line in scene.lines:
         if points[line.start].is_free and points[line.end].is_free:
-            one, other = root(label[line.start]), root(label[line.end])
-            if one != other:
-                parent[one] = other
+            parent[root(label[line.start])] = root(label[line.end])
     bodies = {body.name: body for body in scene.bodies}
     found: dict[str, Connected] = {}
     for i, line in enumerate(scene.lines):
@@ -147,9 +145,8 @@ def _connected(scene: Scene) -> list[Connected]:
     return list(found.values())
 
 
-def _lifts(scene: Scene, system: Connected) -> list[tuple[float, float]]:
+def _lifts(scene: Scene, sea: SeaSpec, system: Connected) -> list[tuple[float, float]]:
     """Height [m] and lift under water, buoyancy less weight [N], of each float, mass, buoy and body of a system."""
-    density, gravity = scene.sea.density, scene.sea.gravity
     names = {point.name: point for point in system.free}
     items = [(p.position[2], p.volume or 0.0, p.mass or 0.0) for p in system.free if p.body]
     items += [
@@ -161,7 +158,7 @@ def _lifts(scene: Scene, system: Connected) -> list[tuple[float, float]]:
         volume = sum(0.25 * np.pi * c.diameter**2 * c.length for c in body.cylinders)
         volume += sum(np.pi / 6.0 * s.diameter**3 for s in body.spheres)
         items.append((body.position[2], volume, body.mass))
-    return [(float(z), gravity * (density * float(volume) - float(mass))) for z, volume, mass in items]
+    return [(float(z), sea.gravity * (sea.density * float(volume) - float(mass))) for z, volume, mass in items]
 
 
 def _moved_points(scene: Scene) -> set[str]:
@@ -179,15 +176,15 @@ def _check_fixed_points(scene: Scene) -> Iterator[str]:
         return
     moved = _moved_points(scene)
     held = {point.name: point for point in scene.points if not point.is_free and point.name not in moved}
-    heights = _heights(scene, list(held.values()))
     depth = scene.sea.depth
+    heights = _heights(scene, list(held.values()), -depth)
     allowed = max(ANCHOR_HEIGHT, ANCHOR_SHARE * depth)
     high = {name for name, height in heights.items() if height > allowed}
     entries = {anchor.point for anchor in scene.anchors}
     doubtful = {name for name in high if "anchor" in name.lower() or name in entries}
     for system in _connected(scene):
         names = [point.name for point in system.held]
-        if not any(lift > 0.0 for _, lift in _lifts(scene, system)) or not set(names) <= set(held):
+        if not any(lift > 0.0 for _, lift in _lifts(scene, scene.sea, system)) or not set(names) <= set(held):
             continue
         doubtful |= {name for name in names if held[name].position[2] > HIGH_IN_THE_AIR * depth}
         if set(names) <= high:  # floats on mooring lines from mid-water
@@ -206,11 +203,11 @@ def _check_fixed_points(scene: Scene) -> Iterator[str]:
         )
 
 
-def _heights(scene: Scene, points: list[PointSpec]) -> dict[str, float]:
-    """Height [m] of points above the seabed, by name."""
+def _heights(scene: Scene, points: list[PointSpec], flat: float) -> dict[str, float]:
+    """Height [m] of points above the seabed, by name; without [effects.seabed] it is flat at that z [m]."""
     positions = np.array([point.position for point in points]).reshape(-1, 3)
     bed = bed_height(scene, positions)
-    bed = np.full(len(points), -scene.sea.depth) if bed is None else bed
+    bed = np.full(len(points), flat) if bed is None else bed
     return {point.name: float(z) for point, z in zip(points, positions[:, 2] - bed, strict=True)}
 
 
@@ -227,7 +224,7 @@ def _check_lift(scene: Scene) -> Iterator[str]:
     whole = [float(np.sum(weights[where.links])) for where in line_slices(scene)]
     sinking = []
     for system in _connected(scene):
-        lifts = _lifts(scene, system)
+        lifts = _lifts(scene, scene.sea, system)
         floats = [z for z, lift in lifts if lift > 0.0]
         # those near the seabed may be meant to stand on it, and those below a fixed point hang on it
         if not floats or max(floats) < -0.5 * depth or any(p.position[2] > -0.5 * depth for p in system.held):

@@ -172,12 +172,15 @@ class Plan:
             "chunk": self.chunk,
             "settings": dict(self.settings),
             **({"listed": True} if self.listed else {}),
-            **({"template": self._template()} if any(is_parameter(axis.path) for axis in self.axes) else {}),
+            **self._template(),
         }
 
     def _template(self) -> dict[str, Any]:
-        """Plain values of the scene's template, from which other values of its parameters make other scenes."""
-        return {"table": self.scene.template.table, "changes": self.scene.template.changes}
+        """Plain values of the scene's template, if its parameters are varied."""
+        template = self.scene.template
+        if template is None or not any(ScenePath(axis.path).section == "parameters" for axis in self.axes):
+            return {}
+        return {"template": {"table": template.table, "changes": template.changes}}
 
 
 def from_identity(identity: Mapping[str, Any]) -> Plan:
@@ -244,11 +247,6 @@ def make_plan(
             "quantities: natural periods belong to a static pose. Use `dropper sensitivity --of period.1.start`"
         )
     return found
-
-
-def is_parameter(path: str) -> bool:
-    """Whether a path is that of a number in the `[parameters]` of a scene."""
-    return ScenePath(path).section == "parameters"
 
 
 def changes_size(scene: Scene, path: str, values: np.ndarray) -> bool:

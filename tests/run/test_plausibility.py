@@ -77,7 +77,7 @@ LENGTH, MASS = [0.12, 0.09, 0.15, 0.07, 0.11], [0.04, 0.03, 0.05, 0.024, 0.037]
         (longline(leg=42.0), "west-leg, east-leg: 42 m between points 53.67 m apart: about"),
         (longline(volume=0.001), "floats: their net lift with all masses is -10.89 N, and lines of"),
         (longline(volume=0.02, hang=12.0), "floats: their net lift"),
-        (longline(speed=30.0), "sea.current.speed: 30 m/s, more than 5 m/s"),
+        (longline(speed=30.0), "sea.current: 30 m/s, more than 5 m/s"),
         (hanging([1e3 * x for x in LENGTH], MASS), "lab: 540 m long, with links of up to 150 m, between points 0.28 m"),
         (hanging([1e2 * x for x in LENGTH], MASS, apart=0.45), "lab: 54 m long"),
         (
@@ -149,7 +149,7 @@ def test_the_tension_of_a_line_that_is_too_short_is_that_of_springs_in_series():
 def test_a_start_that_fails_names_the_doubtful_value_first():
     scene = load_scene(longline(speed=30.0))
     torn = np.cumsum(np.full((scene.line.links + len(scene.lines), 3), 10.0), axis=0)
-    with pytest.raises(SceneError, match=r"^sea.current.speed: 30 m/s.*; line 'west-leg': is stretched by .* current"):
+    with pytest.raises(SceneError, match=r"^sea.current: 30 m/s.*; line 'west-leg': is stretched by .* current"):
         check_stretch(scene, torn)
     usual = SceneError("start: no equilibrium")
     assert with_cause(usual, load_scene(longline())) is usual

@@ -43,15 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    scene = read_scene(args)
+    scene = read_scene(args, notes=args.tide)
     if args.tide:
         return _tide(scene, args)
 
     from dropper_jax.analysis.angles import link_angles
-    from dropper_jax.load.checks_system import body_warnings
     from dropper_jax.run.bends import curvature
     from dropper_jax.run.build import equilibrium
-    from dropper_jax.run.growth import floating_warnings
+    from dropper_jax.run.plausibility import scene_warnings
     from dropper_jax.run.resolution import check_stretch, pose_remarks
     from dropper_jax.scene.data import line_slices
 
@@ -60,10 +59,10 @@ def run(args: argparse.Namespace) -> int:
     angles = np.concatenate([np.stack(link_angles(found.positions[line.nodes]), axis=-1) for line in lines])
     bent = curvature(scene, np.asarray(found.positions)[None])[0]
     failed = found.status != "ok"
-    remarks = (*floating_warnings(scene), *body_warnings(scene))
+    remarks = scene_warnings(scene, at_rest=not failed)
     if not failed:
         check_stretch(scene, found.positions)
-        remarks = (*pose_remarks(scene, found.positions, found.tension), *remarks)
+        remarks = (*remarks, *pose_remarks(scene, found.positions, found.tension))
     print_warnings(remarks)
     if args.plot and not failed:
         from dropper_jax.plots.tension import along_lines

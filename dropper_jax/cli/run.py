@@ -120,8 +120,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    before = None if args.start is None else read_run(args.start)
-    scene = read_scene(args, OVERRIDES) if before is None else _further(args, before)
+    before = None if args.start is None else read_run(args.start, args)
+    scene = read_scene(args, OVERRIDES, notes=False) if before is None else _further(args, before)
 
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.step_check import shorter_step
@@ -201,7 +201,7 @@ def _further(args: argparse.Namespace, before: Solution) -> Scene:
     values = {"run.duration": before.further, **given_values(args, OVERRIDES)}
     if args.scene is None:
         return with_step(before.scene.with_values(values), args)
-    return read_scene(args, OVERRIDES).with_values({"run.duration": values["run.duration"]})
+    return read_scene(args, OVERRIDES, notes=False).with_values({"run.duration": values["run.duration"]})
 
 
 def _steps(solution: Solution) -> str:

@@ -301,7 +301,11 @@ class Scene(SceneData):
 
 def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:
     table = read_table(table, "effects")
-    check_keys(table, EFFECTS, "effects")
+    try:
+        check_keys(table, EFFECTS, "effects")
+    except SceneError as error:
+        own = "own effects: register in Python, --effects FILE.py, or an entry point of the group dropper.effects"
+        raise SceneError(f"{error}; {own}") from None
     counts = {"node": links, "link": links, "joint": links + 1}
     return {
         name: read_fields(cls, table[name], f"effects.{name}", counts) for name, cls in EFFECTS.items() if name in table

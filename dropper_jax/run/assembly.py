@@ -14,7 +14,6 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.memory import versions
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.integrators.projected import ProjectedRungeKutta
-from dropper_jax.load.checks_system import body_warnings, motion_warnings
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Model, Parted, work_names
@@ -24,7 +23,7 @@ from dropper_jax.run.arrays import body_motion, breaks, words
 from dropper_jax.run.bends import twist_remarks
 from dropper_jax.run.build import allowed_error
 from dropper_jax.run.chunks import RunOutcome
-from dropper_jax.run.growth import floating_warnings
+from dropper_jax.run.plausibility import scene_warnings
 from dropper_jax.run.resolution import pose_remarks, with_quality_checks, without_push
 from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Last, last_row, name_leaves, release_pages
 from dropper_jax.run.samples import Kind
@@ -126,6 +125,7 @@ def _observe_run(
         "save_every": every,
         **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
     }
+    at_rest = scene.start.is_static and not t[0]
     found = kind(
         scene=scene,
         settings=settings,
@@ -151,17 +151,10 @@ def _observe_run(
         continues={"origin_s": since.origin, "saves": since.saves} if before or since.origin else None,
         **seen.bodies,
         warnings=(
-            *scene.notes,
+            *scene_warnings(scene, at_rest),
             *_precision(scene, model),
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
-            *motion_warnings(scene),
-            *body_warnings(scene),
-            *floating_warnings(scene),
-            *(
-                pose_remarks(scene, seen.each.positions[0], np.asarray(start.tension))
-                if scene.start.is_static and not t[0]
-                else ()
-            ),
+            *(pose_remarks(scene, seen.each.positions[0], np.asarray(start.tension)) if at_rest else ()),
             *(words(row) for row in broken),
         ),
     )

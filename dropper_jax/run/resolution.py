@@ -14,6 +14,7 @@ from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.load.scene import Scene
 from dropper_jax.residual import Implicit
 from dropper_jax.run.growth import lines_in_words
+from dropper_jax.run.plausibility import fastest_current, with_cause
 from dropper_jax.run.samples import Kind, Samples
 from dropper_jax.scene import WholeLine, line_slices, whole_lines
 from dropper_jax.scene.data import point_nodes
@@ -43,10 +44,13 @@ def check_stretch(scene: Scene, positions: np.ndarray) -> None:
     torn = 0.5
     for line, strain in _strains(scene, positions):
         if strain >= torn:
-            raise SceneError(
+            speed = fastest_current(scene)
+            flow = f", and the current of {speed:.4g} m/s" if speed else ""
+            error = SceneError(
                 f"line {line!r}: is stretched by {strain:.0%} at rest, more than {torn:.0%}. Check its length "
-                "and EA and the positions of its ends"
+                f"and EA and the positions of its ends{flow}"
             )
+            raise with_cause(error, scene)
 
 
 def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]:
@@ -58,9 +62,11 @@ def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]
 
 
 def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
-    for line, strain in _strains(scene, positions):
-        if strain > 0.1:
-            yield f"{line}: is stretched by {strain:.0%} at rest; check its length and EA"
+    """One warning of all lines that are stretched by more than 10 %, with the largest strain."""
+    strains = {line: strain for line, strain in _strains(scene, positions) if strain > 0.1}
+    if strains:
+        names = sorted(strains, key=lambda name: -strains[name])
+        yield f"{lines_in_words(names)}: is stretched by {strains[names[0]]:.0%} at rest; check its length and EA"
 
 
 def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> Iterator[str]:
@@ -91,16 +97,19 @@ def _largest_bend(line: WholeLine, positions: np.ndarray, tension: np.ndarray) -
 
 
 def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
+    """One warning of all lines above their breaking load, with the one that is most above it."""
+    above = {}
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         if line.breaking_load is None:
             continue
         share = tension[where.links] / line.breaking_load
         worst = int(np.argmax(share))
         if share[worst] > 1.0:
-            yield (
-                f"{line.name}: {tension[where.links][worst]:.4g} N at rest, above its breaking load of "
-                f"{line.breaking_load[worst]:.4g} N"
-            )
+            above[line.name] = share[worst], tension[where.links][worst], line.breaking_load[worst]
+    if above:
+        names = sorted(above, key=lambda name: -above[name][0])
+        _, load, limit = above[names[0]]
+        yield f"{lines_in_words(names)}: {load:.4g} N at rest, above its breaking load of {limit:.4g} N"
 
 
 def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:

@@ -21,6 +21,7 @@ from dropper_jax.model import Model, State, state, work_names
 from dropper_jax.run.assembly import TimeOrigin, build_solution
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
+from dropper_jax.run.plausibility import with_cause
 from dropper_jax.run.resolution import check_skip, check_stretch, check_tolerance
 from dropper_jax.run.row_store import (
     InMemory,
@@ -296,7 +297,10 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
     """The initial state of a run, from its scene's start or the end of an earlier run, and the origin of its times."""
     run = scene.run
     if before is None:
-        s = initial_state(model, scene.start)
+        try:
+            s = initial_state(model, scene.start)
+        except SceneError as error:
+            raise with_cause(error, scene) from None
         if scene.start.is_static:
             check_stretch(scene, np.asarray(node_positions(model, s)))
         return _end_at(stepper, model, s, run), TimeOrigin()

@@ -11,6 +11,7 @@ from dropper_jax.cli.options import (
     OK,
     Failure,
     add_allow_outside,
+    add_effects,
     add_examples,
     add_json,
     add_quiet,
@@ -48,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scene", required=True, help="name of a packaged scene, or a TOML file")
     add_set(parser)
     add_allow_outside(parser)
+    add_effects(parser)
     parser.add_argument(
         "--free",
         metavar="NAMES",

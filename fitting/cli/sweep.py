@@ -219,7 +219,10 @@ def _values(option: str) -> tuple[str, np.ndarray]:
             raise ValueError
         if int(count) > most_values:
             raise SceneError(f"--vary: {path.strip()} has {int(count)} values; allowed: at most {most_values}")
-        return path.strip(), getattr(np, SPACINGS[spacing])(float(low), float(high), int(count))
+        values = getattr(np, SPACINGS[spacing])(float(low), float(high), int(count))
+        # a parameter may be a count, which takes whole numbers only
+        is_count = ScenePath(path.strip()).section == "parameters" and np.array_equal(values, np.round(values))
+        return path.strip(), values.astype(int) if is_count else values
     except SceneError:
         raise
     except (ValueError, KeyError):

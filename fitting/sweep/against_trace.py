@@ -17,7 +17,7 @@ from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import SceneLike, build
 from dropper_jax.run.storage import extra
-from fitting.sweep.plan import STATUS, Plan
+from fitting.sweep.plan import STATUS, Plan, changes_size
 from fitting.sweep.run import SweepResult, run_at, sweep
 from fitting.traces.conventions import settle_convention
 from fitting.traces.planar import check_planar, wrap
@@ -200,6 +200,9 @@ def sweep_against_trace(
     moved = next((path for path in vary if path.startswith("point.")), None)
     if moved:
         raise SceneError(f"vary: {moved!r} moves an end. With a trace, use paths outside [[point]]")
+    for path, values in vary.items():
+        if path.count(".") > 0 and changes_size(scene, path, np.asarray(values)):
+            raise SceneError(f"vary: {path!r} changes the number of links, which is that of the trace. Use other paths")
     trace, warnings = settle_convention(as_trace(trace, model.line.links), model, convention)
     trace = trace.between(0.0, np.inf if until is None else until)
     check_trace(trace)

@@ -15,6 +15,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.memory import versions
+from dropper_jax.effects import register_installed
 from dropper_jax.lanes import Fallbacks
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.storage import extra
@@ -75,6 +76,10 @@ def sweep(
 ) -> SweepResult:
     """Run every combination of values and store the requested quantities in a Zarr folder.
 
+    Values that change the number of links or nodes, such as `parameters.droppers`, get a program for each shape of the
+    model. Arrays over links and nodes then have those of the largest case, and NaN where a case has fewer. A start that
+    fails leaves no folder.
+
     Args:
         scene: packaged name, TOML file, plain values or a `Scene`; its `[run]` sets step, duration and integrator.
         vary: values by path (or unique short name); the last one varies fastest.
@@ -98,6 +103,9 @@ def sweep(
     store = SweepStore(out, plan, versions(), mix_versions)
     try:
         return _fill(store, scheduler, progress or silent)
+    except BaseException:
+        store.remove_if_empty()
+        raise
     finally:
         store.close()
 
@@ -157,6 +165,7 @@ def run_at(plan: Plan, values: np.ndarray) -> Found:
 
 def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:
     """One chunk of the sweep with this identity, on a worker; and the operations that ran by `vmap`."""
+    register_installed()
     program = _program(identity, 1)
     return program.collect(program([chunk]))[chunk], program.fallbacks
 

@@ -135,6 +135,69 @@ def test_cases_of_a_system_run_one_by_one_or_on_a_gpu_together_and_are_those_of_
             np.testing.assert_allclose(one.energy_final, run.kinetic[-1] + run.potential[-1], rtol=1e-9)
 
 
+#: A chain of `count` links, drawn aside at its first node and released.
+CHAIN = {
+    **{key: SCENE[key] for key in ("name", "run", "effects")},
+    "parameters": {"count": 2, "size": 0.5},
+    "point": [SCENE["point"][0], {"name": "bob", "kind": "free", "position": [0.0, 0.0, -1.0]}],
+    "line": [{**SCENE["line"][0], "links": "= count", "length": "= size"}],
+    "start": {"release_nodes": [1], "release_force": [[5.0, 0.0, 0.0]]},
+}
+
+
+def test_each_shape_of_the_model_gets_its_program_and_the_numbers_of_single_runs(tmp_path):
+    """One chunk holds both shapes; arrays over links have those of the larger one."""
+    counts, dampings = [2, 3], [0.1, 0.4]
+    vary = {"parameters.count": counts, "b_l": dampings}
+    result = sweep(CHAIN, vary, tmp_path / "shapes.zarr", chunk=4, quantities=["tension_max", "angle_max"], **QUICK)
+    assert result.counts["ok"] == 4
+    with open_sweep(result.path) as found:
+        assert found.angle_max.shape == (2, 2, 3)
+        for count, b_l in itertools.product(counts, dampings):
+            values = {"parameters.count": count, "effects.linear_damping.b_l": b_l}
+            run = dj.simulate(dj.load_scene(CHAIN).with_values(values))
+            one = found.sel(count=count, b_l=b_l)
+            np.testing.assert_allclose(one.tension_max, run.tension[1:].max(), rtol=1e-9)
+            down = -np.diff(run.positions, axis=1)[1:, :, 2] / 0.5
+            np.testing.assert_allclose(one.angle_max[:count], np.arccos(down.min(axis=0)), rtol=1e-6)
+            assert np.isnan(one.angle_max[count:]).all()
+
+
+@pytest.mark.parametrize("scene", ["dropper-farm-2", "farm"])
+def test_parameters_of_a_template_survive_the_identity_of_a_sweep(tmp_path, capsys, scene):
+    """Workers make the plan from its identity."""
+    from fitting.sweep.plan import from_identity, make_plan
+
+    name = {"dropper-farm-2": "parameters.droppers", "farm": "parameters.loops"}[scene]
+    if scene == "farm":
+        assert main(["new", "farm", str(tmp_path / "farm.toml")]) == 0
+        scene = tmp_path / "farm.toml"
+    plan = make_plan(scene, {name: [2, 3], "parameters.current": [0.1, 0.2]}, quantities=["tension_max"])
+    again = from_identity(json.loads(json.dumps(plan.identity())))
+    assert again.identity() == plan.identity()
+    assert [axis.resizes for axis in again.axes] == [True, False]
+    assert again.links == dj.load_scene(scene).with_values({name: 3}).line.links
+
+
+def test_evenly_spaced_values_of_a_parameter_are_whole_where_they_can_be():
+    """A count takes whole numbers only."""
+    from fitting.cli.sweep import _values
+
+    assert [type(x) for x in _values("parameters.droppers=2:8:4")[1].tolist()] == [int] * 4
+    assert _values("parameters.leg=38:40:5")[1].tolist() == [38.0, 38.5, 39.0, 39.5, 40.0]
+    assert _values("b_l=0:1:2")[1].dtype == float
+
+
+def test_a_start_that_fails_leaves_nothing(tmp_path, monkeypatch):
+    def fail(*_):
+        raise SceneError("no equilibrium")
+
+    monkeypatch.setattr("fitting.sweep.program.Program.compile", fail)
+    with pytest.raises(SceneError, match="no equilibrium"):
+        sweep(SCENE, {"b_l": [0.3]}, tmp_path / "failed.zarr", quantities=["tension_max"], **QUICK)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_plain_xarray_reads_inputs_as_coordinates(whole):
     with xarray.open_zarr(whole) as found:  # its metadata are consolidated: no warning, which here is an error
         assert set(found.coords) == {"b_l", "start.polar.0"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
+from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise, omitted_parameter_bias
 from fitting.calibration.comparison import compare
@@ -164,6 +165,7 @@ def fit(
     zero: str | None = None,
     sign: int | None = None,
     unit: str | None = None,
+    columns: Mapping[str, str] | None = None,
     huber: float | None = None,
     student: bool = False,
     robust: str | None = None,
@@ -201,6 +203,7 @@ def fit(
         integrator: of the windows; default rattle_4 for point masses, otherwise energy_momentum. tsit5 and dop853 are
             faster for lines that they support; `dt` is then their output interval.
         zero, sign, unit: angle convention of the traces; default from the files, otherwise inferred from the scene.
+        columns: the files' columns if they have other names: `{"time": "timestamp", "theta_1": "angle"}`.
         huber: threshold of a robust loss in standard deviations, such as 3; default least squares.
         student: Student's t loss with 4 degrees of freedom, started from the end of Huber's; for traces with outliers.
         robust: the same losses by name, `huber` (threshold 3) or `student`.
@@ -249,8 +252,13 @@ def fit(
         asked=convention(zero, sign, unit),
         static_start=static_start,
         integrator=integrator,
+        columns=columns,
         progress=progress,
     )
+    tied = next((p.name for p in prepared.parameters if ScenePath(p.name).section == "parameters"), None)
+    if tied and (auto_free or compare_models):  # both change the effects of the model along which it moves
+        option = "auto_free" if auto_free else "compare_models"
+        raise SceneError(f"{option}: not with {tied!r} free. Omit it, or free paths of the scene such as b_l")
     asked.profile_names(prepared.scene, prepared.parameters)  # rejects unknown names before anything is fitted
     loss = loss_of(huber, student, robust)
     sound = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)

@@ -285,7 +285,11 @@ class Scene(SceneData):
     @property
     def parameter_paths(self) -> list[str]:
         """Paths of the numbers of `[parameters]`."""
-        return [] if self.template is None else [f"parameters.{name}" for name in self.template.table.get("parameters", {})]
+        return (
+            []
+            if self.template is None
+            else [f"parameters.{name}" for name in self.template.table.get("parameters", {})]
+        )
 
     def value(self, path: str) -> Plain:
         """The plain value at a path, as used by `with_values`.

@@ -127,7 +127,7 @@ def free_of_traces(
         if not tied.where.linear:
             raise SceneError(
                 f"free: {name!r} changes the model non-linearly, which fits to angles do not follow; allowed: numbers "
-                "whose values are proportional to them, such as b_l = [\"= head\", \"= head\", \"= tail\"]"
+                'whose values are proportional to them, such as b_l = ["= head", "= head", "= tail"]'
             )
         found.append(tied)
     check_once([p.name for p in found], "free")

@@ -120,9 +120,7 @@ def as_trace(given: Trace | str | Path, links: int, columns: Mapping[str, str] |
     return trace
 
 
-def read_trace(
-    path: str | Path, links: int | None = None, columns: Mapping[str, str] | None = None
-) -> Trace:
+def read_trace(path: str | Path, links: int | None = None, columns: Mapping[str, str] | None = None) -> Trace:
     """A trace from a CSV file.
 
     Args:

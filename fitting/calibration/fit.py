@@ -18,10 +18,11 @@ from fitting.calibration.comparison import compare
 from fitting.calibration.estimating import FIRST, estimate, with_sound_windows
 from fitting.calibration.freeing import free_by_advice
 from fitting.calibration.kicks import without_kicks
+from fitting.calibration.likely_cause import free_too
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult, direction_text, score_held_out
-from fitting.calibration.wrong_files import SUSPECT, name_wrong_file
+from fitting.calibration.short_windows import SUSPECT, name_wrong_file
 from fitting.estimate.gaps import lyapunov
 from fitting.estimate.loss import loss_of
 from fitting.estimate.problem import CHI2_RANGE, CORRELATION_FLOOR, Solution
@@ -288,7 +289,10 @@ def fit(
     result = summarise(prepared, method, solution)
     if result.status != "ok" or result.chi2_per_dof > SUSPECT:
         result.wrong_file = name_wrong_file(whole)
-        result.warnings[:0] = [result.wrong_file] if result.wrong_file else []
+    if result.status == "misfit" and not (result.wrong_file or auto_free or method == "gradient"):
+        tested = found or advise(prepared, solution)
+        best = next((candidate for candidate in tested if candidate.worth_naming), None)
+        result.likely = "" if best is None else f"{best.name}; {free_too(prepared, best.free)}"
     result.advice, result.freed = found, freed
     # number of candidates listed in the warnings
     result.warnings += [str(candidate) for candidate in found if candidate.worth_naming][:3]

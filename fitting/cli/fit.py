@@ -350,4 +350,5 @@ def text(result: FitResult) -> str:
         parts.append(table(advice_rows(result.advice)))
     if result.comparison:
         parts += [table(comparison_rows(result.comparison)), f"law: {verdict(result.comparison)}"]
-    return "\n\n".join([*parts, result.outcome])
+    # the reason of a failure follows as the error line
+    return "\n\n".join([*parts, result.status])

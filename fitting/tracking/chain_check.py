@@ -18,7 +18,7 @@ from fitting.traces.trace import FEWEST
 from fitting.tracking.flattening import robust_lengths
 from fitting.tracking.marks import Marks, off_cubic
 
-#: Maximum relative change of a link's length, robust standard deviation. Right films show 0.001, motion out of the plane
+#: Maximum change of a link, robust standard deviation over its length. Right films show 0.001, motion out of the plane
 #: and uncalibrated lenses up to 0.03.
 LENGTH_CHANGE = 0.05
 #: Maximum share of marked frames. Right films show up to 0.01.

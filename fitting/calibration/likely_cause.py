@@ -17,11 +17,11 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from dropper_jax.base.read import ScenePath
 from fitting.calibration.advice import candidates, wide
 from fitting.calibration.freeing import with_freed
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.release import TIME
+from fitting.parameters.of_scene import free_option
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.target import NODE
 from fitting.traces.trace import Trace
@@ -111,8 +111,7 @@ def _plausible(parameters: Sequence[Parameter], values: np.ndarray) -> bool:
 
 def free_too(prepared: Prepared, paths: Sequence[str]) -> str:
     """The option that also frees these paths."""
-    free = [ScenePath(p.name).key if p.name.startswith("effects.") else p.name for p in prepared.parameters]
-    return f"free them: --free {','.join([*dict.fromkeys(free), *paths])}"
+    return f"free them: {free_option([p.name for p in prepared.parameters], paths)}"
 
 
 def _driven_beginning(prepared: Prepared, misfit: ShortFit, length: float) -> Cause | None:

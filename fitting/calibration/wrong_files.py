@@ -18,7 +18,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.calibration.decision import smooth_stretch
-from fitting.parameters.of_scene import DAMPING
+from fitting.parameters.of_scene import DAMPING, free_option
 from fitting.traces.conventions import (
     Change,
     changes,
@@ -95,11 +95,34 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
             return [f"{trace.name}: {words}: {change.fix}, or free what opens them (--auto-free)"]
         raise SceneError(f"{trace.name}: {words}. To correct it: {change.fix}")
     if given > TOO_OPEN and not moves:
-        raise SceneError(
-            f"{trace.name}: another rig, as it seems: {apart} in the median frame, and no single change of the file "
-            "closes them. Use the file of this scene, or free its lengths and hooks (--free)"
-        )
+        cause = _open_cause(model, in_model(rows, own), free)
+        raise SceneError(f"{trace.name}: {apart} in the median frame; likeliest cause: {cause}")
     return [f"{trace.name}: {apart} in the median frame: check lengths, hooks and the zeros of the angles"]
+
+
+def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
+    """Why frames (k, n) do not close that no change of the file closes, and what to try."""
+    theta = theta[np.isfinite(theta).all(axis=1)]
+    length = np.asarray(model.line.length)
+    missing = missing_reach(model, theta)
+    off = complex(np.median(missing.real), np.median(missing.imag))
+    # [m] by which frames may still be open
+    still = OPEN * float(np.sqrt(np.log(2) * np.sum(length**2)))
+    if np.median(np.abs(missing - off)) < still:
+        where = f"{-off.real:+.2g} m in x and {off.imag:+.2g} m in z"
+        hook = f"point.{int(model.geometry.held_points[-1])}.position"
+        paths = (f"{hook}.0", f"{hook}.2")
+        return f"the second hook is {where} from its position; free it: {free_option(free, paths)}"
+    links = np.exp(1j * theta)
+    rows = np.concatenate([links.real, links.imag])
+    more = np.linalg.lstsq(rows, np.concatenate([missing.real, missing.imag]), rcond=None)[0]
+    if np.median(np.abs(missing - links @ more)) < still and np.all(np.abs(more) < 0.5 * length):
+        right = ", ".join(f"{x:.3g}" for x in length + more)
+        return f"wrong lengths ({right} m close them); free them: {free_option(free, ['line.0.length'])}"
+    return (
+        "a line of other links than the scene's, or the file of another one. Use the file of this scene, or check "
+        f"`links` ({len(length)} in the scene), their order and the hooks"
+    )
 
 
 def _opening(model: Model, theta: np.ndarray) -> float:

@@ -207,6 +207,13 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
     return [name if _is_full(name) else _full(name, known, option) for name in names]
 
 
+def free_option(names: Sequence[str], more: Sequence[str]) -> str:
+    """The option that frees parameters of these names and the paths `more`."""
+    fields = {key for keys in DAMPING.values() for key in keys}
+    short = [ScenePath(name).key if ScenePath(name).key in fields else name for name in names]
+    return f"--free {','.join(dict.fromkeys([*short, *more]))}"
+
+
 def by_full_path(
     scene: Scene, start: StartValues | None, bounds: Bounds | None, priors: Priors | None, of_data: Sequence[str] = ()
 ) -> list[dict[str, Any]]:

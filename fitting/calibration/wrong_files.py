@@ -108,15 +108,17 @@ def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
     off = complex(np.median(missing.real), np.median(missing.imag))
     # [m] by which frames may still be open
     still = OPEN * float(np.sqrt(np.log(2) * np.sum(length**2)))
-    if np.median(np.abs(missing - off)) < still:
+    links = np.exp(1j * theta)
+    rows = np.concatenate([links.real, links.imag])
+    more = np.linalg.lstsq(rows, np.concatenate([missing.real, missing.imag]), rcond=None)[0]
+    by_hook, by_lengths = (float(np.median(np.abs(missing - moved))) for moved in (off, links @ more))
+    # more numbers must close the frames clearly better
+    if by_hook < min(still, 2.0 * by_lengths):
         where = f"{-off.real:+.2g} m in x and {off.imag:+.2g} m in z"
         hook = f"point.{int(model.geometry.held_points[-1])}.position"
         paths = (f"{hook}.0", f"{hook}.2")
         return f"the second hook is {where} from its position; free it: {free_option(free, paths)}"
-    links = np.exp(1j * theta)
-    rows = np.concatenate([links.real, links.imag])
-    more = np.linalg.lstsq(rows, np.concatenate([missing.real, missing.imag]), rcond=None)[0]
-    if np.median(np.abs(missing - links @ more)) < still and np.all(np.abs(more) < 0.5 * length):
+    if by_lengths < still and np.all(np.abs(more) < 0.5 * length):
         right = ", ".join(f"{x:.3g}" for x in length + more)
         return f"wrong lengths ({right} m close them); free them: {free_option(free, ['line.0.length'])}"
     return (

@@ -286,6 +286,15 @@ class Scene(SceneData):
         scene = dataclasses.replace(scene, template=None)
         return dataclasses.replace(scene.with_values(changes) if changes else scene, template=template)
 
+    @property
+    def parameter_paths(self) -> list[str]:
+        """Paths of the numbers of `[parameters]`."""
+        return (
+            []
+            if self.template is None
+            else [f"parameters.{name}" for name in self.template.table.get("parameters", {})]
+        )
+
     def value(self, path: str) -> Plain:
         """The plain value at a path, as used by `with_values`.
 

@@ -151,6 +151,7 @@ class FitResult(SceneFit):
         freed: candidates that were freed for their gain, in order.
         left_out: (run, from, to) [s] of windows that were not fitted because no start explains them.
         wrong_file: the mistake in the traces that explains a misfit, in a line; otherwise empty.
+        likely: the likeliest cause of a smaller misfit and what to free, from the score tests; otherwise empty.
         energy: the ratio of the measured energy loss to the fitted law's, if a report was written (`energy`).
         accepted: whether a misfit is accepted; it has errors then.
     """
@@ -167,6 +168,7 @@ class FitResult(SceneFit):
     advice: list[Candidate] = field(default_factory=list)
     freed: list[Candidate] = field(default_factory=list)
     wrong_file: str = ""
+    likely: str = ""
     left_out: tuple[tuple[int, float, float], ...] = ()
     accepted: bool = False
 
@@ -211,9 +213,11 @@ class FitResult(SceneFit):
                 f"{self.left_out_share:.1%} of the samples lie in windows that no start explains. "
                 "Try a finer --dt or a shorter --window, or cut these stretches out"
             )
-        if self.status == "misfit" and self.misses:
+        if self.status == "misfit" and self.misses and not self.wrong_file:
             times = float(np.sqrt(self.chi2_per_dof))
             advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
+            if self.likely:
+                advice = f"Likeliest cause: {self.likely}, or state a model_error in [fit]"
             if self.solution.rms < 5e-6 * times:  # noise [rad] far below an encoder's: a simulated trace
                 advice = (
                     f"The trace has hardly any noise ({self.solution.rms / times:.1g} rad), as a simulated one: the "

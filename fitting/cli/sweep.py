@@ -27,7 +27,7 @@ from dropper_jax.cli.options import (
     read_scene,
     table,
 )
-from fitting.cli.fit import add_convention, read_numbers
+from fitting.cli.fit import add_convention, column_names, read_numbers
 
 if TYPE_CHECKING:
     import numpy as np
@@ -126,6 +126,7 @@ def run(args: argparse.Namespace) -> int:
         if args.trace:
             named = convention(args.zero, args.sign, args.unit)
             about = {"parts": parts, "integrator": args.integrator, "until": args.duration, "convention": named}
+            about["columns"] = column_names(args.columns)
             scores = sweep_against_trace(scene, vary, args.trace, args.out, **about, **options)
             result = scores.sweep
         else:
@@ -168,6 +169,7 @@ def run(args: argparse.Namespace) -> int:
 def _parts(args: argparse.Namespace) -> list[float] | None:
     """Times of `--parts`; options that need a trace are rejected without one."""
     given = {"--parts": args.parts, "--fit": args.fit, "--zero": args.zero, "--sign": args.sign, "--unit": args.unit}
+    given["--columns"] = args.columns
     for option, value in given.items():
         if value and not args.trace:
             raise SceneError(f"{option}: requires --trace FILE.csv")
@@ -181,6 +183,7 @@ def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedS
     from fitting.sweep.against_trace import FittedScore
 
     asked = {"zero": args.zero, "sign": args.sign, "unit": args.unit, "until": args.duration}
+    asked["columns"] = column_names(args.columns)
     result = fit(args.trace, scene, list(scores.paths), **asked, progress=progress(args.quiet))
     print_warnings(result.warnings)
     return FittedScore.of(scores, result.status, result.values, result.uncertainty.std_error)

@@ -175,6 +175,7 @@ def sweep_against_trace(
     integrator: str | None = None,
     until: float | None = None,
     convention: Convention = Convention(),  # noqa: B008 - frozen
+    columns: Mapping[str, str] | None = None,
     **settings: Any,
 ) -> TraceScores:
     """Run every case from the scene's start over the span of a trace, and score it against the trace.
@@ -188,6 +189,7 @@ def sweep_against_trace(
         integrator: default rattle_4 for point masses, whose error is below a camera's noise; otherwise the scene's.
         until: samples from this time [s] on are not compared.
         convention: angle convention of the trace; default from the file, otherwise inferred from the scene.
+        columns: the file's columns if they have other names, as for `read_trace`.
         **settings: further arguments of `sweep`.
 
     Raises:
@@ -203,7 +205,7 @@ def sweep_against_trace(
     for path, values in vary.items():
         if path.count(".") > 0 and changes_size(scene, path, np.asarray(values)):
             raise SceneError(f"vary: {path!r} changes the number of links, which is that of the trace. Use other paths")
-    trace, warnings = settle_convention(as_trace(trace, model.line.links), model, convention)
+    trace, warnings = settle_convention(as_trace(trace, model.line.links, columns), model, convention)
     trace = trace.between(0.0, np.inf if until is None else until)
     check_trace(trace)
     if integrator is None and Rattle4().refuse(model) is None:

@@ -266,6 +266,8 @@ INTERRUPTED = 130
 
 #: Status and message of what failed.
 Failure = tuple[str, str]
+#: The failure of a command that the user stopped; its partial result is printed.
+STOPPED: Failure = ("interrupted", "interrupted")
 
 
 def print_json(found: dict[str, Any]) -> None:
@@ -279,9 +281,10 @@ def print_result(as_json: bool, found: dict[str, Any], text: str = "", failure: 
         print_json(with_failure(found, failure))
     elif text:
         print(text)
-    if failure is not None:
-        print_line(f"error: {failure[1]}")
-    return OK if failure is None else FAILED
+    if failure is None:
+        return OK
+    print_line(f"error: {failure[1]}")
+    return INTERRUPTED if failure == STOPPED else FAILED
 
 
 def shorten(text: str) -> str:
@@ -335,6 +338,26 @@ def progress(quiet: bool = False) -> Callable[[float, str], None] | None:
     if quiet:
         return None
     return _bar() if sys.stderr.isatty() else _lines()
+
+
+def row_printer(head: Sequence[str], quiet: bool = False) -> Callable[[Sequence[str]], None]:
+    """A function that prints a row of a table on standard error, below its head; nothing if quiet.
+
+    For rows that take long: the table itself follows on standard output.
+    """
+    # width of the first and minimum width of the other columns
+    widths = [20, *(max(len(text), 10) for text in head[1:])]
+    printed = False
+
+    def show(cells: Sequence[str]) -> None:
+        nonlocal printed
+        rows = [cells] if printed else [head, cells]
+        printed = True
+        for first, *others in [] if quiet else rows:
+            line = [first.ljust(widths[0]), *map(str.rjust, others, widths[1:])]
+            print_line("  ".join(line))
+
+    return show
 
 
 def _bar() -> Callable[[float, str], None]:

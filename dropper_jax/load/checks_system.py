@@ -234,6 +234,11 @@ def attached_points(
     carriers += [(f"vessel.{i}", "fixed", vessel) for i, vessel in enumerate(vessels)]
     for path, kind, body in carriers:
         for name, position in body.attachments.items():
+            if name in {point.name for point in points}:
+                raise SceneError(
+                    f"{path}.attachments.{name}: is also a [[point]]; an attachment is a point of its own, to which "
+                    f"lines connect by this name. Remove the [[point]] {name!r}, or rename one of the two"
+                )
             if name in {point.name for point in found}:
                 raise refuse(f"{path}.attachments", name, "is used twice", "unique names among points")
             found.append(PointSpec(name=name, position=body.world(position), kind=kind, on=body.name))

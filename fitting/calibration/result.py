@@ -293,17 +293,27 @@ class FitResult(SceneFit):
         return jsonable(found | {key: value for key, value in requested.items() if value})
 
     @property
+    def fastest(self) -> float:
+        """Limit of the speeds [m/s] of nodes in the traces: the maximum sum of the links' lengths times their rates."""
+        length = np.asarray(self.solution.problem.simulator.model_at(self.values).line.length)
+        rates = (np.abs(np.diff(trace.theta, axis=0)) / np.diff(trace.t)[:, None] for trace in self.traces)
+        return max(float(np.max(np.nansum(rate * length, axis=1), initial=0.0)) for rate in rates)
+
+    @property
     def best_combination(self) -> dict[str, Any] | None:
         """`b_l + v b_q` with the speed v [m/s] at which the trace determines it best, its value and standard error.
 
         Linear and quadratic damping have similar effects at the speed of the motion, so that each alone is much less
-        certain. With covariance C, `v = -C_lq/C_qq` has the minimum variance.
+        certain. With covariance C, `v = -C_lq/C_qq` has the minimum variance. None if no node moves at that speed: the
+        combination would have no meaning.
         """
         mine = [i for name in DAMPING for i, p in enumerate(self.parameters) if p.name == name]
         C = self.uncertainty.covariance[np.ix_(mine, mine)]
         if len(mine) < 2 or not (np.diag(C) > 0).all():
             return None
         speed = -C[0, 1] / C[1, 1]
+        if not 0.0 < speed <= self.fastest:
+            return None
         return {
             "of": list(DAMPING),
             "speed_m_per_s": speed,

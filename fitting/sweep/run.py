@@ -17,6 +17,7 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.memory import versions
 from dropper_jax.lanes import Fallbacks
 from dropper_jax.run.build import SceneLike
+from dropper_jax.run.members import StepVerdict, check_steps
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import Plan, from_identity, make_plan
 from fitting.sweep.program import Program
@@ -44,6 +45,7 @@ class SweepResult:
         steps_per_s: steps of all cases that this call ran over `run_s`, saving included.
         fallbacks: operations that ran by `vmap` instead of the batched kernels.
         plan: the sweep.
+        verdict: on the step, from the runs of extreme cases (see `run.members`); stored as attribute `step_check`.
     """
 
     path: Path
@@ -56,6 +58,7 @@ class SweepResult:
     steps_per_s: float
     fallbacks: Fallbacks
     plan: Plan
+    verdict: StepVerdict
 
 
 def sweep(
@@ -74,6 +77,8 @@ def sweep(
     **settings: Any,
 ) -> SweepResult:
     """Run every combination of values and store the requested quantities in a Zarr folder.
+
+    The step of extreme cases is checked as `dropper run` does (see `SweepResult.verdict`).
 
     Args:
         scene: packaged name, TOML file, plain values or a `Scene`; its `[run]` sets step, duration and integrator.
@@ -120,8 +125,22 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
         ran = store.fill(source, before, plan.cases, say, words, lambda c: len(plan.cases_of(c)))
         run_s = time.perf_counter() - started - compile_s
     rate = ran * plan.scene.run.steps / run_s if run_s > 0 else 0.0
+    verdict = store.verdict
+    if verdict is None:
+        verdict = check_steps(plan.extreme_cases(), say, **dict(plan.settings))
+        store.verdict = verdict
     return SweepResult(
-        store.path, plan.cases, before, store.counts(), plan.scene.run.steps, compile_s, run_s, rate, fallbacks, plan
+        path=store.path,
+        cases=plan.cases,
+        resumed=before,
+        counts=store.counts(),
+        steps=plan.scene.run.steps,
+        compile_s=compile_s,
+        run_s=run_s,
+        steps_per_s=rate,
+        fallbacks=fallbacks,
+        plan=plan,
+        verdict=verdict,
     )
 
 

@@ -115,7 +115,12 @@ class Local:
 
     def to_json(self) -> dict[str, Any]:
         """The fields and the properties derived from them."""
-        return {**dataclasses.asdict(self), "scaled": self.scaled, "trusted": self.trusted}
+        return {
+            **dataclasses.asdict(self),
+            "scaled": self.scaled,
+            "scaled_error": self.scaled_error,
+            "trusted": self.trusted,
+        }
 
 
 @cached_jit(static=("plan",), brief=True)

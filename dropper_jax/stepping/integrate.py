@@ -243,16 +243,16 @@ def _advance_watched(
     dt: jax.Array,
     saves: int,
     save_every: int,
-    segment: int,
+    last: int,
 ) -> tuple[tuple[Progress, jax.Array], Trajectory]:
-    """`advance` with a meter of the growth of derivatives, which measures every `segment` saves (see
-    `growth_watch`)."""
+    """`advance` with a meter of the growth of derivatives, which measures every `last // SEGMENTS` saves before the
+    `last` one (see `growth_watch`)."""
     sizes = dt if jnp.ndim(dt) else None
 
     def save(carry: tuple[Progress, jax.Array], row: jax.Array | None) -> tuple[tuple[Progress, jax.Array], Trajectory]:
         progress, meter = carry
         progress, saved = advance_and_save(stepper, model, progress, dt if row is None else row, save_every)
-        at_end = (progress.done // save_every) % segment == 0
+        at_end = (last - progress.done // save_every) % max(1, last // SEGMENTS) == 0
         r, meter = watch(progress.state.r, meter, at_end)
         return (progress._replace(state=replace(progress.state, r=r)), meter), saved
 
@@ -293,7 +293,7 @@ def integrate(
     if warn:
         floats = [x for x in jax.tree.leaves((model, s, dt)) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
         carry = progress, start_meter([jnp.asarray(x) for x in floats])
-        run = partial(_advance_watched, stepper, save_every=save_every, segment=max(1, saves // SEGMENTS))
+        run = partial(_advance_watched, stepper, save_every=save_every, last=saves)
     else:
         carry = progress
         run = partial(advance, stepper, save_every=save_every)

@@ -10,9 +10,12 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.samples import TOO_LONG
 from dropper_jax.run.simulate import simulate
 
+#: Status of a run whose energy balance does not close.
+DRIFT = "energy_drift"
+
 
 class StepVerdict(NamedTuple):
-    """Status, `ok` or `step_too_long`, and the warnings of members, each with the name of the member."""
+    """Status, `ok`, `step_too_long` or `energy_drift`, and the warnings of members, each with the member's name."""
 
     status: str = "ok"
     warnings: tuple[str, ...] = ()
@@ -22,8 +25,10 @@ class StepVerdict(NamedTuple):
         """Status and line of the error of a command; None if the step is usable."""
         if self.status == "ok":
             return None
-        what = "tensions or positions are off by more than 10 %; the warning has the step to take"
-        return self.status, f"{self.status}: {what}"
+        return (
+            self.status,
+            f"{self.status}: the step is too long for the runs of the warnings, which have the step to take",
+        )
 
 
 def check_steps(members: Mapping[str, Scene], say: Progress = silent, **settings: Any) -> StepVerdict:
@@ -39,7 +44,8 @@ def check_steps(members: Mapping[str, Scene], say: Progress = silent, **settings
             solution = simulate(scene, step_check=True, **settings)
         except SceneError:
             continue
-        if solution.status == TOO_LONG:
-            status = TOO_LONG
-        warnings += [f"{name}: {text}" for text in solution.warnings if text.startswith("time step")]
+        if solution.status in (TOO_LONG, DRIFT):
+            status = solution.status
+        about_step = [text for text in solution.warnings if text.startswith(("time step", "energy balance error"))]
+        warnings += [f"{name}: {text}" for text in about_step]
     return StepVerdict(status, tuple(warnings))

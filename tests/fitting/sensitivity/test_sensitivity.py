@@ -236,7 +236,8 @@ def test_labels_name_links_and_effects():
 
 def test_command_prints_a_table_and_draws(tmp_path, capsys, monkeypatch, found):
     picture = tmp_path / "tornado.png"
-    argv = ["sensitivity", "double-pendulum-chaotic", "--of", "tension.1.max", "--quiet", "--to", "line.0.mass"]
+    argv = ["sensitivity", "double-pendulum-chaotic", "--duration", "1", "--of", "tension.1.max", "--quiet"]
+    argv += ["--to", "line.0.mass"]
     with monkeypatch.context() as patch:
         patch.setattr(sensitivity, "local", lambda problem, say, check: found)
         assert main([*argv, "--picture", str(picture)]) == 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -109,7 +109,7 @@ class Program(NamedTuple):
 
 class RunOutcome(NamedTuple):
     """Outcome of a run: the saved states, the last carry, its time [s] and the compile time, whether the user stopped
-    it, the disk error if one stopped it, and intermediate carries with the number of saves before each."""
+    it, the disk error if one stopped it, and the carries at the requested numbers of saves."""
 
     trajectory: Trajectory
     beside: Beside
@@ -163,7 +163,7 @@ def compile_run(
 class _EqualSteps:
     """Equal steps by the program without globalisation, until a step fails to converge.
 
-    That chunk and all later ones are then run by the program with the fallback solvers. Most runs never compile this
+    That save and all later ones are then run by the program with the fallback solvers. Most runs never compile this
     program, which is twice as large. Joints that stick need it from the start.
     """
 
@@ -195,6 +195,10 @@ class _EqualSteps:
         started = time.perf_counter()
         after, rows = self._take(carry, count)
         if self.plain and int(after.first_bad) >= 0 and self.stepper != self.stepper.plain:
+            # the saves before the failed step are those of this program, so that the length of chunks has no effect
+            solved = (int(after.first_bad) - int(carry.done)) // self.settings["save_every"]
+            if solved:
+                return self._take(carry, solved)[0], (jax.tree.map(lambda a: a[:solved], rows), None)
             now = time.perf_counter()
             self.plain, self.program = False, self._program(self.stepper, carry)
             started = time.perf_counter()
@@ -229,20 +233,30 @@ def _chunk_size(s: State) -> int:
     return max(1, min(MOST_SAVES, 2 ** int(np.log2(max(CHUNK_BYTES / max(size, 1), 1.0)))))
 
 
-def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None) -> RunOutcome:
+def run_chunks(
+    run: Program,
+    saves: int,
+    say: Callable[[float, str], None],
+    rows: InMemory | None = None,
+    carries_at: Sequence[int] = (),
+) -> RunOutcome:
     """Run chunks until the end, a failure or an interruption, which includes a full disk.
 
     Args:
         rows: store for the chunks; default: in memory.
+        carries_at: numbers of saves, increasing, at which the carry is stored.
     """
     carry, done, rows = run.carry, 0, InMemory() if rows is None else rows
     passed: list[tuple[int, Carry]] = []
+    stops = [*carries_at, saves]
     at = carry, done  # of what is kept: one name, so that a stop leaves both as they belong together
     started, interrupted, refused = time.perf_counter(), False, ""
     try:
         while done < saves:
-            passed = [*(passed if len(passed) < 2 * MIN_CHUNKS else passed[::2]), (done, carry)]
-            carry, piece = run.go_on(carry, saves - done)
+            if done == stops[0]:
+                passed.append((done, carry))
+                stops = stops[1:]
+            carry, piece = run.go_on(carry, stops[0] - done)
             rows.append(done, (jax.tree.map(np.asarray, piece), name_leaves(Last(last_row(piece[0]), carry))))
             at = carry, done + len(piece[0].r)
             done = at[1]

@@ -34,7 +34,7 @@ from dropper_jax.run.row_store import (
     same_scene,
 )
 from dropper_jax.run.samples import Samples, is_finished
-from dropper_jax.run.step_check import with_step_check
+from dropper_jax.run.step_check import CHEAP_WORK, is_repeated, stretch_starts, with_step_check
 from dropper_jax.run.step_extremes import step_signals
 from dropper_jax.run.summary import summary
 from dropper_jax.scene import RunSpec
@@ -194,7 +194,7 @@ def simulate(
     skip: float = 0.0,
     start: Solution | None = None,
     scratch: str | Path | None = None,
-    step_check: bool = False,
+    step_check: bool | None = None,
     **settings: Any,
 ) -> Solution:
     """Simulate a scene; values that are not given are taken from its `[run]`.
@@ -224,8 +224,9 @@ def simulate(
         scratch: an empty folder for the saved states of runs that are larger than memory; the arrays of the solution
             are mapped from it and are valid while it exists.
         step_check: repeat the run, or stretches of a long one, at half the step. A step that is too long gives a
-            warning, or `step_too_long` (see `run.step_check`). No effect with `tolerance` or `errors`, or for schemes
-            that choose their steps.
+            warning, or `step_too_long` (see `run.step_check`). By default runs of up to `step_check.CHEAP_WORK` steps
+            of a link are repeated, and an unusable step gives a warning only. No effect with `tolerance` or `errors`,
+            or for schemes that choose their steps.
         **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
             residual_tolerance, extra, halvings).
 
@@ -253,7 +254,6 @@ def simulate(
         if tolerance is not None or errors:
             what = "errors" if errors else "tolerance"
             raise SceneError(f"{what}: restarts the scene, so it cannot be combined with a run to continue")
-    entered = time.perf_counter()
     say = progress or (lambda fraction, text: None)
     choice = None
     if tolerance is not None:
@@ -274,12 +274,12 @@ def simulate(
     watch = step_signals(scene, stepper.integrator.tension_time)
     compiled = compile_run(stepper, model, first.carry, run, before, watch)
     compile_s = time.perf_counter() - started
-    start_s = time.perf_counter() - entered
-    outcome = run_chunks(compiled, run.saves, say, rows)
+    outcome = run_chunks(compiled, run.saves, say, rows, stretch_starts(scene) if step_check else ())
     solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
     solution = replace(solution, compile_s=compile_s + outcome.late_s, run_s=outcome.run_s)
-    if step_check and tolerance is None and not errors:
-        solution = with_step_check(solution, compiled, outcome, start_s + outcome.late_s)
+    is_checked = is_repeated(scene, CHEAP_WORK) if step_check is None else step_check
+    if is_checked and tolerance is None and not errors:
+        solution = with_step_check(solution, compiled, outcome, asked=step_check is not None)
     if choice is not None:
         solution = check_tolerance(solution, tolerance, choice)
     if errors and is_finished(solution):

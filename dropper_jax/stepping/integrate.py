@@ -16,6 +16,7 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.consistent import consistent
 from dropper_jax.model import Frozen, Model, Parted, State, as_parted, state
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
+from dropper_jax.stepping.growth_watch import SEGMENTS, start_meter, watch
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
 
@@ -251,6 +252,29 @@ def step_failed(stepper: Stepper, model: Model, s: State, residual: jax.Array) -
     return bad | ~(jnp.max(jnp.abs(size / model.line.length - 1.0)) <= DRIFT_LIMIT)
 
 
+def _advance_watched(
+    stepper: Stepper,
+    model: Model,
+    carry: tuple[Progress, jax.Array],
+    dt: jax.Array,
+    saves: int,
+    save_every: int,
+    last: int,
+) -> tuple[tuple[Progress, jax.Array], Trajectory]:
+    """`advance` with a meter of the growth of derivatives, which measures every `last // SEGMENTS` saves before the
+    `last` one (see `growth_watch`)."""
+    sizes = dt if jnp.ndim(dt) else None
+
+    def save(carry: tuple[Progress, jax.Array], row: jax.Array | None) -> tuple[tuple[Progress, jax.Array], Trajectory]:
+        progress, meter = carry
+        progress, saved = advance_and_save(stepper, model, progress, dt if row is None else row, save_every)
+        at_end = (last - progress.done // save_every) % max(1, last // SEGMENTS) == 0
+        r, meter = watch(progress.state.r, meter, at_end)
+        return (progress._replace(state=replace(progress.state, r=r)), meter), saved
+
+    return jax.lax.scan(save, carry, sizes, length=saves)
+
+
 def integrate(
     stepper: Stepper,
     model: Model,
@@ -259,6 +283,7 @@ def integrate(
     steps: int,
     save_every: int = 1,
     checkpoint: bool = False,
+    warn: bool = True,
 ) -> tuple[State, Trajectory]:
     """Run `steps` steps of `dt` from `s`: a pure function to `jit`, `grad`, `jacfwd` and `vmap` over model, s and dt.
 
@@ -268,6 +293,8 @@ def integrate(
         steps: a multiple of `save_every`.
         checkpoint: for long reverse-mode runs: store states at about sqrt(steps) times only and repeat the steps from
             there in the backward pass (one more forward run, memory ~ sqrt(steps)). Not needed in forward mode.
+        warn: whether a derivative in reverse mode that has grown by more than e^10 gives a `RuntimeWarning`, once. It
+            takes a call of Python per gradient, so JAX does not cache the compiled gradient between processes.
 
     Returns:
         The last state, and the saved ones.
@@ -279,22 +306,41 @@ def integrate(
     dt = jnp.asarray(dt, model.dtype)
     if dt.ndim:
         dt = dt.reshape(saves, save_every)
-    run = partial(advance, stepper, save_every=save_every)
+    if warn:
+        floats = [x for x in jax.tree.leaves((model, s, dt)) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
+        carry = progress, start_meter([jnp.asarray(x) for x in floats])
+        run = partial(_advance_watched, stepper, save_every=save_every, last=saves)
+    else:
+        carry = progress
+        run = partial(advance, stepper, save_every=save_every)
+    carry, trajectory = _run_saves(run, model, carry, dt, saves, save_every, checkpoint)
+    return (carry[0] if warn else carry).state, trajectory
+
+
+def _run_saves(
+    run: Callable[..., tuple[Carry, Trajectory]],
+    model: Model,
+    carry: Carry,
+    dt: jax.Array,
+    saves: int,
+    save_every: int,
+    checkpoint: bool,
+) -> tuple[Carry, Trajectory]:
+    """The carry and the rows after all `saves` of a run; with checkpoints at about sqrt(saves) of them."""
     if not checkpoint or saves < 4:
-        progress, trajectory = run(model, progress, dt, saves=saves)
-        return progress.state, trajectory
+        return run(model, carry, dt, saves=saves)
     per = math.isqrt(saves)
     bunches, rest = divmod(saves, per)
 
     @jax.checkpoint
-    def bunch(model: Model, progress: Progress, dt: jax.Array) -> tuple[Progress, Trajectory]:
-        return run(model, progress, dt, saves=per)
+    def bunch(model: Model, carry: Carry, dt: jax.Array) -> tuple[Carry, Trajectory]:
+        return run(model, carry, dt, saves=per)
 
     whole = bunches * per
     sizes = dt[:whole].reshape(bunches, per, save_every) if dt.ndim else jnp.broadcast_to(dt, bunches)
-    progress, trajectory = jax.lax.scan(lambda p, size: bunch(model, p, size), progress, sizes)
+    carry, trajectory = jax.lax.scan(lambda c, size: bunch(model, c, size), carry, sizes)
     trajectory = jax.tree.map(lambda a: a.reshape(bunches * per, *a.shape[2:]), trajectory)
     if rest:
-        progress, tail = run(model, progress, dt[whole:] if dt.ndim else dt, saves=rest)
+        carry, tail = run(model, carry, dt[whole:] if dt.ndim else dt, saves=rest)
         trajectory = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), trajectory, tail)
-    return progress.state, trajectory
+    return carry, trajectory

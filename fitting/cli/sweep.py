@@ -134,12 +134,12 @@ def run(args: argparse.Namespace) -> int:
     except SweepStopped as error:
         return print_result(args.json, {}, failure=("interrupted", str(error)))
     fitted = _fit(args, scene, scores) if args.fit else None
-    warnings = result.fallbacks.warnings() + (scores.warnings if scores else [])
+    warnings = [*result.fallbacks.warnings(), *(scores.warnings if scores else []), *result.verdict.warnings]
     print_warnings(warnings)
     failed = sum(count for status, count in result.counts.items() if status not in ("ok", "pending"))
     found = {
         "schema": 1,
-        "status": "ok",
+        "status": result.verdict.status,
         "scene": scene.name,
         "out": str(result.path),
         "cases": result.cases,
@@ -163,7 +163,8 @@ def run(args: argparse.Namespace) -> int:
         if not scores or result.plan.quantities:
             draw_sweep(result.path, plot)
     small = not args.json and not args.traces and result.cases <= MOST_ROWS and result.plan.quantities
-    return print_result(args.json, found, text(found, _result_table(result.path) if small else ""))
+    words = text(found, _result_table(result.path) if small else "")
+    return print_result(args.json, found, words, result.verdict.failure)
 
 
 def _parts(args: argparse.Namespace) -> list[float] | None:
@@ -261,7 +262,7 @@ def text(found: dict[str, Any], results: str = "") -> str:
     if found["vmapped"]:
         pairs.append(("by jax.vmap", f"{', '.join(found['vmapped'])}: two transposes of the cases' axis, same results"))
     scores = _score_table(found["trace"]) if "trace" in found else ""
-    return "\n\n".join(part for part in (listing(pairs), results, scores, f"ok: {found['out']}") if part)
+    return "\n\n".join(part for part in (listing(pairs), results, scores, f"{found['status']}: {found['out']}") if part)
 
 
 def _score_table(trace: dict[str, Any]) -> str:

@@ -161,6 +161,26 @@ class Plan:
         """Case numbers of a chunk."""
         return np.arange(chunk * self.chunk, min((chunk + 1) * self.chunk, self.cases))
 
+    def extreme_cases(self) -> dict[str, Scene]:
+        """Scenes of at most four cases by their values: the corners of the grid, or the outermost rows of a list.
+
+        Seeds have no order: they stay at the first one.
+        """
+        values = self.inputs(np.arange(self.cases))
+        ordered = np.array([axis.path != SEED for axis in self.axes])
+        span = np.where(ordered, np.ptp(values, axis=0), 0.0)
+        position = (values - values.min(axis=0)) * np.divide(1.0, span, out=np.zeros(len(span)), where=span > 0.0)
+        alternating = (-1.0) ** np.arange(len(self.axes))
+        corners = [position @ (sign * one) for one in (np.ones(len(self.axes)), alternating) for sign in (-1.0, 1.0)]
+        found = {}
+        for case in dict.fromkeys(int(np.argmax(corner)) for corner in corners):
+            changed = {
+                axis.path: axis.values.dtype.type(x).item() for axis, x in zip(self.axes, values[case], strict=True)
+            }
+            name = ", ".join(f"{path} = {value:g}" for path, value in changed.items())
+            found[name] = self.scene.with_values(changed)
+        return found
+
     def identity(self) -> dict[str, Any]:
         """Plain values that identify the sweep; `from_identity` makes the same plan from them."""
         return {

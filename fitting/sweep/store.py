@@ -15,6 +15,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import Lock, remove, remove_leftovers, unfinished_folder, unwritable
 from dropper_jax.base.store import Store, StoreStopped, differences
+from dropper_jax.run.members import StepVerdict
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import QUANTITIES, STATUS, Plan, describe_quantity
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     import zarr
 
 IDENTITY = "dropper_jax_sweep"
+#: Attribute with the verdict on the step.
+STEP_CHECK = "step_check"
 PENDING = -1
 #: Packages whose versions must match those of the existing part.
 PACKAGES = ("jax", "jaxlib", "dropper-jax")
@@ -184,6 +187,16 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
     def _cases(self, key: int) -> slice:
         cases = self.plan.cases_of(key)
         return slice(int(cases[0]), int(cases[-1]) + 1)
+
+    @property
+    def verdict(self) -> StepVerdict | None:
+        """The verdict on the step of the sweep; None before it was checked."""
+        there = self.group.attrs.get(STEP_CHECK)
+        return StepVerdict(there["status"], tuple(there["warnings"])) if isinstance(there, dict) else None
+
+    @verdict.setter
+    def verdict(self, verdict: StepVerdict) -> None:
+        self.group.attrs[STEP_CHECK] = {"status": verdict.status, "warnings": list(verdict.warnings)}
 
     def counts(self) -> dict[str, int]:
         """Cases by status."""

@@ -23,6 +23,7 @@ zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
 
 from fitting.sweep import SweepStopped, open_sweep, sweep  # noqa: E402
+from fitting.sweep.plan import make_plan  # noqa: E402
 from fitting.sweep.store import SweepStore as Store  # noqa: E402
 
 SCENE = {
@@ -59,6 +60,36 @@ def whole(tmp_path_factory):
     result = sweep(SCENE, VARY, path, chunk=4, traces=True, **QUICK)
     assert result.counts == {"pending": 0, "ok": 10, "not_converged": 0, "non_finite": 0, "invalid_input": 0}
     return path
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.1])
+def test_the_step_of_a_sweep_has_the_verdict_of_runs_of_its_extreme_cases(tmp_path, dt):
+    scene = dj.load_scene(SCENE).with_values({"run.dt": dt, "run.duration": 2.0})
+    vary = {"b_l": [0.0, 0.2, 0.8]}
+    cases = [scene.with_values({"effects.linear_damping.b_l": b_l}) for b_l in (0.0, 0.8)]
+    runs = [dj.simulate(case, step_check=True, **QUICK) for case in cases]
+    verdict = sweep(scene, vary, tmp_path / "swept.zarr", **QUICK).verdict
+    too_long = any(run.status == "step_too_long" for run in runs)
+    assert verdict.status == ("step_too_long" if too_long else "ok")
+    assert too_long == (dt > 0.01)
+    for b_l, run in zip((0, 0.8), runs, strict=True):
+        for text in (text for text in run.warnings if text.startswith("time step")):
+            assert f"effects.linear_damping.b_l = {b_l}: {text}" in verdict.warnings
+    with open_sweep(tmp_path / "swept.zarr") as found:
+        assert found.attrs["step_check"]["status"] == verdict.status
+    assert sweep(scene, vary, tmp_path / "swept.zarr", **QUICK).verdict == verdict  # resumed, nothing runs
+
+
+def test_corners_of_a_grid_and_outermost_rows_of_a_list_are_extreme():
+    grid = make_plan(SCENE, {"b_l": [0.1, 0.2, 0.4], "start.polar.0": [0.5, 1.0, 0.7]})
+    values = [
+        (scene.value("effects.linear_damping.b_l"), scene.value("start.polar.0"))
+        for scene in grid.extreme_cases().values()
+    ]
+    assert sorted(values) == [(0.1, 0.5), (0.1, 1.0), (0.4, 0.5), (0.4, 1.0)]
+    rows = make_plan(SCENE, {"b_l": [0.1, 0.4, 0.2], "start.polar.0": [0.5, 1.0, 0.7]}, listed=True)
+    values = [scene.value("effects.linear_damping.b_l") for scene in rows.extreme_cases().values()]
+    assert {0.1, 0.4} <= set(values)
 
 
 def test_sweep_gives_the_numbers_of_single_runs(whole):

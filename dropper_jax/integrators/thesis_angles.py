@@ -50,7 +50,7 @@ class ThesisAngles(Implicit):
         return point_masses_only(model) or super().refuse(model)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> AnglesProblem:
-        return AnglesProblem(model, s, h, self.gamma)
+        return AnglesProblem(model, s, h, self.gamma if s.weight is None else s.weight)
 
     def begin(self, model: Model, s: State) -> State:
         """The state with the angles that correspond to its positions and velocities."""
@@ -96,7 +96,7 @@ class Motion(NamedTuple):
 class AnglesProblem(StepProblem):
     """Unknowns: x = (theta, phi, theta', phi') of the new time (n, 4), y = T."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array) -> None:
         super().__init__(model, s, h)
         self.gamma = gamma
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)

@@ -100,6 +100,8 @@ class State:
         angles: polar and azimuth angles and rates, each (n,), for schemes that use these instead (else None).
         parted: broken links, if the scene has failures (else None).
         own: internal states that effects change during the run (`slots.Stateful`), by effect.
+        weight: weight of the new time, in place of the scheme's own, for programs that serve several weights (else
+            None).
     """
 
     r: jax.Array
@@ -112,6 +114,7 @@ class State:
     angles: tuple[jax.Array, ...] | None = None
     parted: Parted | None = None
     own: dict[str, Frozen] = dataclasses.field(default_factory=dict)
+    weight: jax.Array | None = None
 
 
 def state(

@@ -135,8 +135,10 @@ def test_schemes_that_share_a_program_have_their_own_numbers_after_another_run(f
     assert np.abs(ends[0.9] - ends[0.7]).max() > 1e-6
 
 
-def test_a_step_is_chosen_with_dry_friction_in_a_process_that_has_run_it(friction):
-    """The choice of the step takes the program of the studies, then the run takes its own."""
+def test_a_step_is_chosen_with_dry_friction_before_anything_else_has_run():
+    """The choice of the step runs the program that schemes share, and a run then takes a step of its own."""
+    STORE.clear()
+    jax.clear_caches()
     found = dj.simulate(TWO_RODS, tolerance=0.05)
     assert found.status == "ok"
 

@@ -55,6 +55,8 @@ def make_stepper(
     if not scheme.implicit:
         if solver != "auto":
             raise SceneError(f"run.solver: {solver!r} is given, but integrator {integrator!r} solves nothing; use auto")
+        if settings.pop("iterations", None) is not None:
+            raise SceneError(f"iterations: are given, but integrator {integrator!r} solves nothing. Leave them out")
         return Stepper(scheme, "none", "none", 0, **settings)
     if solver != "auto" and (reason := SOLVERS[solver].refuse(model, scheme)):
         raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")

@@ -61,8 +61,13 @@ def test_the_weight_of_a_state_replaces_that_of_the_scheme():
         np.testing.assert_allclose(end(jnp.asarray(weight)), expected, atol=1e-12)
 
 
+def test_iterations_of_an_explicit_scheme_are_refused_in_one_line():
+    with pytest.raises(dj.SceneError, match="^iterations: are given, but integrator 'rk4' solves nothing"):
+        dj.make_stepper(dj.build_model(ROPE), "rk4", iterations=3)
+
+
 @pytest.mark.parametrize("call", [dj.make_stepper, dj.simulate])
 def test_a_setting_that_does_not_exist_is_refused_in_one_line(call):
-    scene = dj.build("dropper-release-a")[0] if call is dj.make_stepper else "dropper-release-a"
+    scene = dj.build_model("dropper-release-a") if call is dj.make_stepper else "dropper-release-a"
     with pytest.raises(dj.SceneError, match="^iteration: unknown setting; did you mean 'iterations'\\?$"):
         call(scene, iteration=3)

@@ -61,6 +61,9 @@ gc.set_threshold(100_000, 50, 100)
 # Programs carry no lines of Python, and one file of tests shares a compiler context.
 os.environ.setdefault("DROPPER_SOURCE_LINES", "off")
 
+# Loading programs makes XLA write lines about processor features, which a failed test would show.
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402

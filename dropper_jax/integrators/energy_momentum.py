@@ -52,7 +52,8 @@ class EnergyMomentum(Implicit):
         return replace(s, v=consistent_velocity(model, s.r, s.v, s.t)) if model.moving else s
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
-        return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)
+        weight = self.weighting if s.weight is None else s.weight
+        return MidpointProblem(model, s, h, weight, alone=len(self.stages) == 1)
 
 
 class MidpointProblem(StepProblem):
@@ -62,7 +63,7 @@ class MidpointProblem(StepProblem):
     has a different rate of stretch at their ends.
     """
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float, alone: bool = True) -> None:
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array, alone: bool = True) -> None:
         super().__init__(model, s, h)
         model = self.model
         self.gamma, self.alone = gamma, alone

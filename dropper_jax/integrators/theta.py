@@ -46,7 +46,7 @@ class Theta(Implicit):
         return point_masses_only(model) or super().refuse(model)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> ThetaProblem:
-        return ThetaProblem(model, s, h, self.gamma)
+        return ThetaProblem(model, s, h, self.gamma if s.weight is None else s.weight)
 
 
 def _is_explicit(gamma: float | jax.Array) -> bool:
@@ -56,7 +56,7 @@ def _is_explicit(gamma: float | jax.Array) -> bool:
 class ThetaProblem(SpeedProblem):
     """Unknowns: x = v1 - v0 and the tensions T1 (gamma = 0: T0)."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array) -> None:
         super().__init__(model, s, h)
         self.gamma, self.explicit = gamma, _is_explicit(gamma)
         self.before = model.instant(s.r, s.v, s.t, self.ends0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from copy import copy
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import jax
@@ -93,19 +92,12 @@ class Integrator:
         return self
 
     def common_form(self, model: Model) -> tuple[Integrator, float | None]:
-        """The scheme whose equations, with a weight as an argument of the program, are those of a stage of this one.
+        """The scheme whose equations, with a weight in the state (`State.weight`), are those of a stage of this one.
 
         Returns:
             The scheme, and the weight of the new time; None: the scheme's own.
         """
         return self, None
-
-    def with_weight(self, weight: jax.Array | None) -> Integrator:
-        """This scheme with a weight that an argument of the program gives."""
-        other = copy(self)
-        if weight is not None:
-            vars(other).update(gamma=weight, weighting=weight)
-        return other
 
     def refuse(self, model: Model) -> str | None:
         """Why this integrator cannot run the model, or None."""

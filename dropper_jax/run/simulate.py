@@ -40,7 +40,7 @@ from dropper_jax.run.summary import summary
 from dropper_jax.scene import RunSpec
 from dropper_jax.statics.search import node_positions
 from dropper_jax.stepping.controlled import Controlled
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.stepping.stepper import Stepper, check_settings, stepper_settings
 
 if TYPE_CHECKING:
     import xarray
@@ -244,6 +244,7 @@ def simulate(
         "error_tolerance": error_tolerance,
         **{name: settings.pop(name) for name in OPTIONS if name in settings},
     }
+    check_settings(settings, [*given, *OPTIONS, "residual_tolerance", *stepper_settings()])
     scene = load_scene(scene)
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
     scene = scene.with_values(changed) if changed else scene

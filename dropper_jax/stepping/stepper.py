@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial, wraps
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
@@ -41,8 +41,12 @@ def make_stepper(
     `settings` are options of the scheme (gamma, rho_infinity; None for its default) and fields of `Stepper`
     (iterations, tolerance, extra, halvings, track_work). `auto` selects the condensed solver if it applies, else dense
     for few unknowns, else banded.
+
+    Raises:
+        SceneError: an unknown name, or a combination that cannot run the model.
     """
     check_names(integrator, solver)
+    check_settings(settings, [*OPTIONS, *stepper_settings()])
     options = {key: settings.pop(key) for key in OPTIONS if key in settings}
     scheme = make_scheme(integrator, options).form_for(model)
     reason = scheme.refuse(model)
@@ -51,6 +55,8 @@ def make_stepper(
     if not scheme.implicit:
         if solver != "auto":
             raise SceneError(f"run.solver: {solver!r} is given, but integrator {integrator!r} solves nothing; use auto")
+        if settings.pop("iterations", None) is not None:
+            raise SceneError(f"iterations: are given, but integrator {integrator!r} solves nothing. Leave them out")
         return Stepper(scheme, "none", "none", 0, **settings)
     if solver != "auto" and (reason := SOLVERS[solver].refuse(model, scheme)):
         raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
@@ -90,6 +96,19 @@ def check_names(integrator: str, solver: str) -> None:
         raise SceneError(f"run.integrator: {integrator!r} is unknown; {nearest(integrator, INTEGRATORS)}")
     if solver != "auto" and solver not in SOLVERS:
         raise SceneError(f"run.solver: {solver!r} is unknown; {nearest(solver, [*SOLVERS, 'auto'])}")
+
+
+def check_settings(settings: Iterable[str], known: Iterable[str]) -> None:
+    """Reject unknown keywords of the functions that pass their further settings to `make_stepper`."""
+    known = list(known)
+    for name in settings:
+        if name not in known:
+            raise SceneError(f"{name}: unknown setting; {nearest(name, known)}")
+
+
+def stepper_settings() -> list[str]:
+    """Names of the fields of `Stepper` that can be set; integrator and solvers are chosen by their names."""
+    return [field.name for field in fields(Stepper) if field.name not in ("integrator", "solver", "fallback")]
 
 
 def _choose(model: Model, scheme: Implicit) -> str:

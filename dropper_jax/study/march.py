@@ -191,7 +191,7 @@ def march(
     dt = jnp.asarray(dt, model.dtype)
     weight, fractions, stages = numbers
     weight, fractions = jax.tree.map(lambda x: jnp.asarray(x, model.dtype), (weight, fractions))
-    stepper = replace(stepper, integrator=stepper.integrator.with_weight(weight))
+    s = replace(s, weight=weight)
 
     def stage(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
         progress, before, first, worst, level, retried, path = carry

@@ -23,12 +23,14 @@ from dropper_jax import Scene, load_scene
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.base.read import ScenePath
+from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.paths import describe
 from dropper_jax.model import Model, State
 from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.build import SceneLike, build, build_model, equal_steps
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.scene import RunSpec
+from dropper_jax.stepping.stepper import Stepper, check_settings, stepper_settings
 from fitting.parameters.of_scene import DAMPING, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
 
@@ -233,9 +235,13 @@ def make_plan(
     """Check a sweep and prepare it.
 
     Raises:
-        SceneError: an unknown path or quantity, a value out of range, nothing to vary.
+        SceneError: an unknown path, quantity or setting, a value out of range, nothing to vary.
     """
+    run_keys = [*(field.name for field in dataclasses.fields(RunSpec) if field.name != "options"), *OPTIONS]
+    check_settings(settings, [*run_keys, *stepper_settings()])
+    changed = {f"run.{key}": settings.pop(key) for key in run_keys if key in settings}
     scene = load_scene(scene)
+    scene = scene.with_values(changed) if changed else scene
     vary = {path: np.asarray(values) for path, values in vary.items()}
     if listed and (seeds or len({values.size for values in vary.values()}) > 1):
         counts = ", ".join(f"{path} {values.size}" for path, values in vary.items())

@@ -96,7 +96,8 @@ def sweep(
         progress: called with the fraction done and a line of text.
         mix_versions: resume a part that was made with other versions of JAX or of this package.
         listed: pair the values, the first of every path, then the second: a list of cases, not a grid.
-        **settings: further fields of `Stepper`.
+        **settings: keys of `[run]` (dt, duration, integrator and others), which replace those of the scene, and further
+            fields of `Stepper`.
 
     Raises:
         SceneError: for any invalid input.

@@ -333,6 +333,8 @@ def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypa
         ({"b_l": [0.1]}, {"quantities": ["tension.m.max"]}, "quantities: 'tension.m.max': 'm' is not a line; known: l"),
         ({"b_l": [0.1]}, {"seeds": 2}, "seeds: nothing in this scene is random"),
         ({"b_l": [0.1, 0.2], "start.polar.0": [1.0]}, {"listed": True}, "lists of different lengths (b_l 2, start"),
+        ({"b_l": [0.1]}, {"duratoin": 0.2}, "duratoin: unknown setting; did you mean 'duration'?"),
+        ({"b_l": [0.1]}, {"duration": -0.2}, "run.duration: -0.2"),
         ({"b_l": [0.1]}, {"listed": True, "seeds": 2}, "listed: seeds, which rows cannot have separately"),
     ],
 )
@@ -344,8 +346,14 @@ def test_mistakes_are_one_line(tmp_path, vary, more, message):
     assert not (tmp_path / "s.zarr").exists()
 
 
+def test_settings_are_keys_of_run_or_of_the_stepper():
+    plan = make_plan(SCENE, {"b_l": [0.0, 0.1]}, duration=0.2, integrator="theta", gamma=0.8, halvings=0)
+    run = plan.scene.run
+    assert (run.duration, run.integrator, run.options) == (0.2, "theta", {"gamma": 0.8})
+    assert dict(plan.settings) == {"halvings": 0}
+
+
 def test_seeds_are_realisations_of_the_sea():
-    from fitting.sweep.plan import make_plan
 
     waves = {"kind": "spectrum", "hs": 1.0, "tp": 6.0, "count": 8, "seed": 5}
     line = [{**SCENE["line"][0], "diameter": 0.05}]

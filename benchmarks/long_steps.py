@@ -117,11 +117,11 @@ def checked(scene: dj.Scene, dt: float, until: float) -> tuple[dj.Solution, Foun
     """A run with its checks, as a whole and by stretches."""
     row: Found = {"dt": dt, "duration": until}
     ways = {
-        "whole": (step_check.check_full_run, step_check.REPEATED_SHARE),
-        "stretches": (step_check.check_stretches, 0.5),  # a long run has 32 of a step or more within its share
+        "whole": (np.inf, step_check.REPEATED_SHARE),
+        "stretches": (0, 0.5),  # a long run has 32 of a step or more within its share
     }
-    for mode, (check, share) in ways.items():
-        with patch.multiple(step_check, check_full_run=check, check_stretches=check, REPEATED_SHARE=share):
+    for mode, (work, share) in ways.items():
+        with patch.multiple(step_check, WHOLE_RUN_WORK=work, REPEATED_SHARE=share):
             run = dj.simulate(scene, dt=dt, duration=until, step_check=True)
         found = run.settings.get("step_check")
         row[mode] = found and {key: found[key] for key in ("repeated", *LIMITS, "chaotic_from_s", "snaps_unresolved")}

@@ -19,6 +19,7 @@ from dropper_jax.run.build import build, stepper_of
 from dropper_jax.sea.make import make_sea
 from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
 from dropper_jax.stepping.control import advance_over
+from dropper_jax.stepping.extremes import link_tensions
 from dropper_jax.stepping.integrate import begin
 from dropper_jax.study.peers.moordyn_run import quiet
 
@@ -130,9 +131,9 @@ def _march(
         return (None, taken.state, good, again + taken.retried), (tension, tension**2, tension, tension)
 
     def follow(carry):
-        adaptive, (_, within) = advance_adaptively(stepper, model, carry[0], dt, tolerance, 1)
-        done = adaptive.progress
-        return (adaptive, done.state, done.first_bad < 0, adaptive.refused), tuple(a[0, ends] for a in within[:4])
+        adaptive, (row, within) = advance_adaptively(stepper, model, carry[0], dt, tolerance, 1, watch=link_tensions)
+        done, between = adaptive.progress, (within.mean, within.square, row.extremes.least, row.extremes.largest)
+        return (adaptive, done.state, done.first_bad < 0, adaptive.refused), tuple(a[0, ends] for a in between)
 
     first, adaptive = begin(stepper, model, s), None
     if tolerance is not None:

@@ -69,7 +69,20 @@ def draw(seed: int, kind: str = "plain") -> Draw:
     raise RuntimeError(f"seed {seed}: {TRIES} rigs on the wrong side of {FAST:g} rad/s")
 
 
-def _one(seed: int, rng: np.random.Generator, kind: str) -> Draw:
+@dataclass(frozen=True)
+class Rig:
+    """A drawn dropper before it is seen: with its damping, where a fit starts, and the camera's rate and noise."""
+
+    scene: Scene
+    truth: np.ndarray
+    low_or_high: np.ndarray
+    rate: float
+    duration: float
+    noise: float
+
+
+def draw_rig(seed: int, rng: np.random.Generator, kind: str = "plain") -> Rig:
+    """The next rig of a seed."""
     links = int(rng.integers(3, 13))
     length, mass = float(rng.uniform(0.04, 0.15)), float(rng.uniform(0.01, 0.08))
     truth = np.array([mass * 10 ** rng.uniform(-1.6, -0.8) for _ in NAMES])
@@ -99,6 +112,12 @@ def _one(seed: int, rng: np.random.Generator, kind: str) -> Draw:
             "start": {"kind": "static", "release_nodes": nodes, "release_force": force.tolist()},
         }
     )
+    return Rig(scene, truth, low_or_high, rate, duration, noise)
+
+
+def _one(seed: int, rng: np.random.Generator, kind: str) -> Draw:
+    rig = draw_rig(seed, rng, kind)
+    scene, truth, rate, duration, noise = rig.scene, rig.truth, rig.rate, rig.duration, rig.noise
     motion = simulate_truth(scene, duration, rate, round(TRUTH_STEPS / rate), "rattle_4")
     trace = observe(motion, Camera(rate=rate, angle_noise=noise), seed, f"rig-{seed}")
     if kind == "missing":
@@ -108,7 +127,7 @@ def _one(seed: int, rng: np.random.Generator, kind: str) -> Draw:
     link = np.diff(motion.nodes[..., [0, 2]], axis=1)
     theta = np.unwrap(np.arctan2(-link[..., 1], link[..., 0]), axis=0)
     peak = float(np.abs(np.diff(theta, axis=0)).max() / (motion.t[1] - motion.t[0]))
-    return Draw(seed, scene, dict(zip(NAMES, truth * low_or_high, strict=True)), trace, truth, noise, peak)
+    return Draw(seed, scene, dict(zip(NAMES, truth * rig.low_or_high, strict=True)), trace, truth, noise, peak)
 
 
 def _with_missing(trace: Trace, rng: np.random.Generator) -> Trace:

@@ -22,15 +22,16 @@ def sources_figures(found: Found) -> Rows:
 
 @table_of("thesis_release")
 def thesis_release(found: Found) -> Rows:
-    """Scenarios from the thesis' ramp and from their packaged poses, by the default scheme and by the thesis' own."""
+    """Scenarios from the thesis' ramps and from their packaged poses, by the default scheme and by the thesis' own."""
     dampings = [(row["b_l"], row["b_q"]) for row in found["scenarios"][0]["ramp"]["thesis_angles"]]
-    starts = (("ramp", "force until 15 s"), ("pose", "packaged pose"))
+    starts = (("ramp", "force until 15 s"), ("ramp-14", "force until 14.1 s"), ("pose", "packaged pose"))
     ended = "{status}, {reached_s:.2f} s"
     return columns(
         (
             {"start": f"{row['scenario']}, {words}", **row[start]}
             for row in found["scenarios"]
             for start, words in starts
+            if start in row
         ),
         ("scenario, start", "{start}"),
         (

@@ -1,8 +1,11 @@
 """What several test files share: scenes as plain values, and one compiled program per scheme for any step size."""
 
 import gc
+import html
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -57,6 +60,9 @@ os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", "threads;1")
 gc.set_threshold(100_000, 50, 100)
 # Programs carry no lines of Python, and one file of tests shares a compiler context.
 os.environ.setdefault("DROPPER_SOURCE_LINES", "off")
+
+# Loading programs makes XLA write lines about processor features, which a failed test would show.
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
@@ -305,3 +311,48 @@ def falling():
         }
 
     return make
+
+
+#: A browser, where there is one: the installation of the tests brings none.
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+
+
+@pytest.fixture
+def in_browser(tmp_path):
+    """`look(page, probe)`: what an expression of JavaScript gives in a page. Skipped where there is no browser."""
+    if BROWSER is None:
+        pytest.skip("no Chromium here: how the page works is not checked (Debian: chromium)")
+
+    def look(page, probe, options=("--disable-gpu",), after=500, every=None, width=900, file=None):
+        """What `probe` gives `after` so many ms of the page's time, or last of those seen `every` so many ms.
+
+        The browser's time runs ahead of messages between frames: what waits for one is looked at again and again.
+        Below 500 px, the narrowest window, the page is in a frame; `file` is where it needs its neighbours.
+        """
+        timer = f"setTimeout(show_seen, {after})" if every is None else f"setInterval(show_seen, {every})"
+        write = f"""<script>{{ const show_seen = () => {{
+          const out = document.getElementById("seen") || document.createElement("pre"); out.id = "seen";
+          out.style.cssText = "position: absolute; width: 0; height: 0; overflow: hidden";  // takes no room
+          out.textContent = JSON.stringify({probe}); document.body.append(out); }}; {timer}; }}</script></body>"""
+        shown = file or tmp_path / "page.html"
+        shown.write_text(page[: page.rindex("</body>")] + write, encoding="utf-8")
+        if width < 500:
+            frame = f'<iframe src="{shown.as_uri()}" width="{width}" height="800"></iframe>'
+            copy = """<script>setInterval(() => {
+              const seen = document.querySelector("iframe").contentDocument.getElementById("seen");
+              if (seen) document.body.append(seen); }, 100);</script>"""
+            opened = tmp_path / "narrow.html"
+            opened.write_text(f"<html><body>{frame}{copy}</body></html>", encoding="utf-8")
+        else:
+            opened = shown
+        own = ["--allow-file-access-from-files", "--disable-background-networking", "--disable-component-update"]
+        size = [f"--window-size={max(width, 900)},{900 if width < 500 else 600}", "--hide-scrollbars"]
+        time = f"--virtual-time-budget={after + 5500}"
+        command = [BROWSER, "--headless", "--no-sandbox", time, *own, *size, *options]
+        call = [*command, f"--user-data-dir={tmp_path}/profile", "--dump-dom", opened.as_uri()]
+        done = subprocess.run(call, capture_output=True, text=True, timeout=120, check=False)
+        found = re.findall(r'<pre id="seen"[^>]*>(.*?)</pre>', done.stdout, re.S)
+        assert found, done.stderr[-500:]
+        return json.loads(html.unescape(found[-1]))
+
+    return look

@@ -1,5 +1,5 @@
 """What MkDocs needs to build the site: headings named as on GitHub, notebooks as pages, links out of docs/, a page of
-Python per public module, formulae."""
+Python per public module, formulae, and a search that knows the words of the glossary."""
 
 from __future__ import annotations
 
@@ -22,6 +22,10 @@ PAGES = runpy.run_path(str(Path(__file__).with_name("pages.py")))
 MATHJAX = "static/mathjax/es5/tex-svg.js"
 #: Pages at the root of the repository, by the names that they have in the site.
 ROOT_PAGES = {"CHANGELOG.md": "changes.md", "CONTRIBUTING.md": "contributing.md", "SECURITY.md": "security.md"}
+#: Pages that name everything, and so match any word, count this much in the search; others count 1.
+LISTS_OF_NAMES = 0.2
+#: A row of a table of words: words, meaning, link to the page about them.
+WORDS = re.compile(r"^\| ([^|]+) \| [^|]+ \| \[[^]]+\]\(([^)]+)\) \|$", re.M)
 #: A link out of the folder of the documentation: text, target.
 OUTSIDE = re.compile(r"(!?)\[([^\]]*)\]\(\.\./([^)\s]+)\)")
 
@@ -74,6 +78,8 @@ def notebook(path: Path) -> Iterator[tuple[str, str | bytes]]:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Links out of the folder lead to where their targets stand in the site, or are plain text."""
+    if "/" in page.file.src_uri or page.file.src_uri in ROOT_PAGES.values():
+        page.meta["search"] = {"boost": LISTS_OF_NAMES}
     if page.file.src_uri == "reference-python.md":
         return re.sub(r"^## (\S+)$", r"\g<0>\n\n[All of it in full](python/\1.md).", markdown, flags=re.M)
     if page.file.src_uri in ROOT_PAGES.values():
@@ -101,5 +107,16 @@ def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
 
 
 def on_post_build(config: MkDocsConfig) -> None:
-    """No page for a server's errors: the site has no server, and that page's links need one."""
+    """No page for a server's errors: the site has no server, and that page's links need one. Words for the search."""
     (Path(config.site_dir) / "404.html").unlink(missing_ok=True)
+    add_words(Path(config.site_dir) / "search" / "search_index.json")
+
+
+def add_words(path: Path) -> None:
+    """Tags in the index of the search: each word of the glossary at the section about it."""
+    index = json.loads(path.read_text(encoding="utf-8"))
+    entries = {entry["location"]: entry for entry in index["docs"]}
+    for words, target in WORDS.findall((ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")):
+        entry = entries[target.replace(".md", ".html")]
+        entry.setdefault("tags", []).extend(word.strip("` ") for word in words.split(","))
+    path.write_text(json.dumps(index, separators=(",", ":")), encoding="utf-8")

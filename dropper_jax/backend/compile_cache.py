@@ -12,15 +12,12 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Generator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import jax
 
@@ -37,7 +34,7 @@ OFF, ON = "off", "on"
 #: Age [s] after which a temporary file counts as left over from a stopped process.
 ABANDONED = 3600.0
 #: Names in JAX's module that this code relies on.
-NEEDED = ("_cache", "_cache_initialized", "reset_cache", "get_executable_and_time")
+NEEDED = ("_cache", "_cache_initialized", "reset_cache")
 #: First bytes of a file, before the digest and the program.
 MARK, UNFINISHED = b"dropper1", ".unfinished"
 DIGEST = hashlib.sha256().digest_size
@@ -63,6 +60,10 @@ def cache_folder() -> Path | None:
 def compile_cache(folder: str | Path) -> Path | None:
     """Enable the cache of compiled programs in a folder, and use the programs that it contains.
 
+    XLA writes lines about processor features to standard error when it loads a program; some of these are its own
+    hints. The command line hides them. In Python, set the environment variable `TF_CPP_MIN_LOG_LEVEL` to 3 before JAX
+    is imported.
+
     Returns:
         The subfolder for this JAX version and processor; None if it cannot be written or this JAX is organised
         differently.
@@ -80,8 +81,6 @@ def compile_cache(folder: str | Path) -> Path | None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     store.reset_cache()
     store._cache, store._cache_initialized = Entries(cache_folder), True
-    if not isinstance(store.get_executable_and_time, _Quietly):
-        store.get_executable_and_time = _Quietly(store.get_executable_and_time)
     # programs for another kind of processor are recompiled and replaced
     warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache entry")
     return cache_folder
@@ -143,42 +142,6 @@ class Entries:
             with suppress(OSError):
                 file.unlink()
             size -= bytes_
-
-
-class _Quietly:
-    """Wrap a function so that libraries' output to standard error is discarded during the call.
-
-    Reloading a program makes XLA write kilobytes about processor features, some of which are its own hints. Real errors
-    are raised.
-    """
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.function = function
-
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        with discard_output(2):
-            return self.function(*args, **kwargs)
-
-
-@contextmanager
-def discard_output(*streams: int) -> Generator[None]:
-    """Discard what libraries write to standard streams, 1 for output and 2 for errors; not if one does not exist."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    try:
-        kept, nowhere = [os.dup(i) for i in streams], os.open(os.devnull, os.O_WRONLY)
-    except OSError:  # no such stream, or no file descriptor left
-        yield
-        return
-    try:
-        for i in streams:
-            os.dup2(nowhere, i)
-        yield
-    finally:
-        for i, saved in zip(streams, kept, strict=True):
-            os.dup2(saved, i)
-            os.close(saved)
-        os.close(nowhere)
 
 
 def _jax_store() -> ModuleType | None:

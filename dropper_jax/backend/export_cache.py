@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Lock
+from threading import Lock, get_ident
 from typing import NamedTuple
 
 import jax
@@ -259,7 +259,8 @@ def _lapack_if_called(module: bytes) -> Iterator[None]:
     if b"lapack" in module:
         jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), float))
     else:
-        jax_linalg["initialize_lapack"] = lambda: None
+        own = get_ident()  # other threads may lower programs that call it
+        jax_linalg["initialize_lapack"] = lambda: None if get_ident() == own else load()
     try:
         yield
     finally:

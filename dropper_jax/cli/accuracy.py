@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import (
+    STOPPED,
     add_examples,
     add_quiet,
     add_scene,
@@ -16,11 +18,12 @@ from dropper_jax.cli.options import (
     print_line,
     progress,
     read_scene,
+    row_printer,
     table,
 )
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
-help = "measure errors and times of all integrators over a range of steps, and advise"
+help = "measure errors and times of all integrators over a range of steps, row by row, and advise"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,12 +66,28 @@ def run(args: argparse.Namespace) -> int:
 
     schemes = [parse(name) for text in args.integrators or () for name in text.split(",")] or None
     dts = tuple(args.dts or REPORT_DTS)
-    found = accuracy(scene, schemes, dts, args.span, not args.quick, progress(args.quiet), args.peers)
+    say = progress(args.quiet)
+    found = accuracy(scene, schemes, dts, args.span, not args.quick, say, args.peers, _row_printer(args.quiet))
     for item in found["refused"]:
         print_line(f"left out: {item['scheme']}: {item['reason']}")
-    if args.plot:
+    failure = STOPPED if found.get("status") == STOPPED[0] else None
+    if args.plot and failure is None:
         draw(found, picture(args.plot, "accuracy"))
-    return deliver(args.json, done_object(**found), text(found), args.out)
+    return deliver(args.json, done_object(**found), text(found), args.out, failure)
+
+
+def _row_printer(quiet: bool) -> Callable[[dict[str, Any]], None]:
+    """A function that prints a row of a scheme or of the loads as soon as it is measured."""
+    of_schemes = row_printer(HEAD, quiet)
+    of_loads = row_printer(("loads", *LOADS_HEAD), quiet)
+
+    def show(row: dict[str, Any]) -> None:
+        if "errors" in row:
+            of_loads(("", *_load_cells(row)))
+        else:
+            of_schemes(_cells(row))
+
+    return show
 
 
 def draw(found: dict[str, Any], path: Path) -> None:
@@ -86,6 +105,18 @@ def draw(found: dict[str, Any], path: Path) -> None:
 
 def text(found: dict[str, Any]) -> str:
     """The report as text."""
+    parts = [_schemes(found)] if found["reference"] else []
+    if "loads" in found:
+        parts.append(_loads(found["loads"]))
+    if "numerical_damping" in found:
+        parts.append(found["numerical_damping"]["thesis"]["text"])
+        kept = sum(row["holds"] for row in found["euler"])
+        parts.append(f"Euler's schemes on the pendulums: {kept} of {len(found['euler'])} measured claims hold")
+    return "\n\n".join(parts)
+
+
+def _schemes(found: dict[str, Any]) -> str:
+    """Errors and times of the schemes, and the advice; of an interrupted comparison the rows so far."""
     reference = found["reference"]
     parts = [
         f"{found['scene']}: compared over {reference['horizon_s']:.4g} s; perturbations grow at "
@@ -96,12 +127,6 @@ def text(found: dict[str, Any]) -> str:
         "measured orders: " + ", ".join(f"{label} {order:.2f}" for label, order in found["orders"].items()),
         "\n".join(item["text"] for item in found["advice"]),
     ]
-    if "loads" in found:
-        parts.append(_loads(found["loads"]))
-    if "numerical_damping" in found:
-        parts.append(found["numerical_damping"]["thesis"]["text"])
-        kept = sum(row["holds"] for row in found["euler"])
-        parts.append(f"Euler's schemes on the pendulums: {kept} of {len(found['euler'])} measured claims hold")
     return "\n\n".join(parts)
 
 
@@ -109,21 +134,24 @@ def _loads(found: dict[str, Any]) -> str:
     """Errors of the loads over the step, and the step below which they are small."""
     if not found["rows"]:
         return f"loads: {found['skipped']}"
-    names = ("mean", "deviation", "window_maximum", "maximum")
-    rows = [
-        ("dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status"),
-        *(
-            (
-                f"{row['dt']:.4g}",
-                *(_short(row["errors"][name], "{:.2%}") for name in names),
-                f"{row['us_per_step']:.3g}",
-                row["status"],
-            )
-            for row in found["rows"]
-        ),
-    ]
-    head = f"errors of the loads of the worst line, against {found['reference_dt']:.4g} s:"
+    rows = [LOADS_HEAD, *(_load_cells(row) for row in found["rows"])]
+    finest = found["reference_dt"]
+    against = "half of each step" if finest is None else f"{finest:.4g} s"
+    head = f"errors of the loads of the worst line, against {against}:"
     return "\n".join([head, table(rows), *(item["text"] for item in found["advice"])])
+
+
+LOADS_HEAD = ("dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status")
+
+
+def _load_cells(row: dict[str, Any]) -> tuple[str, ...]:
+    names = ("mean", "deviation", "window_maximum", "maximum")
+    return (
+        f"{row['dt']:.4g}",
+        *(_short(row["errors"][name], "{:.2%}") for name in names),
+        f"{row['us_per_step']:.3g}",
+        row["status"],
+    )
 
 
 HEAD = (

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    scene = read_scene(args, OVERRIDES)
+    scene = read_scene(args, OVERRIDES, notes=False)
 
     found = examine(scene)
     print_warnings(found["warnings"])
@@ -48,10 +48,11 @@ def run(args: argparse.Namespace) -> int:
 
 def examine(scene: Scene) -> dict[str, Any]:
     """Facts of a scene that need neither its equilibrium nor a compiled step."""
-    from dropper_jax.load.checks_system import body_warnings
+    from dropper_jax.load.checks_water import sea_warnings
     from dropper_jax.run.arrays import bare_model
     from dropper_jax.run.build import stepper_of
-    from dropper_jax.run.growth import floating_warnings, line_weights, overgrown, wet_weights
+    from dropper_jax.run.growth import line_weights, overgrown, wet_weights
+    from dropper_jax.run.plausibility import scene_warnings
     from dropper_jax.run.resolution import periods, suggest_step
     from dropper_jax.scene import whole_lines
 
@@ -88,7 +89,7 @@ def examine(scene: Scene) -> dict[str, Any]:
             "effects": list(scene.effects),
             "steps": scene.run.steps,
         },
-        "warnings": [*floating_warnings(scene), *body_warnings(scene)],
+        "warnings": [*scene_warnings(scene), *(() if model.sea is None else sea_warnings(scene, model.sea))],
     }
 
 

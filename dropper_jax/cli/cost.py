@@ -5,7 +5,16 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from dropper_jax.cli.options import add_examples, add_scene, done_object, read_scene, table
+from dropper_jax.cli.options import (
+    STOPPED,
+    add_examples,
+    add_quiet,
+    add_scene,
+    done_object,
+    read_scene,
+    row_printer,
+    table,
+)
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 help = "operations, bytes and microseconds per step, with and without each effect"
@@ -20,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     add_plot(parser, "a bar chart")
     add_out(parser)
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -27,43 +37,56 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax.study.cost import cost
 
-    found = cost(scene)
+    show = row_printer(HEAD, args.quiet)
+    found = cost(scene, each=lambda row: show(_cells(row)))
     proof = found["proof"]
-    proved = proof["removed_is_never_had"] and proof["new_effect_changes_nothing"]
-    failure = None if proved else ("not_converged", "absent effects change the program")
-    if args.plot:
+    failure = None
+    if proof is None:
+        failure = STOPPED
+    elif not (proof["removed_is_never_had"] and proof["new_effect_changes_nothing"]):
+        failure = ("not_converged", "absent effects change the program")
+    if args.plot and found["rows"]:
         from dropper_jax.study import pictures
 
         pictures.costs(found, picture(args.plot, "cost"))
     return deliver(args.json, done_object(**found), text(found), args.out, failure)
 
 
+#: Columns of the table: heading and format by key.
+COLUMNS = {
+    "us_per_step": ("us/step", ".2f"),
+    "ratio": ("ratio", ".2f"),
+    "corrections_per_step": ("corrections/step", ".2f"),
+    "us_per_correction": ("us/correction", ".2f"),
+    "correction_ratio": ("ratio", ".2f"),
+    "flops": ("flops", ".0f"),
+    "bytes": ("bytes", ".0f"),
+    "operations": ("operations", "d"),
+}
+HEAD = ("", *(head for head, _ in COLUMNS.values()))
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    numbers = ("-" if row[key] is None else f"{row[key]:{form}}" for key, (_, form) in COLUMNS.items())
+    return (row["name"], *numbers)
+
+
 def text(found: dict[str, Any]) -> str:
     """The report as text."""
-    columns = {
-        "us_per_step": ("us/step", ".2f"),
-        "ratio": ("ratio", ".2f"),
-        "corrections_per_step": ("corrections/step", ".2f"),
-        "us_per_correction": ("us/correction", ".2f"),
-        "correction_ratio": ("ratio", ".2f"),
-        "flops": ("flops", ".0f"),
-        "bytes": ("bytes", ".0f"),
-        "operations": ("operations", "d"),
-    }
-    rows = [("", *(head for head, _ in columns.values()))]
-    rows += [
-        (row["name"], *("-" if row[key] is None else f"{row[key]:{form}}" for key, (_, form) in columns.items()))
-        for row in found["rows"]
+    parts = [
+        f"{found['scene']}: scheme {found['integrator']}, solver {found['solver']}",
+        "us: microseconds; corrections: Newton iterations per step; ratios: to the whole scene",
+        "flops, bytes, operations: of the compiled step, which counts a loop once; compare rows only",
+        "",
+        table([HEAD, *(_cells(row) for row in found["rows"])]),
     ]
     proof = found["proof"]
+    if proof is None:  # interrupted
+        return "\n".join(parts)
     yes = {True: "yes", False: "NO"}
     return "\n".join(
         [
-            f"{found['scene']}: scheme {found['integrator']}, solver {found['solver']}",
-            "us: microseconds; corrections: Newton iterations per step; ratios: to the whole scene",
-            "flops, bytes, operations: of the compiled step, which counts a loop once; compare rows only",
-            "",
-            table(rows),
+            *parts,
             "",
             "absent effects cost nothing:",
             "  a scene whose effects are removed compiles to the same program as one that never had them: "

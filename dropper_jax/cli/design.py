@@ -5,8 +5,17 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_scene, done_object, listing, number, read_scene
+from dropper_jax.base.errors import SceneError, silent
+from dropper_jax.cli.options import (
+    add_examples,
+    add_quiet,
+    add_scene,
+    done_object,
+    listing,
+    number,
+    progress,
+    read_scene,
+)
 from dropper_jax.cli.outputs import add_out, deliver
 
 help = "solve for values of the scene that give static tensions, angles, depths or periods their required values"
@@ -44,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the required value of the target, in the same order",
     )
     add_out(parser)
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -53,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.study.offsets import solve_design
 
     paths, low, high = zip(*ranges, strict=True)
-    found = solve_design(scene, paths, low, high, args.target, args.value)
+    found = solve_design(scene, paths, low, high, args.target, args.value, progress(args.quiet) or silent)
     values = [{"path": path, "value": value} for path, value in found.values.items()]
     targets = [{"target": name, "required": pair[0], "reached": pair[1]} for name, pair in found.targets.items()]
     more: dict[str, Any] = {**values[0], **targets[0], "solves": found.solves, "values": values, "targets": targets}

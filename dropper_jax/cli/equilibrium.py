@@ -43,15 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    scene = read_scene(args)
+    scene = read_scene(args, notes=args.tide)
     if args.tide:
         return _tide(scene, args)
 
     from dropper_jax.analysis.angles import link_angles
-    from dropper_jax.load.checks_system import body_warnings
     from dropper_jax.run.bends import curvature
     from dropper_jax.run.build import equilibrium
-    from dropper_jax.run.growth import floating_warnings
+    from dropper_jax.run.plausibility import scene_warnings
     from dropper_jax.run.resolution import check_stretch, pose_remarks
     from dropper_jax.scene.data import line_slices
 
@@ -60,10 +59,10 @@ def run(args: argparse.Namespace) -> int:
     angles = np.concatenate([np.stack(link_angles(found.positions[line.nodes]), axis=-1) for line in lines])
     bent = curvature(scene, np.asarray(found.positions)[None])[0]
     failed = found.status != "ok"
-    remarks = (*floating_warnings(scene), *body_warnings(scene))
+    remarks = scene_warnings(scene, at_rest=not failed)
     if not failed:
         check_stretch(scene, found.positions)
-        remarks = (*pose_remarks(scene, found.positions, found.tension), *remarks)
+        remarks = (*remarks, *pose_remarks(scene, found.positions, found.tension))
     print_warnings(remarks)
     if args.plot and not failed:
         from dropper_jax.plots.tension import along_lines
@@ -113,8 +112,8 @@ def _tide_text(found: dict[str, Any]) -> str:
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> dict[str, Any]:
-    from dropper_jax.run.growth import end_angles, end_forces, line_weights
-    from dropper_jax.scene.data import held_loads, line_offsets, whole_lines
+    from dropper_jax.run.growth import end_angles, end_forces, fixed_point_loads, line_weights
+    from dropper_jax.scene.data import line_offsets, whole_lines
 
     result = done_object(
         scene=scene.name,
@@ -131,7 +130,8 @@ def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarr
             result[key] = {name: {"first": float(x), "last": float(y)} for name, ((x, y),) in ends.items()}
         result["line_weights"] = line_weights(scene)
     if scene.branched:
-        result |= {"lines": line_offsets(scene), "held_load_n": held_loads(scene, found.positions, found.tension)}
+        loads = fixed_point_loads(scene, np.asarray(found.positions), np.asarray(found.tension))
+        result |= {"lines": line_offsets(scene), "held_load_n": loads}
     return result
 
 
@@ -146,7 +146,7 @@ def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, be
 
 
 def _end_forces(found: dict[str, Any]) -> str:
-    """Forces on the end points of lines, including the weight in water of the part of the end link at the point, and
+    """Forces on the end points of lines, including the weight of the part of the end link at the point, and
     the angles of the end links above the horizontal."""
     forces, angles = found["end_forces_n"], found["end_angles_deg"]
     rows = [("line", "force on first point [N]", "angle up [deg]", "force on last point [N]", "angle up [deg]")]

@@ -19,7 +19,7 @@ from types import FrameType
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.renamed import SINCE
-from dropper_jax.cli.options import FAILED, INTERRUPTED, INVALID_INPUT, failure_object, print_json, print_line
+from dropper_jax.cli.options import FAILED, INTERRUPTED, INVALID_INPUT, STOPPED, failure_object, print_json, print_line
 
 #: Environment variable that shows the traceback of an internal error.
 TRACEBACK = "DROPPER_TRACEBACK"
@@ -127,7 +127,7 @@ def classify_error(error: BaseException) -> tuple[str, str, int]:
     # maximum length of the text of an error in its line
     shown = 300
     if isinstance(error, KeyboardInterrupt):
-        return "interrupted", "interrupted", INTERRUPTED
+        return *STOPPED, INTERRUPTED
     if isinstance(error, SceneError):
         return "invalid_input", str(error), INVALID_INPUT
     if isinstance(error, OSError):

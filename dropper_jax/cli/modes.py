@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.cli.options import (
     add_examples,
     add_scene,
@@ -41,6 +41,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="A",
         help="also damping ratios at an amplitude of A metres, with quadratic drag",
     )
+    parser.add_argument(
+        "--of",
+        metavar="BODY",
+        help="the modes with the largest share of their kinetic energy in this body, the slowest first",
+    )
     add_plot(parser, "the shapes of the nine slowest modes")
     add_out(parser)
 
@@ -49,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
     if args.amplitude is not None and not 0.0 < args.amplitude < np.inf:
         raise SceneError(f"--amplitude: {args.amplitude:g} is out of range; allowed: above 0 m")
     scene = read_scene(args)
+    body = None if args.of is None else _number_of(args.of, scene)
 
     from dropper_jax.run.build import build_model, equilibrium
     from dropper_jax.statics.modes import damping_at, natural_modes
@@ -57,19 +63,33 @@ def run(args: argparse.Namespace) -> int:
     pose = equilibrium(model)
     if pose.status != "ok":
         return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
-    modes = natural_modes(model, pose.state, args.count)
+    modes = natural_modes(model, pose.state, args.count if body is None else None)
+    numbers = np.arange(len(modes.period))
+    if body is not None:
+        numbers = np.sort(np.argsort(-modes.body_share[:, body])[: args.count])
+        modes = modes.pick(numbers)
     if args.plot:
         from dropper_jax.study.pictures import mode_shapes
 
         mode_shapes(scene, model, pose, modes, picture(args.plot, "modes"))
-    found = {"period_s": modes.period, "frequency_hz": 1.0 / modes.period, "shape": modes.shape}
+    found = {"number": numbers + 1, "period_s": modes.period, "frequency_hz": 1.0 / modes.period, "shape": modes.shape}
     found |= {"damping_ratio": modes.damping_ratio, "critical_damping_kg_per_s": modes.critical_damping}
     if args.amplitude is not None:
         ratio = damping_at(model, pose.state, modes, args.amplitude)
         found |= {"amplitude_m": args.amplitude, "damping_ratio_at_amplitude": ratio}
     if modes.bodies is not None:
         found["bodies"] = {body.name: modes.bodies[:, i] for i, body in enumerate(scene.bodies)}
+        found["body_share"] = {body.name: modes.body_share[:, i] for i, body in enumerate(scene.bodies)}
     return deliver(args.json, done_object(scene=scene.name, **found), _text(scene, modes, found), args.out)
+
+
+def _number_of(name: str, scene: Scene) -> int:
+    """Index of a body of the scene."""
+    names = [body.name for body in scene.bodies]
+    if name not in names:
+        allowed = nearest(name, names) if names else "the scene has no [[body]]; leave --of out"
+        raise SceneError(f"--of: {name!r} is not a body; {allowed}")
+    return names.index(name)
 
 
 def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:
@@ -80,16 +100,25 @@ def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:
     for i, (period, shape) in enumerate(zip(modes.period, modes.shape, strict=True)):
         share = np.sum(shape**2, axis=0) / np.sum(shape**2)
         damping = (f"{ratio[i]:.3g}" for ratio in ratios.values())
-        rows.append((str(i + 1), f"{period:.5g}", f"{1 / period:.5g}", *damping, "  ".join(f"{x:.2f}" for x in share)))
-    return table(rows) if modes.bodies is None else f"{table(rows)}\n{_bodies(scene, modes.bodies)}"
+        rows.append(
+            (
+                str(found["number"][i]),
+                f"{period:.5g}",
+                f"{1 / period:.5g}",
+                *damping,
+                "  ".join(f"{x:.2f}" for x in share),
+            )
+        )
+    return table(rows) if modes.bodies is None else f"{table(rows)}\n{_bodies(scene, modes, found['number'])}"
 
 
-def _bodies(scene: Scene, moved: np.ndarray) -> str:
-    """Motion of the bodies in each mode: displacement of the reference point, rotation about the scene's axes."""
-    heads = ("mode", "body", "surge [m]", "sway [m]", "heave [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
+def _bodies(scene: Scene, modes: Modes, numbers: np.ndarray) -> str:
+    """Motion of the bodies in each mode: share of the kinetic energy, displacement of the reference point, rotation
+    about the scene's axes."""
+    heads = ("mode", "body", "share", "surge [m]", "sway [m]", "heave [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
     rows = (
-        (str(i), body.name, *(f"{x:.3f}" for x in own))
-        for i, mode in enumerate(moved, 1)
-        for body, own in zip(scene.bodies, mode, strict=True)
+        (str(number), body.name, f"{share:.2f}", *(f"{x:.3f}" for x in own))
+        for number, mode, shares in zip(numbers, modes.bodies, modes.body_share, strict=True)
+        for body, own, share in zip(scene.bodies, mode, shares, strict=True)
     )
     return table([heads, *rows])

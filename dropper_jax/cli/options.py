@@ -38,8 +38,24 @@ def add_scene(parser: argparse.ArgumentParser, optional: bool = False) -> None:
     parser.add_argument("scene", metavar="SCENE", help=what, **({"nargs": "?"} if optional else {}))
     parser.add_argument("--depth", type=number, help="water depth [m] for a MoorDyn input that has none")
     add_allow_outside(parser)
+    add_effects(parser)
     add_set(parser)
     add_json(parser)
+
+
+def add_effects(parser: argparse.ArgumentParser) -> None:
+    """--effects."""
+    about = "Python file with effects of your own that the scene uses (may be given several times)"
+    parser.add_argument("--effects", action="append", default=[], metavar="FILE.py", help=about)
+
+
+def register_effects(args: argparse.Namespace) -> None:
+    """Make the effects of installed packages and of `--effects` known; imports JAX."""
+    from dropper_jax.effects import register_file, register_installed
+
+    register_installed()
+    for file in args.effects:
+        register_file(file)
 
 
 def add_examples(parser: argparse.ArgumentParser, *examples: str) -> None:
@@ -73,19 +89,24 @@ def add_quiet(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
-def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scene:
-    """The scene with `--set` and options for keys of `[run]`; JAX is imported after the file was found to be TOML."""
+def read_scene(args: argparse.Namespace, run_values: Sequence[str] = (), notes: bool = True) -> Scene:
+    """The scene with `--set` and options for keys of `[run]`; JAX is imported after the file was found to be TOML.
+
+    Args:
+        notes: print what its source file has and the scene lacks; False if the warnings of the command contain it.
+    """
     values = given_values(args, run_values)
     if args.scene is None:
         raise SceneError("SCENE: missing; needed: the name of a packaged scene or a file")
     with references_of(folder_of(args.scene, vars(args).get("allow_outside", True))):
         table, name = find_scene(args.scene, vars(args).get("depth"))
 
-        from dropper_jax.effects import register_installed
         from dropper_jax.load.scene import Scene
 
-        register_installed()
+        register_effects(args)
         scene = Scene.from_dict(table, name)
+    if notes:
+        print_warnings(scene.notes)
     return with_step(scene.with_values(values) if values else scene, args)
 
 
@@ -107,7 +128,7 @@ def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> di
     return assignments(args.set) | {path: value for path, value in given.items() if value not in (None, AUTO)}
 
 
-def read_run(file: str) -> Solution:
+def read_run(file: str, args: argparse.Namespace) -> Solution:
     """A saved run; JAX is imported after the file, or the rest of a killed run, was found."""
     path = Path(file)
     refuse_pipe(path, "run")
@@ -118,10 +139,9 @@ def read_run(file: str) -> Solution:
     except OSError as error:
         raise SceneError(f"{file}: cannot be read: {error.strerror or error}") from None
 
-    from dropper_jax.effects import register_installed
     from dropper_jax.run.simulate import Solution
 
-    register_installed()
+    register_effects(args)
     if left:
         recover_leftovers(path)
     return Solution.load(file)
@@ -246,6 +266,8 @@ INTERRUPTED = 130
 
 #: Status and message of what failed.
 Failure = tuple[str, str]
+#: The failure of a command that the user stopped; its partial result is printed.
+STOPPED: Failure = ("interrupted", "interrupted")
 
 
 def print_json(found: dict[str, Any]) -> None:
@@ -259,9 +281,10 @@ def print_result(as_json: bool, found: dict[str, Any], text: str = "", failure: 
         print_json(with_failure(found, failure))
     elif text:
         print(text)
-    if failure is not None:
-        print_line(f"error: {failure[1]}")
-    return OK if failure is None else FAILED
+    if failure is None:
+        return OK
+    print_line(f"error: {failure[1]}")
+    return INTERRUPTED if failure == STOPPED else FAILED
 
 
 def shorten(text: str) -> str:
@@ -315,6 +338,26 @@ def progress(quiet: bool = False) -> Callable[[float, str], None] | None:
     if quiet:
         return None
     return _bar() if sys.stderr.isatty() else _lines()
+
+
+def row_printer(head: Sequence[str], quiet: bool = False) -> Callable[[Sequence[str]], None]:
+    """A function that prints a row of a table on standard error, below its head; nothing if quiet.
+
+    For rows that take long: the table itself follows on standard output.
+    """
+    # width of the first and minimum width of the other columns
+    widths = [20, *(max(len(text), 10) for text in head[1:])]
+    printed = False
+
+    def show(cells: Sequence[str]) -> None:
+        nonlocal printed
+        rows = [cells] if printed else [head, cells]
+        printed = True
+        for first, *others in [] if quiet else rows:
+            line = [first.ljust(widths[0]), *map(str.rjust, others, widths[1:])]
+            print_line("  ".join(line))
+
+    return show
 
 
 def _bar() -> Callable[[float, str], None]:

@@ -156,6 +156,7 @@ def draw(solution: Solution, target: Path) -> list[Path]:
     """A snapshot to a PNG file, or all pictures to a folder."""
     from dropper_jax import plots
     from dropper_jax.plots.run import anything_moves, readable
+    from dropper_jax.scene import whole_lines
 
     if target.suffix.lower() == ".png":
         plots.snapshot(solution, target)
@@ -168,6 +169,8 @@ def draw(solution: Solution, target: Path) -> list[Path]:
         **({"bodies": "body_motion"} if scene.bodies else {}),
     }
     left_out = OF_ONE_LINE if scene.branched else ()
+    if len(whole_lines(scene)) > 1:  # angles of links of many lines in one picture show nothing
+        left_out = (*left_out, "angles")
     if not anything_moves(run):
         still = [name for name in pictures if name in OF_MOTION and name not in left_out]
         left_out = (*left_out, *still)

@@ -10,6 +10,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import (
     FAILED,
     OK,
+    add_effects,
     add_examples,
     add_json,
     number,
@@ -48,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             option, dest=f"setting_{field.name}", type=number, metavar="X", help=f"{meaning} [{unit}]{given}"
         )
+    add_effects(parser)
     add_json(parser)
 
 
@@ -57,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     out = args.out or args.report
     if args.every < 1:
         raise SceneError(f"--every: {args.every} is out of range; allowed: a whole number >= 1")
-    solutions = _load(args.runs)
+    solutions = _load(args.runs, args)
 
     from dropper_jax.report.build import report_runs
     from dropper_jax.report.text import markdown
@@ -79,8 +81,8 @@ def run(args: argparse.Namespace) -> int:
     return FAILED if failures else OK
 
 
-def _load(files: list[str]) -> dict[str, Solution]:
+def _load(files: list[str], args: argparse.Namespace) -> dict[str, Solution]:
     for i, file in enumerate(files):
         if file in files[:i]:
             raise SceneError(f"RUN: {file!r} is given twice; allowed: every run once")
-    return {file: read_run(file) for file in files}
+    return {file: read_run(file, args) for file in files}

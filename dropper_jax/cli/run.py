@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -64,6 +64,8 @@ OVERRIDES = (
     "gamma",
     "rho_infinity",
 )
+#: Cells of a row of a table.
+Row = tuple[str, ...]
 #: Maximum number of lines of a system whose tensions are printed.
 MOST_LINES = 12
 
@@ -118,8 +120,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    before = None if args.start is None else read_run(args.start)
-    scene = read_scene(args, OVERRIDES) if before is None else _further(args, before)
+    before = None if args.start is None else read_run(args.start, args)
+    scene = read_scene(args, OVERRIDES, notes=False) if before is None else _further(args, before)
 
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.step_check import shorter_step
@@ -199,7 +201,7 @@ def _further(args: argparse.Namespace, before: Solution) -> Scene:
     values = {"run.duration": before.further, **given_values(args, OVERRIDES)}
     if args.scene is None:
         return with_step(before.scene.with_values(values), args)
-    return read_scene(args, OVERRIDES).with_values({"run.duration": values["run.duration"]})
+    return read_scene(args, OVERRIDES, notes=False).with_values({"run.duration": values["run.duration"]})
 
 
 def _steps(solution: Solution) -> str:
@@ -207,7 +209,7 @@ def _steps(solution: Solution) -> str:
     if "refused_steps" not in used:
         return f"{used['steps']} steps of {used['dt']:g} s to {end}"
     refused = f"{used['refused_steps']} more rejected"
-    if solution.tension_max is None:
+    if "error_tolerance" in used:
         held = f"{used['steps']} steps with an error tolerance of {used['error_tolerance']:g} to {end}"
         return f"{held}, {refused}; saved every {used['dt'] * used['save_every']:g} s"
     return f"{used['steps']} snap-adaptive steps to {end}, {refused}; saved every {used['dt']:g} s"
@@ -265,7 +267,8 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
     facts, found = step_facts(solution), []
     if "step_check" in solution.settings:
         found.append(("time step", step_words(solution.settings["step_check"])))
-    if facts["steps_per_axial_period"] is not None:
+    # the check of the step is the verdict; steps that follow snaps have no constant number per period
+    elif facts["steps_per_axial_period"] is not None and "refused_steps" not in solution.settings:
         text = "{steps_per_axial_period:.2g} steps per period of the stiffest link, {axial_period_s:.2g} s; a step of "
         found.append(("axial motion", (text + "{axial_step_s:.2g} s resolves it").format(**facts)))
     turn = degrees(facts["largest_turn_rad"] or 0.0)
@@ -273,6 +276,9 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
         found.append(("turns", f"links rotate by up to {turn:.2g} degrees in a step"))
     if facts["slack_to_taut_steps"]:
         found.append(("snaps", f"links change from slack to taut in {facts['slack_to_taut_steps']} steps"))
+    if facts["compression_to_tension_steps"]:
+        text = f"rigid links change from compression to tension in {facts['compression_to_tension_steps']} steps"
+        found.append(("compression", text))
     return found
 
 
@@ -281,24 +287,27 @@ def _errors(solution: Solution) -> list[str]:
     found = solution.settings.get("load_errors")
     if found is None:
         return []
-    kept = sorted(found["loads"], key=lambda row: -row["maximum"]["value"])[:MOST_LINES]
+    loads = {row["line"]: row for row in found["loads"]}
     names = {"mean": "mean", "deviation": "deviation", "window_maximum": "maxima in waves", "maximum": "maximum"}
-    rows = [
-        (
-            row["line"],
-            f"{row['at_m']:.4g}",
-            *(f"{row[name]['value']:.4g} +- {row[name]['error']:.2g}" for name in names),
-            f"{row['snaps']['value']:.0f} +- {row['snaps']['error']:.0f}",
-        )
-        for row in kept
-    ]
+    rows: dict[str, list[Row]] = {
+        line: [
+            (
+                line,
+                f"{row['at_m']:.4g}",
+                *(f"{row[name]['value']:.4g} +- {row[name]['error']:.2g}" for name in names),
+                f"{row['snaps']['value']:.0f} +- {row['snaps']['error']:.0f}",
+            )
+        ]
+        for line, row in loads.items()
+    }
     heads = ("line, loads [N]", "at [m]", *names.values(), "snaps")
-    return ["", table([heads, *rows]), *_about_errors(found, kept)]
+    shown = most_loaded(loads, lambda row: row["maximum"]["value"])
+    return ["", table([heads, *with_gaps(rows, shown)]), *_about_errors(found)]
 
 
-def _about_errors(found: dict[str, Any], reported: list[dict[str, Any]]) -> list[str]:
-    """Sources of the errors, and other influences on the loads."""
-    worst = reported[0]["maximum"]
+def _about_errors(found: dict[str, Any]) -> list[str]:
+    """Sources of the errors of the largest load, and other influences on it."""
+    worst = max((row["maximum"] for row in found["loads"]), key=lambda load: load["value"])
     of_links = "links not known" if worst["links"] is None else f"{worst['links']:.2g} N by the links"
     lines = [
         f"+-: limit of the errors of step and links together; of the maximum load {worst['step']:.2g} N by the step, "
@@ -319,25 +328,74 @@ def _about_errors(found: dict[str, Any], reported: list[dict[str, Any]]) -> list
 def _tensions(solution: Solution) -> list[str]:
     """Tensions of the first, the last and all links; of a system of lines by line, the most loaded of many."""
     whole = solution.tension_summary()
-    parts = {"first link": whole["first"], "last link": whole["last"]}
-    left = 0
+    parts, shown = {"first link": whole["first"], "last link": whole["last"]}, None
     if solution.scene.branched:
-        lines = solution.line_tensions()
-        kept = sorted(lines, key=lambda name: -lines[name]["max"])[:MOST_LINES]
-        parts = {name: values for name, values in lines.items() if name in kept}
-        left = len(lines) - len(parts)
-    rows = [("tension of links [N]", "min", "mean", "max", "final")]
-    for part, values in {**parts, "all links": whole["all"]}.items():
-        rows.append((part, *(f"{round(value, 4) + 0.0:.4f}" for value in values.values())))
-    ends = [("force on end points [N]", "min", "mean", "max", "final", "angle up [deg]", "min", "max")]
+        parts = solution.line_tensions()
+        shown = most_loaded(parts, lambda values: values["max"])
+    heads = ("min", "at [s]", "mean", "max", "at [s]", "final")
+    rows: list[Row] = [("tension of links [N]", *heads)]
+    rows += with_gaps({name: [(name, *_extent_cells(values))] for name, values in parts.items()}, shown)
+    # a mean over lines that differ is the load of none
+    rows.append(("all links", *_extent_cells(whole["all"], mean=not solution.scene.branched)))
+    ends: list[Row] = [("force on end points [N]", *heads, "angle up [deg]", "min", "max")]
+    ends += with_gaps(_end_rows(solution), shown)
+    note = f"{solution.saved_rows}; min and max of tensions and forces are those of all steps, angles of saved ones"
+    notes = [note] if solution.saved_rows else []
+    if shown is not None and len(shown) < len(parts):
+        notes.append("not shown: lines with lower maxima; use --json to see all")
+    return [table(rows), "", table(ends), *notes, *weights_table(solution.scene)]
+
+
+def _end_rows(solution: Solution) -> dict[str, list[Row]]:
+    """Rows of the forces and angles at both ends of each line."""
     angles = solution.end_angles()
+    found: dict[str, list[Row]] = {}
     for name, both in solution.end_forces().items():
-        if name in parts or not solution.scene.branched:
-            for end, values in both.items():
-                steep = (f"{angles[name][end][key] + 0.0:.2f}" for key in ("mean", "min", "max"))
-                ends.append((f"{name}, {end}", *(f"{round(value, 4) + 0.0:.4f}" for value in values.values()), *steep))
-    more = [f"{left} more lines with lower maxima; use --json to see all"] if left else []
-    return [table(rows), *more, "", table(ends), *weights_table(solution.scene)]
+        found[name] = []
+        for end, values in both.items():
+            steep = (f"{angles[name][end][key] + 0.0:.2f}" for key in ("mean", "min", "max"))
+            found[name].append((f"{name}, {end}", *_extent_cells(values), *steep))
+    return found
+
+
+def _extent_cells(values: Mapping[str, float], mean: bool = True) -> list[str]:
+    """Minimum and its time, mean, maximum and its time, and the final value."""
+
+    def newtons(key: str) -> str:
+        return f"{round(values[key], 4) + 0.0:.4f}"
+
+    def seconds(key: str) -> str:
+        return f"{values[key]:.6g}"
+
+    middle, final = (newtons("mean"), newtons("final")) if mean else ("-", "-")
+    return [newtons("min"), seconds("min_s"), middle, newtons("max"), seconds("max_s"), final]
+
+
+def most_loaded(parts: Mapping[str, Any], size: Callable[[Any], float]) -> set[str]:
+    """Names of the `MOST_LINES` largest parts."""
+    return set(sorted(parts, key=lambda name: -size(parts[name]))[:MOST_LINES])
+
+
+def with_gaps(rows: Mapping[str, list[Row]], shown: set[str] | None) -> list[Row]:
+    """Rows of the shown lines (None: of all) in the order of the scene, with a count where lines are left out."""
+    found: list[Row] = []
+    hidden = 0
+    width = max((len(row) for own in rows.values() for row in own), default=0)
+
+    def close_gap() -> None:
+        if hidden:
+            what = f"({hidden} line{'s' if hidden > 1 else ''} not shown)"
+            found.append((what, *[""] * (width - 1)))
+
+    for name, own in rows.items():
+        if shown is not None and name not in shown:
+            hidden += 1
+            continue
+        close_gap()
+        hidden = 0
+        found += own
+    close_gap()
+    return found
 
 
 def result_line(solution: Solution) -> str:

@@ -13,6 +13,7 @@ from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.options import (
     OK,
     add_allow_outside,
+    add_effects,
     add_examples,
     add_json,
     add_set,
@@ -24,6 +25,7 @@ from dropper_jax.cli.options import (
     print_json,
     print_result,
     print_warnings,
+    register_effects,
 )
 from dropper_jax.load.packaged import (
     find_scene,
@@ -52,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_set(parser)
     add_allow_outside(parser)
+    add_effects(parser)
     parser.add_argument(
         "--expanded", action="store_true", help="print it as a plain scene, without parameters, repetitions and arrays"
     )
@@ -106,10 +109,9 @@ def _reference(args: argparse.Namespace) -> int:
         raise SceneError(f"SCENE: {args.scene!r} cannot be combined with --reference and --schema")
 
     from dropper_jax.cli.reference import as_text, as_values
-    from dropper_jax.effects import register_installed
     from dropper_jax.load.reference import find, schema, sections
 
-    register_installed()
+    register_effects(args)
     if args.schema:
         print(json.dumps(schema(), indent=1))
         return OK
@@ -131,6 +133,7 @@ def _one(args: argparse.Namespace) -> int:
 
         from dropper_jax.load.scene import Scene
 
+        register_effects(args)
         scene = Scene.from_dict(values, label)
     if changes:
         scene = scene.with_values(changes)

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.cli.options import add_examples, add_json, done_object, output_file, print_result, read_run
+from dropper_jax.cli.options import (
+    add_effects,
+    add_examples,
+    add_json,
+    done_object,
+    output_file,
+    print_result,
+    read_run,
+)
 
 help = "make an interactive 3D page of a saved run"
 
@@ -18,14 +26,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run_file", metavar="RUN", help="file written by `dropper run --out`, .npz or .nc")
     parser.add_argument("other", metavar="RUN", nargs="?", help="a second run, shown side by side")
     parser.add_argument("--out", required=True, metavar="FILE.html", help="the page, which works offline")
+    add_effects(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     out = output_file(args.out, "--out", (".html", ".htm"))
 
-    solution = read_run(args.run_file)
-    other = None if args.other is None else read_run(args.other)
+    solution = read_run(args.run_file, args)
+    other = None if args.other is None else read_run(args.other, args)
 
     from dropper_jax.view import write_view
 

@@ -1,7 +1,10 @@
 """The effects that a scene can list. A new effect is one file and one line here, or `register` from outside."""
 
 import dataclasses
+import sys
 from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.bending import Bending
@@ -83,6 +86,53 @@ def register_installed() -> None:
             raise SceneError(f"effects.{entry.name}: {entry.value!r} cannot be used: {error}") from error
 
 
+#: Files whose effects are registered, for worker processes.
+REGISTERED_FILES: list[str] = []
+
+
+def register_file(file: str) -> None:
+    """Register the effects of a Python file: its components that are effects with a `name`.
+
+    Raises:
+        SceneError: the file cannot be read or run, or has no effect.
+    """
+    path = Path(file)
+    if path.suffix != ".py" or not path.is_file():
+        raise SceneError(f"--effects: {file!r} is not a Python file; allowed: an existing FILE.py with effects")
+    before = dict(EFFECTS)
+    try:
+        module = _run_file(path)
+        own = [cls for cls in vars(module).values() if isinstance(cls, type) and cls.__module__ == module.__name__]
+        effects = [cls for cls in own if issubclass(cls, Effect) and hasattr(cls, "name")]
+        for cls in effects:
+            register(cls)
+    except Exception as error:  # a foreign file may raise any error
+        EFFECTS.clear()
+        EFFECTS.update(before)
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        raise SceneError(f"--effects: {file!r} cannot be used: {what}") from error
+    if not effects:
+        raise SceneError(
+            f"--effects: {file!r} has no effect; needed: a class of dropper_jax.Effect with `name` and @component"
+        )
+    if str(path.resolve()) not in REGISTERED_FILES:
+        REGISTERED_FILES.append(str(path.resolve()))
+
+
+def _run_file(path: Path) -> ModuleType:
+    """The module of a file, which may import modules next to it."""
+    name = f"dropper_effects_{path.stem}"
+    module = ModuleType(name)
+    module.__file__ = str(path)
+    sys.modules[name] = module
+    sys.path.insert(0, str(path.resolve().parent))
+    try:
+        exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), vars(module))
+    finally:
+        sys.path.remove(str(path.resolve().parent))
+    return module
+
+
 __all__ = [
     "EFFECTS",
     "Bending",
@@ -96,6 +146,7 @@ __all__ = [
     "MorisonDrag",
     "MorisonInertia",
     "NodalForce",
+    "REGISTERED_FILES",
     "QuadraticDamping",
     "RecordedMotion",
     "SeaFollowingEnd",
@@ -105,5 +156,6 @@ __all__ = [
     "Torsion",
     "Weight",
     "register",
+    "register_file",
     "register_installed",
 ]

@@ -13,8 +13,11 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import upright
 from dropper_jax.base.read import Plain
-from dropper_jax.model import Effect, Kinematics, Part
+from dropper_jax.model import Effect, Kinematics, ModelView, Part
 from dropper_jax.scene import LineSpec, SceneData
+
+#: A NumPy or JAX array.
+Array = Any
 
 # --- submerged fraction of a part ---
 
@@ -25,7 +28,16 @@ def wet_share(k: Kinematics, part: Part, tangents: jax.Array, elevation: jax.Arr
     height = part.take(line.diameter * jnp.ones_like(line.length) + line.length * jnp.abs(tangents[:, 2]))
     # a free end has no next link: its near part has no height and its share is zero
     height = jnp.where(height > 0.0, height, 1.0)
-    s = jnp.clip(0.5 + part.at(elevation - k.r[:, 2]) / height, 0.0, 1.0)
+    return submerged_fraction(part.at(elevation - k.r[:, 2]), height)
+
+
+def submerged_fraction(below: Array, height: Array) -> Array:
+    """`s^2 (3 - 2 s)`, `s = 1/2 + below/height`, of parts of links whose nodes are `below` the surface [m].
+
+    Args:
+        below, height: arrays of NumPy or JAX; the height [m] is that of the link, `D + L |q_z|`.
+    """
+    s = (0.5 + below / height).clip(0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)
 
 
@@ -59,9 +71,13 @@ class Buoyancy(Effect):
             )
         check_volume(scene, values["wet_weight"])
 
+    def per_link(self, model: ModelView) -> jax.Array:
+        """Buoyancy of each link under water (n,) [N]."""
+        return model.sea.density * model.sea.gravity * model.line.volume
+
     def force(self, k: Kinematics) -> jax.Array:
-        sea, water = k.model.sea, k.water
-        lift = sea.density * sea.gravity * k.line.volume
+        water = k.water
+        lift = self.per_link(k.model)
         up = jnp.zeros_like(k.r[:, 2])
         for part in k.line.parts():
             wet = wet_share(k, part, water.tangents, water.motion.elevation)
@@ -71,8 +87,7 @@ class Buoyancy(Effect):
 
 def _volume_from_weight(scene: SceneData, wet_weight: Plain) -> np.ndarray:
     """`(m g - wet)/(rho g)` of each link [m^3]."""
-    line, sea = scene.line, scene.sea
-    gravity = scene.effects.get("weight", {}).get("gravity", sea.gravity)
+    line, sea, gravity = scene.line, scene.sea, scene.gravity
     volume = (line.mass * gravity - np.asarray(wet_weight, float)) / (sea.density * sea.gravity)
     if np.any(volume <= 0.0):
         worst = int(np.argmin(volume))

@@ -24,7 +24,9 @@ class Weight(Effect):
 
     name: ClassVar[str] = "weight"
     constant: ClassVar[bool] = True
-    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
+    gravity: jax.Array = parameter(
+        "acceleration of gravity, by default that of the sea", unit="m/s^2", low=0.0, default=GRAVITY
+    )
     wet_weight: jax.Array | None = parameter("weight in water per link", unit="N", shape="link", optional=True)
 
     def per_link(self, line: Line) -> jax.Array:

@@ -59,7 +59,7 @@ class MidpointProblem(StepProblem):
     has a different rate of stretch at their ends.
     """
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float, alone: bool = True) -> None:
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array, alone: bool = True) -> None:
         super().__init__(model, s, h)
         model = self.model
         self.gamma, self.alone = gamma, alone

@@ -67,10 +67,12 @@ class GeneralizedAlpha(Implicit):
         a = accelerations(model, k, model.force(k) + model.tension_force(tension, k.tangents), s.t)
         for law, z in zip(model.laws, s.law, strict=True):
             a = law.stop(k, a, z, jnp.ones((), a.dtype))  # nodes at rest have zero acceleration
-        return replace(s, acceleration=a)
+        return replace(s, acceleration=a, carries_acceleration=True)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> GeneralizedAlphaProblem:
-        return GeneralizedAlphaProblem(model, s, h, self.rho_infinity)
+        # a state that another function has made: each step computes the accelerations at its start
+        start = s if s.carries_acceleration else replace(self.begin(model, s), carries_acceleration=False)
+        return GeneralizedAlphaProblem(model, start, h, self.rho_infinity)
 
 
 class GeneralizedAlphaProblem(StepProblem):

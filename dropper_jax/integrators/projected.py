@@ -118,6 +118,10 @@ class ProjectedRungeKutta(Explicit):
     #: Error of a step in positions [m] and velocities [m/s], unless a run specifies another.
     tolerance: ClassVar[float] = 1e-6
 
+    @property
+    def evaluations(self) -> int:
+        return len(self.b)
+
     def refuse(self, model: Model) -> str | None:
         if model.geometry.branched:
             return "it runs single lines only; use energy_momentum, theta_midpoint"

@@ -87,6 +87,10 @@ class RungeKutta(Explicit):
     a: ClassVar[tuple[tuple[float, ...], ...]]
     b: ClassVar[tuple[float, ...]]
 
+    @property
+    def evaluations(self) -> int:
+        return len(self.b)
+
     def advance(self, model: Model, s: State, h: jax.Array) -> State:
         track = bool(s.work.size)
         slopes = [rates(model, s.r, s.v, s.t, track)[0]]

@@ -46,7 +46,7 @@ class ThesisAngles(Implicit):
         return point_masses_only(model) or super().refuse(model)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> AnglesProblem:
-        return AnglesProblem(model, s, h, self.gamma)
+        return AnglesProblem(model, self.begin(model, s), h, self.gamma, carried=s.angles is not None)
 
     def begin(self, model: Model, s: State) -> State:
         """The state with the angles that correspond to its positions and velocities."""
@@ -90,11 +90,14 @@ class Motion(NamedTuple):
 
 
 class AnglesProblem(StepProblem):
-    """Unknowns: x = (theta, phi, theta', phi') of the new time (n, 4), y = T."""
+    """Unknowns: x = (theta, phi, theta', phi') of the new time (n, 4), y = T.
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
+    `carried` means that the state carries the angles. Without them, each step computes them from the positions.
+    """
+
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array, carried: bool) -> None:
         super().__init__(model, s, h)
-        self.gamma = gamma
+        self.gamma, self.carried = gamma, carried
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
         self.mass = model.line.mass[: model.free_nodes, None]
         self.old = self._motion(jnp.stack(s.angles, -1), s.t, self.ends0, s.tension)
@@ -156,7 +159,7 @@ class AnglesProblem(StepProblem):
             v=after.v,
             tension=u.y,
             work=lambda: self._work(self.old.k, after),
-            angles=tuple(u.x.T),
+            angles=tuple(u.x.T) if self.carried else None,
         )
 
     def _work(self, before: Kinematics, after: Kinematics) -> jax.Array:

@@ -50,7 +50,7 @@ class Theta(Implicit):
 class ThetaProblem(SpeedProblem):
     """Unknowns: x = v1 - v0 and the tensions T1 (gamma = 0: T0)."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array) -> None:
         super().__init__(model, s, h)
         self.gamma, self.explicit = gamma, gamma == 0.0
         self.before = model.instant(s.r, s.v, s.t, self.ends0)

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.read import refuse, short_text
 from dropper_jax.effects import EFFECTS
@@ -209,11 +208,10 @@ def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
     `mu w`."""
     friction = scene.effects["seabed_friction"]
     mu = friction["kinetic"] if friction["static"] is None else friction["static"]
-    gravity = scene.effects.get("weight", {}).get("gravity", GRAVITY)
     moving = [line for line in scene.lines if {line.start, line.end} & moved]
     # tension of a shock relative to the friction of the full line below which the tension retained by friction is
     # negligible; that of a rigid line is unbounded
-    negligible = 0.01 * float(np.max(mu)) * gravity
+    negligible = 0.01 * float(np.max(mu)) * scene.gravity
     return any(
         line.EA is None
         or speed * float(np.max(np.sqrt(line.EA * line.mass / line.length))) > negligible * float(np.sum(line.mass))
@@ -236,6 +234,11 @@ def attached_points(
     carriers += [(f"vessel.{i}", "fixed", vessel) for i, vessel in enumerate(vessels)]
     for path, kind, body in carriers:
         for name, position in body.attachments.items():
+            if name in {point.name for point in points}:
+                raise SceneError(
+                    f"{path}.attachments.{name}: is also a [[point]]; an attachment is a point of its own, to which "
+                    f"lines connect by this name. Remove the [[point]] {name!r}, or rename one of the two"
+                )
             if name in {point.name for point in found}:
                 raise refuse(f"{path}.attachments", name, "is used twice", "unique names among points")
             found.append(PointSpec(name=name, position=body.world(position), kind=kind, on=body.name))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import jax
 import jax.numpy as jnp
@@ -259,15 +261,50 @@ def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
     ]
 
 
-def surface_over(scene: SceneData, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Elevation (k, m) [m] of the surface over positions (k, m, 3) [m] at times (k,) [s]; zero without waves."""
-    if scene.sea is None or scene.sea.waves is None:
-        return np.zeros(positions.shape[:2])
-    sea = make_sea(scene.sea, line_reach(scene))
+@dataclass(frozen=True)
+class Surface:
+    """The surface of a scene's water: that of its level and of its waves, or of the level alone."""
+
+    scene: SceneData
+    waves: bool = True
+
+    @cached_property
+    def _sea(self) -> Sea | None:
+        """The water; None where its surface is at z = 0."""
+        spec = self.scene.sea
+        if spec is None or (spec.level is None and (spec.waves is None or not self.waves)):
+            return None
+        return make_sea(spec if self.waves else replace(spec, waves=None), line_reach(self.scene))
+
+    @cached_property
+    def lowest(self) -> float:
+        """A height [m] to which the surface never falls."""
+        spec = self.scene.sea
+        level = 0.0 if spec is None or spec.level is None else spec.level.lowest
+        if spec is None or spec.waves is None or not self.waves:
+            return level
+        waves = spec.waves
+        size = waves.hs if waves.hs is not None else np.sum(np.abs(waves.size))
+        # troughs stay above -hs, those of components above the sum of amplitudes; twice, for an opposing current
+        return level - 2.0 * float(size)
+
+    def over(self, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Height (k, m) [m] over positions (k, m, 3) [m] at times (k,) [s]."""
+        if self._sea is None:
+            return np.zeros(positions.shape[:2])
+        return np.asarray(_elevations(self._sea, jnp.asarray(positions), jnp.asarray(times)))
+
+
+@jax.jit
+def _elevations(sea: Sea, positions: jax.Array, times: jax.Array) -> jax.Array:
     # one instant after another: a sea of hundreds of components over all nodes and times at once would exceed the
     # memory
-    find = jax.jit(lambda r, t: jax.lax.map(lambda one: sea.elevation(*one), (r, t)))
-    return np.asarray(find(jnp.asarray(positions), jnp.asarray(times)))
+    return jax.lax.map(lambda one: sea.elevation(*one), (positions, times))
+
+
+def surface_over(scene: SceneData, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Height (k, m) [m] of the surface over positions (k, m, 3) [m] at times (k,) [s]: of its level and waves."""
+    return Surface(scene).over(positions, times)
 
 
 def bed_height(scene: SceneData, positions: np.ndarray) -> np.ndarray | None:

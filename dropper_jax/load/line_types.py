@@ -183,8 +183,14 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
 
 @raises_first
 def _check_keys_of_types(line: Mapping[str, Any], path: str) -> Iterator[Check]:
+    typeless = not {"type", "sections"} & set(line)
     yield (
-        not {"type", "sections"} & set(line),
+        typeless and "attach" in line,
+        f"{path}.attach: the line has no type; `attach` needs one, because it cuts the line by arc length. "
+        "Give the line `type` (the name of a [[line_type]]), `length` and `links`, or `sections`",
+    )
+    yield (
+        typeless,
         f"{path}: no type. If one line has a type, all lines need `type` or `sections`",
     )
     for key in OF_TYPES:

@@ -110,7 +110,7 @@ BY_HAND: dict[str, tuple[Key, ...]] = {
     ),
     "line.*.axial": _by_hand(
         "line.*.axial",
-        ("law", f"axial law: {', '.join(LAWS)}", "text", {"enum": list(LAWS)}),
+        ("law", f"axial law: {', '.join(LAWS)}; default: rope", "text", {"enum": list(LAWS)}),
         ("strain", "strains of a table (law tabulated), rising from 0", "list of numbers", LIST),
         ("tension", "tensions at those strains [N]", "list of numbers", LIST),
     ),

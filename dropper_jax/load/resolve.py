@@ -6,7 +6,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Plain, check_keys, declared_fields, read_items, read_number, read_table, read_text
+from dropper_jax.base.read import (
+    Plain,
+    check_keys,
+    declared_fields,
+    read_items,
+    read_number,
+    read_table,
+    read_text,
+    short_text,
+)
 from dropper_jax.base.renamed import new_keys
 from dropper_jax.load.library import FLOAT_DENSITY, PREFIX, float_of, part
 from dropper_jax.load.line_types import expand
@@ -42,6 +51,38 @@ def resolve(table: Plain) -> Resolved:
     given = with_library_lines(given)
     expanded = expand(given)
     return Resolved(expanded, Written.of(given, expanded), template)
+
+
+#: Paths of the one gravity of a scene, that of weights and that of the water.
+GRAVITIES = ("effects.weight.gravity", "sea.gravity")
+
+
+def with_one_gravity(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The scene with the gravity that only one of `[effects.weight]` and `[sea]` gives in both.
+
+    Waves over weightless lines (gravity 0) keep their own.
+
+    Raises:
+        SceneError: two values.
+    """
+    effects, sea = table.get("effects"), table.get("sea")
+    if not isinstance(effects, Mapping) or not isinstance(sea, Mapping):
+        return dict(table)
+    weight = effects.get("weight")
+    if not isinstance(weight, Mapping):
+        return dict(table)
+    given, water = weight.get("gravity"), sea.get("gravity")
+    if given is None and water is not None:
+        return {**table, "effects": {**effects, "weight": {**weight, "gravity": water}}}
+    weightless = given == 0.0 and "waves" in sea and "buoyancy" not in effects
+    if given is not None and water is None and not weightless:
+        return {**table, "sea": {**sea, "gravity": given}}
+    if given != water and not weightless:
+        raise SceneError(
+            f"effects.weight.gravity: {short_text(given)} m/s^2, but sea.gravity is {short_text(water)} m/s^2; "
+            "allowed: one value. Remove one of the two"
+        )
+    return dict(table)
 
 
 def with_library_lines(table: Mapping[str, Any]) -> dict[str, Any]:

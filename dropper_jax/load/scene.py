@@ -37,7 +37,7 @@ from dropper_jax.load.checks_system import (
 )
 from dropper_jax.load.packaged import find_scene, folder_of
 from dropper_jax.load.paths import Written, get, is_written, locate, locate_written, path_as_given, set_value
-from dropper_jax.load.resolve import resolve
+from dropper_jax.load.resolve import GRAVITIES, resolve, with_one_gravity
 from dropper_jax.load.template import Template
 from dropper_jax.scene import (
     AnchorSpec,
@@ -174,6 +174,7 @@ class Scene(SceneData):
         if "scene" in table:
             raise SceneError("scene: this is a site, not a scene. Use it with cases, season or optimise")
         table, written, template = resolve(table)
+        table = with_one_gravity(table)
         check_keys(table, SECTIONS, "")
         bodies = read_items(BodySpec.read, table.get("body", []), "body")
         vessels = read_items(VesselSpec.read, table.get("vessel", []), "vessel")
@@ -201,7 +202,7 @@ class Scene(SceneData):
             bodies=bodies,
             vessels=vessels,
             effects=_read_effects(table.get("effects", {}), sum(line.links for line in lines)),
-            start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched),
+            start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched, len(lines) == 1),
             run=RunSpec.read(table["run"], "run", OPTIONS),
             sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
             failures=read_items(FailureSpec.read, table.get("failure", []), "failure", lines),
@@ -259,6 +260,9 @@ class Scene(SceneData):
             if ScenePath(path).section == "parameters":
                 raise SceneError(f"{path}: the scene has no [parameters]. Use paths of its values")
         table = self.to_dict()
+        for path, other in (GRAVITIES, GRAVITIES[::-1]):
+            if path in values and other not in values and self.sea is not None:
+                values[other] = values[path]
         if "sea.packaged" in values:  # another sea replaces this one's waves and water
             table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
         if self.written is not None:
@@ -282,6 +286,15 @@ class Scene(SceneData):
         scene = dataclasses.replace(scene, template=None)
         return dataclasses.replace(scene.with_values(changes) if changes else scene, template=template)
 
+    @property
+    def parameter_paths(self) -> list[str]:
+        """Paths of the numbers of `[parameters]`."""
+        return (
+            []
+            if self.template is None
+            else [f"parameters.{name}" for name in self.template.table.get("parameters", {})]
+        )
+
     def value(self, path: str) -> Plain:
         """The plain value at a path, as used by `with_values`.
 
@@ -297,7 +310,11 @@ class Scene(SceneData):
 
 def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:
     table = read_table(table, "effects")
-    check_keys(table, EFFECTS, "effects")
+    try:
+        check_keys(table, EFFECTS, "effects")
+    except SceneError as error:
+        own = "own effects: register in Python, --effects FILE.py, or an entry point of the group dropper.effects"
+        raise SceneError(f"{error}; {own}") from None
     counts = {"node": links, "link": links, "joint": links + 1}
     return {
         name: read_fields(cls, table[name], f"effects.{name}", counts) for name, cls in EFFECTS.items() if name in table

@@ -294,7 +294,13 @@ def _repetitions(item: Mapping[str, Any], path: str, names: Names) -> Iterator[N
         ends = evaluate_values(value if isinstance(value, list) else [1, value], names, f"{path}.repeat.{key}")
         ends = read_list(ends, f"{path}.repeat.{key}", 2, "a count, or [first, last]")
         first, last = (_read_integral(end, f"{path}.repeat.{key}") for end in ends)
-        count *= max(last - first + 1, 0)
+        copies = last - first + 1
+        if copies < 0:
+            given = ends if isinstance(value, list) else last
+            raise SceneError(
+                f"{path}.repeat.{key}: {given} makes {copies} copies; allowed: a count >= 0, or [first, last]"
+            )
+        count *= copies
         if count > MOST_COPIES:
             raise SceneError(f"{path}.repeat: creates more than {MOST_COPIES} parts; allowed: at most {MOST_COPIES}")
         ranges.append(range(first, last + 1))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.axial import AxialLaw, Rigid
 from dropper_jax.base.fields import component, option, parameter
@@ -98,6 +99,13 @@ class Line:
         ratio = self.centre_of_mass / self.length
         turn = self.second_moment / self.length**2
         return self.mass * (1 - 2 * ratio) + turn, self.mass * ratio - turn, turn
+
+    @property
+    def near_share(self) -> jax.Array | np.ndarray | float:
+        """Fraction of each link's weight (n,) at its first node; one number if all are the same."""
+        if self.centre_of_mass is None:
+            return self.geometry.near_share
+        return 1.0 - self.centre_of_mass / self.length
 
     def node_share(self, per_link: jax.Array) -> jax.Array:
         """Values acting at the links' centres of mass, distributed to the free nodes (free,)."""

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.fields import component
+from dropper_jax.base.fields import component, option
 from dropper_jax.model.kinematics import Frozen
 from dropper_jax.model.model import MOVING_ENDS, Model
 from dropper_jax.model.slots import AddedMass
@@ -100,6 +100,7 @@ class State:
         angles: polar and azimuth angles and rates, each (n,), for schemes that use these instead (else None).
         parted: broken links, if the scene has failures (else None).
         own: internal states that effects change during the run (`slots.Stateful`), by effect.
+        carries_acceleration: whether `acceleration` is that at time t, and not a first guess (static).
     """
 
     r: jax.Array
@@ -112,6 +113,7 @@ class State:
     angles: tuple[jax.Array, ...] | None = None
     parted: Parted | None = None
     own: dict[str, Frozen] = dataclasses.field(default_factory=dict)
+    carries_acceleration: bool = option("whether `acceleration` is that at the start of the step", default=False)
 
 
 def state(

@@ -10,7 +10,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
 from dropper_jax.plots import panels, style, system, view
-from dropper_jax.plots.panels import Curve, Panel, draw_panel, history, legend
+from dropper_jax.plots.panels import DASHES, Curve, Panel, draw_panel, hides, history, legend
 from dropper_jax.plots.run import ANGLE, TRAVEL, Run, chosen_links, directions, travel
 from dropper_jax.plots.tension import ends_panel
 
@@ -135,8 +135,10 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     last = _last_frequency(next(iter(spectra.values()))[0], amplitudes)
 
     def draw(axes: Axes, link: int) -> None:
-        for colour, (name, (frequency, amplitude)) in zip(style.CYCLE, spectra.items(), strict=False):
-            axes.plot(frequency, np.maximum(amplitude[:, link], 0.1 * floor), color=colour, lw=0.8, label=name)
+        curves = [Curve(name, frequency, amplitude[:, link]) for name, (frequency, amplitude) in spectra.items()]
+        for index, (colour, curve) in enumerate(zip(style.CYCLE, curves, strict=False)):
+            look = {"color": colour, "lw": 1.2, "ls": DASHES if hides(curves, index) else "-"}
+            axes.plot(curve.t, np.maximum(curve.values, 0.1 * floor), label=curve.name, **look)
         if uniform < 4:
             axes.text(0.5, 0.5, "too few samples", transform=axes.transAxes, ha="center", color=style.FAINT)
         axes.set_yscale("log")

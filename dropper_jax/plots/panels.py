@@ -195,13 +195,16 @@ class Panel(NamedTuple):
 
 
 def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
-    """Panels one above the other; a long record is an envelope on the left, and a part of it is on the right."""
+    """Panels one above the other; a long record is an envelope on the left, and a part of it is on the right.
+
+    Both have the same scale, and so have panels of one unit and of similar ranges.
+    """
     # number of turning points above which a panel shows an envelope: 200 waves of five pixels each are still visible
     zoom = None if sum(turns(c.values) > 400 for p in panels for c in p.curves) == 0 else zoom_of(panels)
     figure = style.new_figure(8.5 if zoom is None else 11.5, 1.2 + 1.75 * len(panels))
     columns = 1 if zoom is None else 2
     ratios = [1.0] if zoom is None else [1.55, 1.0]
-    grid = figure.subplots(len(panels), columns, sharex="col", squeeze=False, width_ratios=ratios)
+    grid = figure.subplots(len(panels), columns, sharex="col", sharey="row", squeeze=False, width_ratios=ratios)
     for row, panel in zip(grid, panels, strict=True):
         draw_panel(row[0], panel, envelope=None if zoom is None else _shortest(panel, panels))
         row[0].set_ylabel(panel.label)
@@ -210,6 +213,8 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
         if zoom is not None:
             row[0].axvspan(*zoom, color=style.FAINT, alpha=0.25, lw=0)
             draw_panel(row[1], panel, part=zoom)
+    for unit in {_unit(panel) for panel in panels}:
+        style.share_scales([row[0] for row, panel in zip(grid, panels, strict=True) if _unit(panel) == unit])
     for above, panel, row in zip([None, *panels], panels, grid, strict=False):
         names = [curve.name for curve in panel.curves]
         if any(names) and (above is None or names != [curve.name for curve in above.curves]):
@@ -225,9 +230,13 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     return style.finish(figure, run, what, path)
 
 
+def _unit(panel: Panel) -> str:
+    return panel.label.rpartition(" ")[2]
+
+
 def _shortest(panel: Panel, panels: list[Panel]) -> float:
     """Shortest cycle [s] of the panels of one unit, used for all their means; 0 without any."""
-    alike = [other for other in panels if other.label.rpartition(" ")[2] == panel.label.rpartition(" ")[2]]
+    alike = [other for other in panels if _unit(other) == _unit(panel)]
     cycles = [cycle(curve.t, curve.values) for other in alike for curve in other.curves]
     return min((length for length in cycles if length > 0.0), default=0.0)
 
@@ -259,7 +268,8 @@ def draw_panel(
         axes.plot(t, values, color=colour, lw=1.0, ls=dashes, marker=style.marker(t), ms=4, label=name)
     if panel.zero:
         axes.axhline(0.0, color=style.FAINT, lw=0.7, zorder=0.5)
-    style.widen(np.concatenate([_cut_curve(curve, part)[1] for curve in panel.curves]), axes.set_ylim)
+    if part is None:  # a part has the scale of the whole
+        style.widen(np.concatenate([curve.values for curve in panel.curves]), axes.set_ylim)
     axes.yaxis.set_major_locator(MaxNLocator(4))
     axes.margins(y=0.08)
 

@@ -157,8 +157,9 @@ class Run:
         buoys: its buoys.
         bodies: its rigid bodies; None without.
         point_names: nodes of a system's points by name.
-        min_tension, max_tension: (k, n) [N] of each sample: since the previous one if steps adapt to snap loads, else
-            the tension itself.
+        min_tension, max_tension: (k, n) [N] of each sample: over the steps since the previous one if not every step is
+            saved, else the tension itself.
+        min_load, max_load: the same of the total load of each fixed point (k, points) [N]; None if every step is saved.
         surface: the elevation (q, n) [m] over positions (n, 3) at times (q,); None without water.
     """
 
@@ -178,6 +179,8 @@ class Run:
     work: np.ndarray
     work_names: tuple[str, ...]
     lines: tuple[LineSlice, ...]
+    min_load: np.ndarray | None = None
+    max_load: np.ndarray | None = None
     scene: Scene = None
     held: tuple[int, ...] = ()
     joints: tuple[int, ...] = ()
@@ -190,6 +193,16 @@ class Run:
     def first(self) -> np.ndarray:
         """First node of each link (n,); the next node is its last."""
         return np.concatenate([np.arange(line.nodes.start, line.nodes.stop - 1) for line in self.lines])
+
+    @property
+    def peak(self) -> int:
+        """The sample of the maximum tension, the last one if it is constant; that at the start belongs to no step."""
+        largest = np.nan_to_num(self.max_tension.max(axis=1), posinf=0.0, neginf=0.0)[
+            1:
+        ]  # a failed run may end with any value
+        if len(largest) == 0 or np.ptp(largest) <= TENSION * np.abs(largest).max():
+            return len(largest)
+        return 1 + int(np.argmax(largest))
 
     def segments(self, nodes: np.ndarray) -> np.ndarray:
         """Both ends of each link (n, 2, d) from the positions of all nodes (nodes, d)."""
@@ -233,6 +246,8 @@ def readable(solution: Solution) -> Run:
     positions, velocities, kinetic, potential = (a[:last] for a in moved)
     tension = np.asarray(solution.tension, float)[:last]
     least, largest = (tension if a is None else a[:last] for a in (solution.tension_min, solution.tension_max))
+    loads = [getattr(solution, f"point_load_{key}", None) for key in ("min", "max")]
+    loads = [None if a is None else np.asarray(a, float)[:last, :, 2] for a in loads]
     return Run(
         name=solution.scene.name,
         integrator=str(solution.settings["integrator"]),
@@ -244,6 +259,8 @@ def readable(solution: Solution) -> Run:
         tension=tension,
         min_tension=least,
         max_tension=largest,
+        min_load=loads[0],
+        max_load=loads[1],
         t_tension=np.asarray(solution.t_tension, float)[:last],
         kinetic=kinetic,
         potential=potential,

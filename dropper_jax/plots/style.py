@@ -138,6 +138,26 @@ def widen(values: np.ndarray, limits: Callable[[float, float], Any]) -> None:
         limits(middle - half, middle + half)
 
 
+#: Panels share a scale if none has a range smaller than the largest by this factor.
+SIMILAR = 4.0
+
+
+def share_scales(panels: Iterable[Axes]) -> None:
+    """The same vertical limits for panels of similar ranges, so that curves in different panels can be compared."""
+    left = sorted(panels, key=_height, reverse=True)
+    while left:
+        group = [axes for axes in left if _height(axes) * SIMILAR >= _height(left[0])]
+        low, high = zip(*(axes.get_ylim() for axes in group), strict=True)
+        for axes in group:
+            axes.set_ylim(min(low), max(high))
+        left = left[len(group) :]
+
+
+def _height(axes: Axes) -> float:
+    low, high = axes.get_ylim()
+    return high - low
+
+
 def marker(t: np.ndarray) -> str | None:
     """Draw runs of a few samples with points, since a line of one point is invisible."""
     return "o" if len(t) < 5 else None

@@ -166,16 +166,17 @@ PAST = 8
 
 @style.with_style
 def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
-    """The configuration at a time [s] (None: the last), links coloured by tension [N], previous configurations, and the
-    first.
+    """The configuration at a time [s] (None: that of the maximum tension), links coloured by tension [N], previous
+    configurations, and the first.
 
-    In the x-z plane when the motion is planar, else in space.
+    In the x-z plane when the motion is planar, else in space. Tensions are the maxima of their steps if not every step
+    is saved.
 
     Returns:
         path of the picture; its suffix chooses the format.
     """
     t, positions = run.t, run.positions
-    now = len(t) - 1 if time is None else int(np.argmin(np.abs(t - time)))
+    now = run.peak if time is None else int(np.argmin(np.abs(t - time)))
     flat = view.planar(positions)
     # with more lines than this, only one configuration is drawn, since more could not be distinguished
     crowded = len(run.lines) > 12
@@ -197,7 +198,7 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
         draw_lines(positions[index], color=style.FAINT, lw=1.0, alpha=0.6 * (1 - age / (PAST + 1)))
     if now > 0 and not crowded:
         draw_lines(positions[0], f"start, t = {t[0]:g} s", color=style.CYCLE[0], lw=1.2, ls=(0, (4, 3)))
-    links = _bold_links(axes, run, positions[now], t[now], flat)
+    links = _bold_links(axes, run, now, flat)
     look = {"ls": "", "marker": "o", "ms": style.dot(run), "mfc": "white", "mec": style.DARK, "mew": 1.0}
     if style.dot(run) > 0:
         draw(positions[now], **look, label="node")
@@ -227,9 +228,9 @@ def _surroundings(axes: Axes, run: Run, drawn: np.ndarray, time: float, flat: bo
     axes.add_collection(Line3DCollection(surface[0], colors=SURFACE, linewidths=0.6, alpha=0.6))
 
 
-def _bold_links(axes: Axes, run: Run, nodes: np.ndarray, time: float, flat: bool) -> ScalarMappable:
-    """Links of one configuration coloured by their tension at the nearest available time."""
-    tension = run.tension[np.argmin(np.abs(run.t_tension - time))]
+def _bold_links(axes: Axes, run: Run, index: int, flat: bool) -> ScalarMappable:
+    """Links of a sample coloured by their tension, the maximum of its steps."""
+    nodes, tension = run.positions[index], run.max_tension[index]
     segments = run.segments(nodes)
     look = {
         "array": tension,
@@ -241,7 +242,7 @@ def _bold_links(axes: Axes, run: Run, nodes: np.ndarray, time: float, flat: bool
     links = LineCollection(segments[..., [0, 2]], **look) if flat else Line3DCollection(segments, **look)
     axes.add_collection(links, **({"autolim": False} if flat else {}))
     _buoys(axes, run, nodes, flat)
-    draw_bodies(axes, run.bodies, int(np.argmin(np.abs(run.t - time))), flat)
+    draw_bodies(axes, run.bodies, index, flat)
     return links
 
 

@@ -89,8 +89,8 @@ def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: 
 def tension_history(run: Run, path: str | Path) -> Path:
     """Tension against time [N or kN]: the maximum of all links, the force on fixed points, both ends of lines.
 
-    Of many the most loaded. The shade is the range within a sample if steps adapt to snap loads. A long record is drawn
-    as its envelope, with a zoom around its maximum tension.
+    Of many the most loaded. The shade is the range of the steps of a sample if not every step is saved. A long record
+    is drawn as its envelope, with a zoom around its maximum tension.
     """
     kept = slice(_begin(run), None)
     unit, size = force_unit(run.max_tension[kept])
@@ -103,6 +103,10 @@ def tension_history(run: Run, path: str | Path) -> Path:
     if run.scene is not None and len(run.written_lines) > 1:
         found.append(_held_points_panel(run, unit, size))
     return history(run, path, "tension", [*found, ends_panel(run)])
+
+
+#: Fraction of the maximum force below which a fixed point has no curve: anchors on which the line lies.
+UNLOADED = 0.01
 
 
 def _begin(run: Run) -> int:
@@ -125,9 +129,19 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
         name: np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
         for name in held_points(run.scene)
     }
-    names = sorted(loads, key=lambda name: -np.nanmax(loads[name]))[:MOST]
-    curves = [Curve(name, t, loads[name] / size) for name in names]
-    return Panel(f"force [{unit}]", curves, _count_title("force on each fixed point", len(names), len(loads)))
+    low, high = (None if a is None else a[kept] for a in (run.min_load, run.max_load))
+    tops = {
+        name: float(np.nanmax(load if high is None else high[:, i])) for i, (name, load) in enumerate(loads.items())
+    }
+    least = UNLOADED * max(tops.values())
+    names = [name for name in sorted(tops, key=lambda name: -tops[name]) if tops[name] > least][:MOST]
+    at = {name: i for i, name in enumerate(loads)}
+    ranges = {name: [None if a is None else a[:, at[name]] / size for a in (low, high)] for name in names}
+    curves = [Curve(name, t, loads[name] / size, low=ranges[name][0], high=ranges[name][1]) for name in names]
+    title = _count_title("force on each fixed point", len(names), len(loads))
+    unloaded = sum(top <= least for top in tops.values())
+    more = f"; {unloaded} below {UNLOADED:.0%} of the maximum" if unloaded else ""
+    return Panel(f"force [{unit}]", curves or [Curve("", t, np.zeros(len(t)))], title + more)
 
 
 def ends_panel(run: Run) -> Panel:

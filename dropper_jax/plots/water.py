@@ -134,7 +134,7 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
 
     A system that stays in the plane of x and z is seen from one side only.
     """
-    index = int(np.argmax(np.max(run.tension, axis=1))) if time is None else int(np.argmin(np.abs(run.t - time)))
+    index = run.peak if time is None else int(np.argmin(np.abs(run.t - time)))
     nodes = run.positions[index]
     low, high = nodes.min(axis=0), nodes.max(axis=0)
     middle, half = 0.5 * (low + high), 0.55 * max((high - low).max(), 1.0)
@@ -220,7 +220,10 @@ def _lively(run: Run) -> int:
 
 @_with_sea
 def tension_envelope(run: Run, scene: Scene, path: str | Path) -> Path:
-    """Minimum, mean and maximum tension along the line; of several lines a panel for each of the 12 most loaded."""
+    """Minimum, mean and maximum tension along the line; of several lines a panel for each of the 12 most loaded.
+
+    Lines of similar loads (within a factor of 4) have the same scale.
+    """
     del scene
     sizes = [np.max(run.max_tension[:, line.links]) for line in run.written_lines]
     shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
@@ -238,6 +241,7 @@ def tension_envelope(run: Run, scene: Scene, path: str | Path) -> Path:
         _envelope(axes, np.cumsum(own) - 0.5 * own, *parts)
         if len(shown) > 1:
             axes.set_title(line.name, loc="left")
+    style.share_scales(all_axes[: len(shown)])
     for index, axes in enumerate(all_axes[: len(shown)]):
         if index % columns == 0:
             axes.set_ylabel(f"tension [{unit}]")

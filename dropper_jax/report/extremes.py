@@ -114,12 +114,24 @@ class Snap(NamedTuple):
     peak_at: float
 
 
-def snap_events(t: np.ndarray, tension: np.ndarray, slack: float, least: float, snap: float) -> list[Snap]:
+def snap_events(
+    t: np.ndarray,
+    tension: np.ndarray,
+    slack: float,
+    least: float,
+    snap: float,
+    peaks: tuple[np.ndarray, np.ndarray] | None = None,
+) -> list[Snap]:
     """Events in the tension of one link: below `slack` [N] for at least `least` [s], then above `snap` [N].
 
     The time below is that between the crossings of `slack`, linear between samples. The rise counts until the tension
     falls below `slack` again; the peak is the maximum tension until then.
+
+    Args:
+        peaks: maximum tension over the steps since the previous sample (k,) [N] and its time (k,) [s]; default: the
+            samples.
     """
+    largest, largest_at = (tension, t) if peaks is None else peaks
     low = tension < slack
     edges = np.flatnonzero(np.diff(low.astype(int)))
     found = []
@@ -133,13 +145,14 @@ def snap_events(t: np.ndarray, tension: np.ndarray, slack: float, least: float, 
         stop = _crossing(t, tension, end - 1, slack)
         again = np.flatnonzero(low[end:])
         until = end + int(again[0]) if again.size else len(t)
-        over = np.flatnonzero(tension[end:until] > snap)
+        over = np.flatnonzero(largest[end:until] > snap)
         if stop - start < least or not over.size:
             continue
         first = end + int(over[0])
-        peak = end + int(np.argmax(tension[end:until]))
-        over_at = _crossing(t, tension, first - 1, snap)
-        found.append(Snap(*map(float, (start, stop, over_at, tension[peak], t[peak]))))
+        peak = end + int(np.argmax(largest[end:until]))
+        # a peak between two samples below the threshold passes it at an unknown time before
+        over_at = _crossing(t, tension, first - 1, snap) if tension[first] > snap else largest_at[first]
+        found.append(Snap(*map(float, (start, stop, over_at, largest[peak], largest_at[peak]))))
     return found
 
 
@@ -150,7 +163,10 @@ def _crossing(t: np.ndarray, tension: np.ndarray, i: int, level: float) -> float
 
 
 def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
-    """Per line: number of events, per link and in its worst link, fraction of time slack, and the largest events."""
+    """Per line: number of events, per link and in its worst link, fraction of time slack, and the largest events.
+
+    A rigid link is never slack: for it the fraction is that of compression.
+    """
     listed = 10  # events listed per line, the largest first
     found = []
     for where in record.written_lines:
@@ -159,9 +175,12 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
             tension = record.tension[:, where.links.start + j]
             mean = max(float(tension.mean()), 0.0)
             # slack below this part of the link's mean tension, a snap above this multiple of it
-            slack = 0.1 * mean if settings.slack is None else settings.slack
+            usual = 0.0 if where.spec.rigid else 0.1 * mean
+            slack = usual if settings.slack is None else settings.slack
             snap = max(2.0 * mean if settings.snap is None else settings.snap, slack)
-            own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap)
+            largest, largest_at = (record.extremes["tension"][i][:, where.links.start + j] for i in (1, 3))
+            peaks = largest, largest_at
+            own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap, peaks)
             counts.append(len(own))
             share.append(float(np.mean(tension < slack)))
             events += [
@@ -181,6 +200,7 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
         found.append(
             {
                 "line": where.name,
+                "rigid": where.spec.rigid,
                 "arc_length_m": s,
                 "events": counts,
                 "most_events": max(counts),

@@ -10,8 +10,10 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.samples import Samples
+from dropper_jax.run.step_extremes import SIGNALS
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 from dropper_jax.scene.data import point_nodes
+from dropper_jax.stepping.extremes import Extremes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,8 +22,10 @@ class Record:
 
     Attributes:
         tension: (q, n) [N] at `t_tension` (q,) [s]: q is k, or k - 1 if the start of the run is left out.
-        least, largest, square: extremes [N] and mean squares [N^2] of each sample (q, n): those of the steps since the
-            previous sample if steps adapt to snap loads, else those of the tension.
+        square: mean squares [N^2] of each sample (q, n): those since the previous sample if steps adapt to snap loads,
+            else those of the tension.
+        extremes: of tensions, end forces and loads of fixed points, over the steps since the previous sample; see
+            `Solution.step_extremes`.
         notes: one line for each omission or fault.
     """
 
@@ -31,10 +35,19 @@ class Record:
     velocities: np.ndarray
     t_tension: np.ndarray
     tension: np.ndarray
-    least: np.ndarray
-    largest: np.ndarray
     square: np.ndarray
+    extremes: dict[str, Extremes]
     notes: tuple[str, ...]
+
+    @property
+    def least(self) -> np.ndarray:
+        """Minimum tensions (q, n) [N] over the steps since the previous sample."""
+        return self.extremes["tension"].least
+
+    @property
+    def largest(self) -> np.ndarray:
+        """Maximum tensions (q, n) [N] over the steps since the previous sample."""
+        return self.extremes["tension"].largest
 
     @property
     def scene(self) -> Scene:
@@ -97,21 +110,15 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         )
     if skip == 0:
         notes.append("the statistics include the start-up transient. Use --skip to leave it out")
-    if solution.settings.get("save_every", 1) > 1:
-        notes.append(
-            f"every {solution.settings['save_every']}th step was saved: peaks between samples are not included"
-        )
+    if solution.saved_rows:
+        known = "percentiles, angles and fatigue are of saved values; extremes of loads are those of all steps"
+        lost = "by an earlier version: peaks between samples are not included"
+        notes.append(f"{solution.saved_rows}: {lost if solution.tension_max is None else known}")
     tension = np.asarray(solution.tension[rows], float)
-    within = (solution.tension_min, solution.tension_max, solution.tension_square)
-    if solution.tension_max is not None:
-        notes.append(
-            "steps adapted to snap loads: extremes and deviations of lines are those of the steps; percentiles, snaps, "
-            f"loads of points and fatigue are of means over {solution.settings['dt']:g} s"
-        )
-    least, largest, square = (
-        given if a is None else np.asarray(a[rows], float)
-        for a, given in zip(within, (tension, tension, tension**2), strict=True)
-    )
+    square = tension**2 if solution.tension_square is None else np.asarray(solution.tension_square[rows], float)
+    extremes = {
+        signal: Extremes(*(np.asarray(a[rows], float) for a in solution.step_extremes(signal))) for signal in SIGNALS
+    }
     return Record(
         solution,
         t=np.asarray(solution.t[kept], float),
@@ -119,9 +126,8 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         velocities=np.asarray(solution.velocities[kept], float),
         t_tension=np.asarray(solution.t_tension[rows], float),
         tension=tension,
-        least=least,
-        largest=largest,
         square=square,
+        extremes=extremes,
         notes=tuple(notes),
     )
 

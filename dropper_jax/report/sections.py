@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import wraps
+from functools import partial, wraps
 from typing import Any
 
 import numpy as np
@@ -50,11 +50,22 @@ def largest_table(
     which: str = "largest",
     what: str = "lines",
 ) -> str:
-    """The table of the `SECTION_ROWS` largest, and a note if there are more; `row` gives the cells of one."""
+    """The table of the `SECTION_ROWS` largest, and a note if there are more; `row` gives the cells of one.
+
+    Rows keep the order of the scene, with a count where others are left out.
+    """
     shown = largest(lines, size)
-    text = table_of([row(line) for line in shown])
     if len(shown) == len(lines):
-        return text
+        return table_of([row(line) for line in shown])
+    at = [i for i, line in enumerate(lines) if any(line is one for one in shown)]
+    rows = []
+    for before, here in zip([-1, *at], [*at, len(lines)], strict=True):
+        if here - before > 1:
+            heads = row(shown[0])
+            rows.append({**dict.fromkeys(heads, ""), next(iter(heads)): f"({here - before - 1} not shown)"})
+        if here < len(lines):
+            rows.append(row(lines[here]))
+    text = table_of(rows)
     return f"{text}\n\nThe {which} {len(shown)} of {len(lines)} {what}; report.json has all."
 
 
@@ -73,15 +84,10 @@ def _tension_row(line: dict[str, Any]) -> Cells:
     used = line["utilisation"]
     return {
         "line": line["line"],
-        "least [N]": newton(line["least"]["n"]),
+        "least [N]": with_position(line["least"], newton(line["least"]["n"])),
         "mean, first link [N]": newton(line["mean_first_link_n"]),
         "mean, last link [N]": newton(line["mean_last_link_n"]),
-        **{
-            f"force on {end} point, mean / max [N]": " / ".join(
-                newton(line[f"{what}_{end}_force_n"]) for what in ("mean", "max")
-            )
-            for end in ("first", "last")
-        },
+        **{f"force on {end} point, mean / max [N]": _mean_and_peak(line, end) for end in ("first", "last")},
         **{
             f"angle up at {end} point, mean / max [deg]": " / ".join(
                 f"{line[f'{what}_{end}_angle_deg']:.1f}" for what in ("mean", "max")
@@ -93,6 +99,12 @@ def _tension_row(line: dict[str, Any]) -> Cells:
         "utilisation": "-" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
         "with the safety factor": "-" if used is None else f"{100 * used['with_factor']:.1f} %",
     }
+
+
+def _mean_and_peak(line: dict[str, Any], end: str) -> str:
+    """Mean and maximum force on an end point, with the time of the maximum."""
+    mean, most = (newton(line[f"{what}_{end}_force_n"]) for what in ("mean", "max"))
+    return f"{mean} / {most} at {line[f'max_{end}_force_s']:.2f} s"
 
 
 def with_position(found: dict[str, Any], value: str, when: str = "t_s") -> str:
@@ -126,7 +138,8 @@ def _anchor_row(anchor: dict[str, Any]) -> Cells:
         "point": anchor["point"],
         "horizontal, mean / max [N]": _range(anchor["horizontal_n"], newton, ("mean", "max")),
         "vertical, min / mean / max [N]": _range(anchor["vertical_n"], newton),
-        "total, mean / max [N]": _range(anchor["total_n"], newton, ("mean", "max")),
+        "total, mean / max [N]": _range(anchor["total_n"], newton, ("mean", "max"))
+        + f" at {anchor['total_n']['max_s']:.2f} s",
         "uplift angle, mean / max [deg]": "no load" if angle is None else _range(angle, _degrees, ("mean", "max")),
         "at the maximum load [deg]": "no load" if angle is None else _degrees(most),
     }
@@ -158,18 +171,26 @@ def _holding_row(anchor: dict[str, Any]) -> Cells:
 
 
 def snaps(lines: list[dict[str, Any]]) -> str:
-    return _table_and_others("Never slack", lines, "largest_share_slack", 0.0, _largest_snap, _snap_row)
+    """Slack and snaps of lines that stretch, compression of rigid ones."""
+    key, parts = "largest_share_slack", []
+    for rigid, never, what in ((False, "Never slack", "slack"), (True, "Never in compression", "compression")):
+        some = [line for line in lines if line["rigid"] == rigid]
+        every = "all lines" if len(some) == len(lines) else f"all {'rigid' if rigid else 'elastic'} lines"
+        if some:
+            row = partial(_snap_row, what=what)
+            parts.append(_table_and_others(never, some, key, 0.0, _largest_snap, row, every))
+    return "\n\n".join(parts)
 
 
 def _largest_snap(line: dict[str, Any]) -> float:
     return line["shown"][0]["peak_n"] if line["shown"] else 0.0
 
 
-def _snap_row(line: dict[str, Any]) -> Cells:
+def _snap_row(line: dict[str, Any], what: str) -> Cells:
     return {
         "line": line["line"],
         "events in the worst link": str(line["most_events"]),
-        "slack, worst link [% of time]": _percent(line["largest_share_slack"]),
+        f"{what}, worst link [% of time]": _percent(line["largest_share_slack"]),
         "largest peak [N]": with_position(line["shown"][0], newton(_largest_snap(line)), "peak_s")
         if line["shown"]
         else "none",
@@ -183,12 +204,13 @@ def _table_and_others(
     limit: float,
     size: Callable[[dict[str, Any]], float],
     row: Callable[[dict[str, Any]], Cells],
+    every: str = "all lines",
 ) -> str:
     """The table of the lines with a value above the limit, and the names of the others after a heading."""
     some = [line for line in lines if line[key] > limit]
     others = [line["line"] for line in lines if line not in some]
     text = largest_table(some, size, row) if some else ""
-    which = _names(others) if some else "all lines"
+    which = _names(others) if some else every
     return "\n\n".join(part for part in (text, f"{word}: {which}." if others else "") if part)
 
 

@@ -19,7 +19,9 @@ class Settings:
     """Thresholds and curve parameters. `None` is a value relative to the run, given in its meaning."""
 
     skip: float = _setting("time left out at the start", "s", 0.0, "--skip")
-    slack: float | None = _setting("a link is slack below this tension; none: 0.1 times its mean", "N", None, "--slack")
+    slack: float | None = _setting(
+        "a link is slack below this tension; none: 0.1 times its mean, 0 if rigid", "N", None, "--slack"
+    )
     slack_time: float = _setting("minimum time below it", "s", 0.1, "--slack-time")
     snap: float | None = _setting(
         "tension above which slack is followed by a snap; none: twice the mean of the link", "N", None, "--snap"

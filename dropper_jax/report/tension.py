@@ -8,11 +8,12 @@ import numpy as np
 
 from dropper_jax.report.record import Record, arc, spread
 from dropper_jax.report.settings import Settings
+from dropper_jax.run.bends import held_points, positions_at
 from dropper_jax.run.bends import point_load as line_load
-from dropper_jax.run.bends import positions_at
 from dropper_jax.run.growth import end_angles, end_forces
 from dropper_jax.run.storage import extra
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
+from dropper_jax.stepping.extremes import Extremes
 
 
 def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
@@ -22,11 +23,14 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
     ratio of maximum tension to breaking load, without and with the safety factor.
     """
     at_tension = positions_at(record.t, record.positions, record.t_tension)
-    forces, angles = end_forces(record.scene, at_tension, record.tension), end_angles(at_tension, record.written_lines)
-    return [
-        _line(record, where, settings) | _ends("force_n", forces[where.name]) | _ends("angle_deg", angles[where.name])
-        for where in record.written_lines
-    ]
+    forces = end_forces(record.scene, at_tension, record.tension, t=record.t_tension)
+    angles = end_angles(at_tension, record.written_lines)
+    found = []
+    for i, where in enumerate(record.written_lines):
+        extremes = Extremes(*(a[:, i] for a in record.extremes["end_force"]))
+        ends = _ends("force_n", forces[where.name]) | _force_peaks(extremes)
+        found.append(_line(record, where, settings) | ends | _ends("angle_deg", angles[where.name]))
+    return found
 
 
 def _ends(key: str, values: np.ndarray) -> dict[str, float]:
@@ -38,11 +42,22 @@ def _ends(key: str, values: np.ndarray) -> dict[str, float]:
     }
 
 
+def _force_peaks(extremes: Extremes) -> dict[str, float]:
+    """Maximum force on both end points over all steps [N], and its time [s]."""
+    found = {}
+    for i, end in enumerate(("first", "last")):
+        when = int(np.argmax(extremes.largest[:, i]))
+        found[f"max_{end}_force_n"] = float(extremes.largest[when, i])
+        found[f"max_{end}_force_s"] = float(extremes.largest_at[when, i])
+    return found
+
+
 def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any]:
     percentiles = (1, 5, 25, 50, 75, 95, 99)
     spec = where.spec
     tension, s = record.tension[:, where.links], arc(spec.length)
-    least, largest, square = (a[:, where.links] for a in (record.least, record.largest, record.square))
+    square = record.square[:, where.links]
+    least, largest, least_at, largest_at = (a[:, where.links] for a in record.extremes["tension"])
     high, low = (np.unravel_index(i, tension.shape) for i in (np.argmax(largest), np.argmin(least)))
     found: dict[str, Any] = {
         "line": where.name,
@@ -52,8 +67,8 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any
         "std_n": np.sqrt(tension.var(axis=0) + np.mean(square - tension**2, axis=0)),
         "max_n": largest.max(axis=0),
         "percentiles_n": dict(zip(map(str, percentiles), np.percentile(tension, percentiles, axis=0), strict=True)),
-        "largest": _extreme(record, largest, s, high),
-        "least": _extreme(record, least, s, low),
+        "largest": {"n": float(largest[high]), "at_m": float(s[high[1]]), "t_s": float(largest_at[high])},
+        "least": {"n": float(least[low]), "at_m": float(s[low[1]]), "t_s": float(least_at[low])},
         "mean_first_link_n": float(tension[:, 0].mean()),
         "mean_last_link_n": float(tension[:, -1].mean()),
         "utilisation": None,
@@ -73,10 +88,6 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any
     return found
 
 
-def _extreme(record: Record, tension: np.ndarray, s: np.ndarray, at: Any) -> dict[str, float]:
-    return {"n": float(tension[at]), "at_m": float(s[at[1]]), "t_s": float(record.t_tension[at[0]])}
-
-
 def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:
     """Breaking load (n,) [N] of the links of a line: that of the line, else the setting, else None."""
     if spec.breaking_load is not None:
@@ -87,37 +98,78 @@ def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:
 def anchors(record: Record) -> list[dict[str, Any]]:
     """Force of the lines on each fixed point: horizontal and vertical (upwards positive) load [N], uplift angle [rad].
 
-    The sum of `T_j d_j/|d_j|` over the links j that end there, d_j from the point outwards, at the times of the
-    tensions. The uplift angle, `atan2(vertical, horizontal)`, is evaluated if the load is at least 1 % of its mean: a
-    zero load has no direction.
+    It is the sum of the forces of the lines that end there (see `run.end_links`), at the times of the tensions. The
+    uplift angle, `atan2(vertical, horizontal)`, is evaluated if the load is at least 1 % of its mean: a zero load has
+    no direction. Minima and maxima of the loads are those of all steps, the total one at the time `max_s` [s].
     """
     found = []
     held = {anchor.point: anchor for anchor in record.scene.anchors}
-    pulls = {point.name: point_load(record, point.name) for point in record.scene.points if not point.is_free}
-    across_up = {name: np.stack([np.hypot(load[:, 0], load[:, 1]), load[:, 2]]) for name, load in pulls.items()}
-    for name, (across, up) in across_up.items():
-        size = np.linalg.norm(pulls[name], axis=1)
+    peaks = load_extremes(record)
+    for name, extremes in peaks.items():
+        load = point_load(record, name)
+        across, up, size = np.hypot(load[:, 0], load[:, 1]), load[:, 2], np.linalg.norm(load, axis=1)
+        top = int(np.argmax(extremes.largest[:, 2]))
+        most = {"max_s": float(extremes.largest_at[top, 2])}
         loaded = size >= max(0.01 * size.mean(), 1e-12)
         found.append(
             {
                 "point": name,
-                "horizontal_n": spread(across),
-                "vertical_n": spread(up),
-                "total_n": spread(size),
+                "horizontal_n": spread(across) | _extremes_of(extremes, 0),
+                "vertical_n": spread(up) | _extremes_of(extremes, 1),
+                "total_n": spread(size) | _extremes_of(extremes, 2) | most,
                 "uplift_rad": spread(np.arctan2(up[loaded], across[loaded])) if loaded.any() else None,
                 "share_without_angle": float(1.0 - loaded.mean()),
-                "uplift_at_largest_load_rad": float(np.arctan2(up, across)[np.argmax(size)]) if loaded.any() else None,
-                "holding": None if name not in held else _holding(held[name], record.scene.anchors, across_up),
+                "uplift_at_largest_load_rad": _uplift(extremes, top) if loaded.any() else None,
+                "holding": None if name not in held else _holding(held[name], record.scene.anchors, peaks),
             }
         )
     return found
 
 
-def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], loads: dict[str, np.ndarray]) -> dict[str, Any]:
+def load_extremes(record: Record) -> dict[str, Extremes]:
+    """Extremes (q, 3) [N] of the horizontal, vertical and total load of each fixed point; zero where no line ends."""
+    found, loaded = record.extremes["point_load"], held_points(record.scene)
+    zero, times = np.zeros((len(record.t_tension), 3)), np.tile(record.t_tension[:, None], 3)
+    none = Extremes(zero, zero, times, times)
+    return {
+        point.name: Extremes(*(a[:, loaded.index(point.name)] for a in found)) if point.name in loaded else none
+        for point in record.scene.points
+        if not point.is_free
+    }
+
+
+def _extremes_of(extremes: Extremes, part: int) -> dict[str, float]:
+    """Minimum and maximum of a part of a load over all steps [N]."""
+    return {"min": float(extremes.least[:, part].min()), "max": float(extremes.largest[:, part].max())}
+
+
+def _uplift(extremes: Extremes, row: int) -> float:
+    """Angle [rad] above the horizontal of the maximum load since the previous sample.
+
+    An extreme of the vertical or the horizontal part at the time of the maximum load gives it; if neither is at this
+    time, it is that of both maxima.
+    """
+    size, when = extremes.largest[row, 2], extremes.largest_at[row, 2]
+    ups = (extremes.largest[row, 1], extremes.largest_at[row, 1]), (extremes.least[row, 1], extremes.least_at[row, 1])
+    for up, at in ups:
+        if at == when and size > 0.0:
+            return float(np.arcsin(np.clip(up / size, -1.0, 1.0)))
+    steepest = max((up for up, _ in ups), key=abs)
+    across = extremes.largest[row, 0]
+    if extremes.largest_at[row, 0] == when:
+        steepest = np.copysign(np.sqrt(max(size**2 - across**2, 0.0)), steepest)
+    return float(np.arctan2(steepest, across))
+
+
+def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], peaks: dict[str, Extremes]) -> dict[str, Any]:
     """Utilisation of an anchor over the run, and the ratio of its capacity to its maximum load.
+
+    The loads of a sample are the maxima of the horizontal and of the vertical part over its steps, which is on the safe
+    side where these are at different times.
 
     It holds with the required factor if it holds the loads multiplied by this factor, or if the anchor behind it does.
     """
+    loads = {name: extremes.largest[:, :2].T for name, extremes in peaks.items()}
     used = utilisations(anchors, loads)
     factored = utilisations(anchors, {name: anchor.safety_factor * load for name, load in loads.items()})
     largest = float(used[anchor.point].max())

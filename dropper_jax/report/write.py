@@ -21,7 +21,7 @@ from dropper_jax.plots.style import force_unit
 from dropper_jax.report.extremes import Gumbel
 from dropper_jax.report.record import Record, record
 from dropper_jax.report.settings import Settings
-from dropper_jax.report.tension import point_load
+from dropper_jax.report.tension import load_extremes, point_load
 from dropper_jax.report.text import markdown
 from dropper_jax.run.simulate import Solution
 
@@ -122,6 +122,7 @@ def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
         )
         axes.margins(x=0.01)
         axes.set_title(line["line"], loc="left")
+    style.share_scales(panels)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower left", ncols=5, columnspacing=1.0)
     return _finish(figure, part, "tension range", lines, found["tension"], folder / "tension_range.png")
@@ -132,18 +133,21 @@ def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
     anchors = [found["anchors"][i] for i in _chosen([a["total_n"]["max"] for a in found["anchors"]])]
     figure, panels = _panels(len(anchors), 2.6)
     unit, scale = force_unit([anchor["total_n"]["max"] for anchor in anchors])
+    peaks = load_extremes(part)
     for axes, anchor in zip(panels, anchors, strict=True):
         load = point_load(part, anchor["point"])
-        axes.plot(
-            part.t_tension, np.hypot(load[:, 0], load[:, 1]) / scale, color=style.FIRST, lw=0.9, label="horizontal"
-        )
-        axes.plot(part.t_tension, load[:, 2] / scale, color=style.SECOND, lw=0.9, label="vertical, upwards")
+        curves = {"horizontal": np.hypot(load[:, 0], load[:, 1]), "vertical, upwards": load[:, 2]}
+        for i, (colour, (label, values)) in enumerate(zip(style.CYCLE, curves.items(), strict=False)):
+            low, high = (a[:, i] / scale for a in peaks[anchor["point"]][:2])
+            axes.fill_between(part.t_tension, low, high, color=colour, alpha=0.28, lw=0)
+            axes.plot(part.t_tension, values / scale, color=colour, lw=0.9, label=label)
         axes.axhline(0.0, color=style.FAINT, lw=0.7)
         axes.set_ylabel(f"load [{unit}]")
         held = anchor["holding"]
         used = "" if held is None else f", maximum utilisation {held['utilisation']['max']:.2f}"
         axes.set_title(anchor["point"] + used, loc="left")
         style.time_axis(axes, part.t)
+    style.share_scales(panels)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
     return _finish(figure, part, "loads of the fixed points", anchors, found["anchors"], folder / "anchors.png")
 

@@ -43,6 +43,14 @@ class Integrator:
         """Whether the scheme has numerical damping at any step."""
         return False
 
+    @property
+    def evaluations(self) -> int:
+        """Evaluations of the equations in a step, for comparisons by counted work.
+
+        A stage that solves equations counts three: the usual number of Newton corrections.
+        """
+        return (3 if self.implicit else 1) * len(self.stages)
+
     def __post_init__(self) -> None:
         for name, declared in self.options().items():
             read_number(getattr(self, name), f"run.{name}", declared)

@@ -11,7 +11,6 @@ import numpy as np
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups, Tabulated
 from dropper_jax.axial.tabulated import stack_tables
-from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects import EFFECTS, Effect
 from dropper_jax.effects.body_bed import BodyBed, BodyBedFriction
@@ -33,7 +32,7 @@ from dropper_jax.statics.static_pose import equilibrium, nodal_loads
 # --- rigid bodies ---
 
 
-def make_bodies(scene: SceneData, index: dict[str, int], gravity: float) -> tuple[list[Point], list[Effect]]:
+def make_bodies(scene: SceneData, index: dict[str, int]) -> tuple[list[Point], list[Effect]]:
     """The bodies' corners as points, after those of the scene, and the effects that make bodies of them."""
     if not scene.bodies:
         return [], []
@@ -54,7 +53,7 @@ def make_bodies(scene: SceneData, index: dict[str, int], gravity: float) -> tupl
         seat=np.array([position for _, _, position in seats]).reshape(-1, 3),
         velocity=np.array([_centre_velocity(body) for body in scene.bodies]),
         spin=np.array([body.angular_velocity for body in scene.bodies]),
-        gravity=gravity,
+        gravity=scene.gravity,
         first=len(scene.points),
         points=tuple(index[name] for _, name, _ in seats),
         owner=tuple(i for i, _, _ in seats),
@@ -211,7 +210,7 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
     index = {point.name: i for i, point in enumerate(scene.points)}
     points = tuple(Point(position=p.position, name=p.name, kind=p.kind) for p in scene.points)
     effects = [EFFECTS[name].build(values, scene) for name, values in scene.effects.items()]
-    corners, rigid = make_bodies(scene, index, _gravity(scene))
+    corners, rigid = make_bodies(scene, index)
     sea = None if scene.sea is None else make_sea(scene.sea, line_reach(scene))
     line = _line(scene, index, len(corners))
     model = Model(
@@ -249,14 +248,13 @@ def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Graph:
 
 def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
     """Masses and loads attached to the points."""
-    gravity = _gravity(scene)
     found: list[Effect] = []
     loaded = [p for p in scene.points if p.body]
     if loaded:
         arrays = {key: np.array([getattr(p, key) or 0.0 for p in loaded]) for key in PointSpec.BODY}
         wet = scene.sea is not None
         cls = WetPointBodies if wet and np.any(arrays["volume"] * arrays["added_mass"]) else PointBodies
-        found.append(cls(**arrays, gravity=gravity, points=tuple(index[p.name] for p in loaded), wet=wet))
+        found.append(cls(**arrays, gravity=scene.gravity, points=tuple(index[p.name] for p in loaded), wet=wet))
     if scene.buoys:
         keys = ("mass", "diameter", "height", "attachment", "cdn", "cdt", "can", "cat")
         arrays = {key: np.array([getattr(b, key) for b in scene.buoys]) for key in keys}
@@ -264,17 +262,12 @@ def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
         found.append(
             SparBuoys(
                 **arrays,
-                gravity=gravity,
+                gravity=scene.gravity,
                 points=tuple(index[b.point] for b in scene.buoys),
                 end_added_mass=kinds.pop(),
             )
         )
     return found
-
-
-def _gravity(scene: SceneData) -> float:
-    water = None if scene.sea is None else scene.sea.gravity
-    return scene.effects.get("weight", {}).get("gravity", water if water is not None else GRAVITY)
 
 
 def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:

@@ -14,7 +14,6 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.memory import versions
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.integrators.projected import ProjectedRungeKutta
-from dropper_jax.load.checks_system import body_warnings, motion_warnings
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Model, Parted, work_names
@@ -24,13 +23,15 @@ from dropper_jax.run.arrays import body_motion, breaks, words
 from dropper_jax.run.bends import twist_remarks
 from dropper_jax.run.build import allowed_error
 from dropper_jax.run.chunks import RunOutcome
-from dropper_jax.run.growth import floating_warnings
+from dropper_jax.run.plausibility import scene_warnings
 from dropper_jax.run.resolution import pose_remarks, with_quality_checks, without_push
 from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Last, last_row, name_leaves, release_pages
 from dropper_jax.run.samples import Kind
+from dropper_jax.run.step_extremes import ARRAYS_OF, extremes_by_signal, saved_signal
 from dropper_jax.stepping.adaptive import Within
 from dropper_jax.stepping.control import DRIFT_LIMIT
 from dropper_jax.stepping.controlled import Controlled
+from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import Observed, Trajectory, observe
 
 
@@ -65,6 +66,7 @@ def build_solution(
     """The result of a run: its observed states, steps, final state and warnings."""
     run, carry = outcome.trajectory, outcome.carry
     solution = _observe_run(kind, scene, stepper, model, first, since, run, extra, rows)
+    solution = _with_step_extremes(solution, run.extremes, stepper.limit(model), rows)
     if isinstance(outcome.beside, Within):
         solution = _with_adaptive_steps(solution, outcome.beside, int(carry.refused - first.carry.refused))
     if isinstance(carry, Controlled):
@@ -123,6 +125,7 @@ def _observe_run(
         "save_every": every,
         **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
     }
+    at_rest = scene.start.is_static and not t[0]
     found = kind(
         scene=scene,
         settings=settings,
@@ -148,17 +151,10 @@ def _observe_run(
         continues={"origin_s": since.origin, "saves": since.saves} if before or since.origin else None,
         **seen.bodies,
         warnings=(
-            *scene.notes,
+            *scene_warnings(scene, at_rest),
             *_precision(scene, model),
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
-            *motion_warnings(scene),
-            *body_warnings(scene),
-            *floating_warnings(scene),
-            *(
-                pose_remarks(scene, seen.each.positions[0], np.asarray(start.tension))
-                if scene.start.is_static and not t[0]
-                else ()
-            ),
+            *(pose_remarks(scene, seen.each.positions[0], np.asarray(start.tension)) if at_rest else ()),
             *(words(row) for row in broken),
         ),
     )
@@ -197,16 +193,36 @@ def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _O
     return found
 
 
+def _with_step_extremes(solution: Kind, extremes: Extremes | None, tolerance: float, rows: InMemory) -> Kind:
+    """The solution with the extremes of its signals over all steps up to the last good save.
+
+    Args:
+        extremes: rows of the run (q, m), None if every step is saved; the first row of the solution is that of the
+            start.
+        tolerance: of the steps, see `without_push`.
+    """
+    if extremes is None:
+        return solution
+    scene, good = solution.scene, len(solution.t) - 1
+    start = solution.t[:1], solution.positions[:1], solution.t_tension[:1], solution.tension[:1]
+    found = {}
+    for signal, own in extremes_by_signal(scene, extremes).items():
+        first = saved_signal(signal, scene, *start)[0]
+        when = np.full(first.shape, solution.t_tension[0])
+        for name, begin, later in zip(ARRAYS_OF, (first, first, when, when), own, strict=True):
+            found[f"{signal}_{name}"] = rows.join(begin.astype(later.dtype), later[:good])
+    found["tension_min"] = without_push(scene, found["tension_min"], tolerance)
+    return replace(solution, **found)
+
+
 def _with_adaptive_steps(solution: Kind, within: Within, refused: int) -> Kind:
-    """The solution of a run with snap-adaptive steps: statistics between saved times, accepted and rejected steps."""
+    """The solution of a run with snap-adaptive steps: mean squares between saved times, accepted and rejected steps."""
     good = len(solution.t) - 1
     first = solution.tension[:1]
     taken = {"steps": int(np.sum(within.steps[:good])), "refused_steps": refused}
     return replace(
         solution,
         t_tension=np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * solution.settings["dt"]]),
-        tension_min=np.concatenate([first, within.least[:good]]),
-        tension_max=np.concatenate([first, within.largest[:good]]),
         tension_square=np.concatenate([first**2, within.square[:good]]),
         settings={**solution.settings, **taken, "step_tolerance": solution.scene.run.step_tolerance},
     )

@@ -9,6 +9,8 @@ import numpy as np
 
 from dropper_jax.analysis.angles import writhe
 from dropper_jax.load.scene import Scene
+from dropper_jax.run.end_links import EndLinks, line_ends
+from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSlice, LineSpec, SceneData, line_slices, whole_lines
 
 
@@ -159,28 +161,20 @@ def positions_at(t: np.ndarray, positions: np.ndarray, times: np.ndarray) -> np.
 
 
 def point_load(
-    scene: SceneData, name: str, t: np.ndarray, positions: np.ndarray, t_tension: np.ndarray, tension: np.ndarray
+    scene: Scene, name: str, t: np.ndarray, positions: np.ndarray, t_tension: np.ndarray, tension: np.ndarray
 ) -> np.ndarray:
-    """Force (q, 3) [N] of all lines on a point: the sum of `T_j d_j/|d_j|` over the links j that end there.
-
-    d_j is the link from the point outwards, at the times of the tensions.
+    """Force (q, 3) [N] of all lines on a point, at the times of the tensions (see `run.end_links`).
 
     Args:
         t, positions: saved times (k,) [s] and nodes (k, nodes, 3) [m] of all lines.
         t_tension, tension: (q,) [s] and (q, links) [N].
     """
+    links = EndLinks(overgrown(scene))
     total = np.zeros((len(t_tension), 3))
-    for spec, where in zip(scene.lines, line_slices(scene), strict=True):
-        ends = (
-            (spec.start, slice(where.nodes.start, where.nodes.start + 2), where.links.start, 1.0),
-            (spec.end, slice(where.nodes.stop - 2, where.nodes.stop), where.links.stop - 1, -1.0),
-        )
-        for point, nodes, link, sign in ends:
-            if point == name:
-                both = positions_at(t, positions[:, nodes], t_tension)
-                along = sign * (both[:, 1] - both[:, 0])
-                size = np.linalg.norm(along, axis=1, keepdims=True)
-                total += tension[:, link, None] * along / np.where(size > 0, size, 1.0)
+    for end in line_ends(scene):
+        if end.point == name:
+            nodes = positions_at(t, positions[:, [end.node, end.inner]], t_tension)
+            total += links.force(nodes, tension[:, end.link], end.link, end.last, t_tension)
     return total
 
 

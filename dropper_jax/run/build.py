@@ -142,9 +142,9 @@ TOLERANCE_ROUNDING = 100.0
 SceneLike = str | Path | Mapping[str, Any] | Scene
 
 
-def build_model(scene: Scene, dtype: str | None = None) -> Model:
+def build_model(scene: SceneLike, dtype: str | None = None) -> Model:
     """The model of a scene, with arrays of `dtype` (default: the scene's precision)."""
-    return bare_model(with_wakes(with_flow_coefficients(overgrown(scene))), dtype)
+    return bare_model(with_wakes(with_flow_coefficients(overgrown(load_scene(scene)))), dtype)
 
 
 def model_slopes(scene: Scene, model: Model, path: str) -> dict[int, np.ndarray]:

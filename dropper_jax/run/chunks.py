@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +26,7 @@ from dropper_jax.run.row_store import InMemory, Last, last_row, name_leaves
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
 from dropper_jax.stepping.controlled import Controlled, advance_controlled, start_controlled
+from dropper_jax.stepping.extremes import Watch
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance_some, begin
 
 
@@ -35,7 +36,7 @@ def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None)
     Raises:
         SceneError: with the required and the free size.
     """
-    size = run.saves * row_bytes(model, start)
+    size = run.saves * (row_bytes(model, start) + _extremes_bytes(model, run))
     if scratch is None:
         # copies of all saved states in memory at once (measured), if nothing is stored on disk
         # memory of JAX and its programs [bytes]
@@ -60,6 +61,14 @@ def row_bytes(model: Model, s: State) -> int:
     own = sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves((s.parted, s.own)))
     nodes = model.free_nodes + 2 * max(1, model.line.links // 8)
     return int(np.dtype(model.dtype).itemsize * (2 * 3 * nodes + 3 * model.line.links + 16) + own)
+
+
+def _extremes_bytes(model: Model, run: RunSpec) -> int:
+    """Bytes of the extremes of a saved state and their times: of links, ends of lines and fixed points."""
+    if run.save_every == 1 and run.step_tolerance is None:
+        return 0
+    signals = model.line.links + 2 * len(model.geometry.members) + 3 * len(model.geometry.held_points)
+    return 4 * signals * int(np.dtype(model.dtype).itemsize)
 
 
 #: Minimum number of chunks of a run that has at least this number of saves.
@@ -87,7 +96,7 @@ _advance_briefly = cached_jit(static=("stepper", "capacity", "save_every"), brie
 _advance_at_once = cached_jit(static=("stepper", "capacity", "save_every"), brief=True, quick=4)(advance_some)
 _advance_quickly = cached_jit(static=("stepper", "capacity", "save_every"), quick=np.inf)(advance_some)
 _advance_adaptively = cached_jit(static=("stepper", "saves"))(advance_adaptively)
-_advance_controlled = cached_jit(static=("stepper", "saves"))(advance_controlled)
+_advance_controlled = cached_jit(static=("stepper", "saves", "every"))(advance_controlled)
 _start_controlled = cached_jit(static=("stepper",))(start_controlled)
 
 
@@ -100,7 +109,7 @@ class Program(NamedTuple):
 
 class RunOutcome(NamedTuple):
     """Outcome of a run: the saved states, the last carry, its time [s], whether the user stopped it, the disk error if
-    one stopped it, and intermediate carries with the number of saves before each."""
+    one stopped it, and the carries at the requested numbers of saves."""
 
     trajectory: Trajectory
     beside: Beside
@@ -121,26 +130,30 @@ def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> C
     return adaptive_start(progress, jnp.asarray(run.dt, model.dtype))
 
 
-def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, before: int = 0) -> Program:
+def compile_run(
+    stepper: Stepper, model: Model, carry: Carry, run: RunSpec, before: int = 0, watch: Watch | None = None
+) -> Program:
     """The compiled program of a run from a carry.
 
     Args:
         before: steps of the run that it continues; if that run was a long one, its program is used.
+        watch: signals whose extremes over all steps are saved, a pytree; see `stepping.extremes`.
     """
     dt = jnp.asarray(run.dt, model.dtype)
     saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.saves)
     if isinstance(carry, Progress):
-        return Program(_EqualSteps(stepper, model, carry, run, max(run.steps, before)), carry)
+        return Program(_EqualSteps(stepper, model, carry, run, max(run.steps, before), watch), carry)
     if isinstance(carry, Controlled):
         limit, dt = jnp.asarray(allowed_error(stepper, model, run), model.dtype), dt * run.save_every
-        several = _advance_controlled
+        several, settings = _advance_controlled, {"saves": saves, "every": run.save_every}
     else:
         limit, several = jnp.asarray(run.step_tolerance, model.dtype), _advance_adaptively
-    program = several.program(stepper, model, carry, dt, limit, saves=saves, count=jnp.zeros((), jnp.int32))
+        settings = {"saves": saves}
+    program = several.program(stepper, model, carry, dt, limit, count=jnp.zeros((), jnp.int32), watch=watch, **settings)
 
     def go_on(carry: Carry, left: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
         count = min(saves, left)  # never beyond the end, where the run may go on
-        after, rows = program(model, carry, dt, limit, jnp.asarray(count, jnp.int32))
+        after, rows = program(model, carry, dt, limit, jnp.asarray(count, jnp.int32), watch)
         return after, jax.tree.map(lambda a: np.asarray(a)[:count], rows)
 
     return Program(go_on, carry)
@@ -149,8 +162,10 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
 class _EqualSteps:
     """Equal steps; one that does not converge is halved."""
 
-    def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, steps: int) -> None:
-        self.stepper, self.model, self.dt = stepper, model, run.dt
+    def __init__(
+        self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, steps: int, watch: Watch | None
+    ) -> None:
+        self.stepper, self.model, self.dt, self.watch = stepper, model, run.dt, watch
         self.settings = {"capacity": _chunk_size(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // MIN_CHUNKS)
         self.count = 1
@@ -163,7 +178,7 @@ class _EqualSteps:
             self.advance = _advance_quickly if steps < 100_000 else _advance
         dt = jnp.asarray(self.dt, self.model.dtype)
         none = jnp.zeros((), jnp.int32)
-        self.program = self.advance.program(stepper, self.model, progress, dt, none, **self.settings)
+        self.program = self.advance.program(stepper, model, progress, dt, none, watch=watch, **self.settings)
 
     def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
         count = min(self.count, self.longest, left, self.settings["capacity"])
@@ -174,7 +189,7 @@ class _EqualSteps:
 
     def _take(self, carry: Progress, count: int, parts: int = 1) -> tuple[Progress, Trajectory]:
         dt = jnp.asarray(self.dt / parts, self.model.dtype)
-        after, rows = self.program(self.model, carry, dt, jnp.asarray(count, jnp.int32))
+        after, rows = self.program(self.model, carry, dt, jnp.asarray(count, jnp.int32), self.watch)
         return after, jax.tree.map(lambda a: np.array(a[:count]), jax.tree.map(np.asarray, rows))
 
     def advance_at_half_step(self, carry: Progress, saves: int) -> tuple[Progress, Trajectory | None]:
@@ -198,20 +213,30 @@ def _chunk_size(s: State) -> int:
     return max(1, min(MOST_SAVES, 2 ** int(np.log2(max(CHUNK_BYTES / max(size, 1), 1.0)))))
 
 
-def run_chunks(run: Program, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None) -> RunOutcome:
+def run_chunks(
+    run: Program,
+    saves: int,
+    say: Callable[[float, str], None],
+    rows: InMemory | None = None,
+    carries_at: Sequence[int] = (),
+) -> RunOutcome:
     """Run chunks until the end, a failure or an interruption, which includes a full disk.
 
     Args:
         rows: store for the chunks; default: in memory.
+        carries_at: numbers of saves, increasing, at which the carry is stored.
     """
     carry, done, rows = run.carry, 0, InMemory() if rows is None else rows
     passed: list[tuple[int, Carry]] = []
+    stops = [*carries_at, saves]
     at = carry, done  # of what is kept: one name, so that a stop leaves both as they belong together
     started, interrupted, refused = time.perf_counter(), False, ""
     try:
         while done < saves:
-            passed = [*(passed if len(passed) < 2 * MIN_CHUNKS else passed[::2]), (done, carry)]
-            carry, piece = run.go_on(carry, saves - done)
+            if done == stops[0]:
+                passed.append((done, carry))
+                stops = stops[1:]
+            carry, piece = run.go_on(carry, stops[0] - done)
             rows.append(done, (jax.tree.map(np.asarray, piece), name_leaves(Last(last_row(piece[0]), carry))))
             at = carry, done + len(piece[0].r)
             done = at[1]

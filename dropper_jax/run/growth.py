@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.buoyancy import displaced_diameter
-from dropper_jax.load.checks_water import bed_height
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
+from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.scene import LineSlice, LineSpec, WholeLine, grown, line_slices, whole_lines
 
 
@@ -113,51 +112,72 @@ HEAVY = ("chain", "mussel", "dropper", "loop", "sock", "crop")
 
 def wet_weights(scene: Scene) -> np.ndarray:
     """Weight minus buoyancy (n,) [N] of each link under water, from the effects of the scene; mussels included."""
-    scene = overgrown(scene)
-    line, weight = scene.line, scene.effects.get("weight")
-    if weight is None:
-        return np.zeros(line.links)
-    if weight.get("wet_weight") is not None:
-        return np.broadcast_to(np.asarray(weight["wet_weight"], float), (line.links,))
-    found = line.mass * (GRAVITY if weight.get("gravity") is None else float(weight["gravity"]))
-    diameter = displaced_diameter(line, scene)
-    if "buoyancy" in scene.effects and diameter is not None:
-        found = found - scene.sea.density * scene.sea.gravity * 0.25 * np.pi * diameter**2 * line.length
-    return found
+    links = EndLinks(overgrown(scene))
+    return links.weight - links.lift
 
 
 def end_forces(
-    scene: Scene, positions: np.ndarray, tension: np.ndarray, lines: Sequence[LineSlice] | None = None
+    scene: Scene,
+    positions: np.ndarray,
+    tension: np.ndarray,
+    lines: Sequence[WholeLine | LineSlice] | None = None,
+    t: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
-    """Force (k, 2) [N] of every line on its first and its last point, by name.
+    """Force (k, 2) [N] of every line on its first and its last point, by name (see `run.end_links`).
 
-    The force is the tension of the end link plus the weight in water of the part of the link that belongs to the point:
-    the tension of a link is that at its middle. At a point on the seabed the bed carries this part as far as the line
-    does not lift it. Drag and inertia of this part are left out.
+    The force is the tension of the end link plus the weight of the part of the link that belongs to the point, less its
+    buoyancy as far as it is in the water: the tension of a link is that at its middle. At a point on the seabed the bed
+    carries this part as far as the line does not lift it. Drag and inertia of this part are left out.
 
     Args:
         positions: nodes of all lines (k, nodes, 3) [m]; tension: of their links (k, n) [N].
         lines: their indices in these arrays; default: lines as in the scene, pieces between attached points together.
+        t: times (k,) [s], for the level and the waves; default: the level at t = 0 without waves.
     """
-    vectors = end_force_vectors(scene, positions, tension, whole_lines(scene) if lines is None else lines)
+    vectors = end_force_vectors(scene, positions, tension, whole_lines(scene) if lines is None else lines, t)
     return {name: np.linalg.norm(both, axis=2) for name, both in vectors.items()}
 
 
 def end_force_vectors(
-    scene: Scene, positions: np.ndarray, tension: np.ndarray, lines: Sequence[WholeLine | LineSlice]
+    scene: Scene,
+    positions: np.ndarray,
+    tension: np.ndarray,
+    lines: Sequence[WholeLine | LineSlice],
+    t: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """The same as vectors (k, 2, 3) [N]."""
-    first, weights = _first_shares(scene), wet_weights(scene)
-
-    def force(node: int, inner: int, link: int, share: float) -> np.ndarray:
-        return _force(scene, positions[:, [node, inner]], tension[:, link], share * weights[link])
-
+    links = EndLinks(overgrown(scene), waves=t is not None)
+    times = np.zeros(len(positions)) if t is None else t
     found = {}
-    for name, start, stop, links in _ends(lines):
-        at, end = links.start, links.stop - 1
-        both = force(start, start + 1, at, first[at]), force(stop, stop - 1, end, 1.0 - first[end])
+    for name, first, last, where in _ends(lines):
+        ends = ((first, first + 1, where.start, False), (last, last - 1, where.stop - 1, True))
+        both = [
+            links.force(positions[:, [node, inner]], tension[:, link], link, at_last, times)
+            for node, inner, link, at_last in ends
+        ]
         found[name] = np.stack(both, axis=1)
     return found
+
+
+def fixed_point_loads(
+    scene: Scene, positions: np.ndarray, tension: np.ndarray, t: float | None = None
+) -> dict[str, np.ndarray]:
+    """Force (3,) [N] of all lines on each fixed point in a static configuration, by name (see `run.end_links`).
+
+    Args:
+        positions: nodes of all lines (nodes, 3) [m]; tension: of their links (n,) [N].
+        t: time [s], for the level.
+    """
+    links = EndLinks(overgrown(scene), waves=False)
+    times = np.array([0.0 if t is None else t])
+    loads = {point.name: np.zeros(3) for point in scene.points if not point.is_free}
+    for end in line_ends(scene):
+        if end.point in loads:
+            nodes = positions[None, [end.node, end.inner]]
+            loads[end.point] = (
+                loads[end.point] + links.force(nodes, tension[None, end.link], end.link, end.last, times)[0]
+            )
+    return loads
 
 
 def end_angles(positions: np.ndarray, lines: Sequence[WholeLine | LineSlice]) -> dict[str, np.ndarray]:
@@ -182,31 +202,6 @@ def _ends(lines: Sequence[WholeLine | LineSlice]) -> Iterator[tuple[str, int, in
         nodes = line.nodes
         first, last = (nodes.start, nodes.stop - 1) if isinstance(nodes, slice) else (int(nodes[0]), int(nodes[-1]))
         yield line.name, first, last, line.links
-
-
-def _first_shares(scene: Scene) -> np.ndarray:
-    """Fraction of each link's weight (n,) at its first node; the rest is at its last."""
-    kinds = scene.link_mass_nodes
-    return np.concatenate(
-        [
-            1.0 - line.centre_of_mass / line.length
-            if kinds[line.name] == "centre_of_mass"
-            else np.full(line.links, 0.5 if kinds[line.name] == "shared" else 0.0)
-            for line in scene.lines
-        ]
-    )
-
-
-def _force(scene: Scene, nodes: np.ndarray, tension: np.ndarray, weight: float) -> np.ndarray:
-    """Force (k, 3) [N] of an end link on its point, the first of its two nodes (k, 2, 3), with the weight there."""
-    bed = bed_height(scene, nodes[:, 0])
-    with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
-        along = nodes[:, 1] - nodes[:, 0]
-        force = tension[:, None] * along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-        # points within a millimetre of the bed lie on it: anchors are at its height
-        lifts = np.inf if bed is None else np.where(nodes[:, 0, 2] < bed + 1e-3, np.maximum(force[:, 2], 0.0), np.inf)
-        force[:, 2] -= np.minimum(weight, lifts)
-        return force
 
 
 def line_weights(scene: Scene) -> list[dict[str, Any]]:

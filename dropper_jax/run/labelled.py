@@ -16,6 +16,7 @@ from dropper_jax.base.read import Plain
 from dropper_jax.load.checks_water import surface_over
 from dropper_jax.run.bends import end_tensions, held_points, point_load
 from dropper_jax.run.samples import BODIES, RUN_FORMAT, WITHIN, Kind, Samples
+from dropper_jax.run.step_extremes import ARRAYS_OF, LOADS, signal_shapes
 from dropper_jax.scene import line_slices, whole_lines
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def derive_variables(solution: Samples) -> Variables:
     loads = [point_load(solution.scene, name, *arrays) for name in held_points(solution.scene)]
     found: Variables = {}
     if loads:
-        meaning = "sum of the tension forces of the lines that end at a fixed point; at tension_time"
+        meaning = "sum of the forces of the lines that end at a fixed point; at tension_time"
         found["point_load"] = (("time", "held_point", "axis"), np.stack(loads, axis=1), _attributes("N", meaning))
     ends = np.stack(list(end_tensions(solution.scene, solution.tension).values()), axis=1)
     meaning = "tension of the first and the last link of each line; at tension_time"
@@ -73,6 +74,8 @@ def coordinates(solution: Samples) -> Variables:
     }
     if names := held_points(solution.scene):
         found["held_point"] = ("held_point", np.array(names, dtype=str), {"long_name": "fixed point"})
+        if solution.point_load_max is not None:
+            found["load"] = ("load", list(LOADS), {"long_name": "part of a load, vertical upwards"})
     return found
 
 
@@ -238,7 +241,12 @@ def _wrong_arrays(solution: Samples) -> Iterator[str]:
         "kinetic": (k,),
         "potential": (k,),
         "work": (k, len(solution.work_names)),
-        **dict.fromkeys(WITHIN, (k, links)),
+        "tension_square": (k, links),
+        **{
+            f"{signal}_{name}": (k, *shape)
+            for signal, shape in signal_shapes(solution.scene).items()
+            for name in ARRAYS_OF
+        },
         **{name: (k, len(solution.scene.bodies), 3) for name in BODIES},
     }
     for name, shape in shapes.items():

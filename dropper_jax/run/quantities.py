@@ -24,10 +24,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.fields import component, option
 from dropper_jax.base.numerics import horizontal_norm, safe_norm, trace_once
 from dropper_jax.model import Model, Parted, State, state
 from dropper_jax.model.geometry import Member
+from dropper_jax.run.end_links import load_on_fixed_point
 from dropper_jax.statics.modes import natural_periods
+from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import Trajectory, observe
 
 #: Signals in time: unit, what WHERE names, meaning.
@@ -163,7 +166,8 @@ class Quantity:
         """The number at one instant, a static pose."""
         if self.signal == PERIOD:
             return natural_periods(model, s, self.members[0] + 1)[-1]
-        return STATISTICS[self.statistic](self.instant(model, s.r, s.r, s.v, s.tension, s.t, s.parted)[None])
+        still = model if model.sea is None else dataclasses.replace(model, sea=model.sea.without_waves())
+        return STATISTICS[self.statistic](self.instant(still, s.r, s.r, s.v, s.tension, s.t, s.parted)[None])
 
     def instant(
         self,
@@ -205,14 +209,44 @@ class Quantity:
         return -r[:, 2] if self.signal == "depth" else r[:, "xyz".index(self.signal)]
 
     def _anchor_load(self, model: Model, r: jax.Array, tension: jax.Array, t: jax.Array) -> jax.Array:
-        """Force of the lines on a fixed point [N]: the sum of `T d/|d|`, d outwards along each link that ends there."""
-        own = np.array(self.members)
-        d = model.links(r, model.ends(t))[own]
-        force = jnp.sum((np.array(self.signs) * tension[own] / safe_norm(d))[:, None] * d, axis=0)
+        """Force of the lines on a fixed point [N], or its angle [rad]."""
+        force = load_on_fixed_point(model, self.members or (), self.signs, r, tension, t)
         across, up = horizontal_norm(force), force[2]
         if self.direction == "uplift":
             return jnp.arctan2(up, across)
         return {"horizontal": across, "vertical": up, "total": safe_norm(force)}[self.direction]
+
+
+#: Maxima and minima of rows that are extremes over steps already.
+OVER_STEPS: dict[str, Callable[[jax.Array], jax.Array]] = {"max": jnp.max, "min": jnp.min}
+
+
+@component
+class QuantitySignals:
+    """Signals (n + q,) of a step whose extremes over all steps a run keeps: tensions of the links, and quantities.
+
+    Quantities are maxima and minima; each has the extreme of its members. Without the parabola of `STATISTICS`, a
+    maximum is that of the steps. See `stepping.extremes`.
+    """
+
+    start: jax.Array
+    quantities: tuple[Quantity, ...] = option("maxima and minima")
+
+    def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
+        now = after.r, after.v, after.tension, after.t, after.parted
+        found = [OVER_STEPS[one.statistic](one.instant(model, self.start, *now))[None] for one in self.quantities]
+        return jnp.concatenate([after.tension, *found]), after.t
+
+    def over_steps(self, extremes: Extremes) -> dict[Quantity, jax.Array]:
+        """The extreme of each quantity since the last saved time (k,), from rows (k, n + q)."""
+        sides = {"max": extremes.largest, "min": extremes.least}
+        first = extremes.least.shape[-1] - len(self.quantities)
+        return {one: sides[one.statistic][..., first + i] for i, one in enumerate(self.quantities)}
+
+
+def quantity_signals(quantities: Sequence[Quantity], start: jax.Array) -> QuantitySignals:
+    """The signals of those of the quantities that are maxima and minima, of runs from the free nodes `start`."""
+    return QuantitySignals(start, tuple(one for one in quantities if one.statistic in OVER_STEPS))
 
 
 def quantity(name: str, model: Model, option: str = "of") -> Quantity:

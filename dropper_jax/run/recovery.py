@@ -6,6 +6,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import jax
+
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import leftovers, remove
 from dropper_jax.load.scene import Scene
@@ -15,6 +17,7 @@ from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.row_store import OnDisk, read_mark
 from dropper_jax.run.simulate import Solution, initial_carry, restore_end
 from dropper_jax.stepping.adaptive import Adaptive, Within
+from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import Progress, Trajectory
 
 
@@ -65,7 +68,12 @@ def killed_run(folder: Path) -> Solution:
         first, since = initial_carry(stepper, model, scene, None)
         carry = first.carry
     beside = {Progress: None, Adaptive: Within(*(0.0,) * len(Within._fields))}.get(type(first.carry), 0.0)
-    rows.with_structure((Trajectory(*(0.0,) * 8, first.row.parted, first.row.own), beside))
+    plain = Trajectory(*(0.0,) * 8, first.row.parted, first.row.own), beside
+    extremes = None
+    # rows by an earlier version have no extremes
+    if len(rows.about["kinds"]) > len(jax.tree.leaves(plain)):
+        extremes = Extremes(*(0.0,) * len(Extremes._fields))
+    rows.with_structure((plain[0]._replace(extremes=extremes), beside))
     outcome = RunOutcome(*rows.read(scene.run.saves), carry, 0.0, 0.0, interrupted=True)
     solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
     return solution if rows.last else replace(solution, last={})

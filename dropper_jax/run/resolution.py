@@ -14,6 +14,7 @@ from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.load.scene import Scene
 from dropper_jax.residual import Implicit
 from dropper_jax.run.growth import lines_in_words
+from dropper_jax.run.plausibility import fastest_current, with_cause
 from dropper_jax.run.samples import Kind, Samples
 from dropper_jax.scene import WholeLine, line_slices, whole_lines
 from dropper_jax.scene.data import point_nodes
@@ -43,10 +44,13 @@ def check_stretch(scene: Scene, positions: np.ndarray) -> None:
     torn = 0.5
     for line, strain in _strains(scene, positions):
         if strain >= torn:
-            raise SceneError(
+            speed = fastest_current(scene)
+            flow = f", and the current of {speed:.4g} m/s" if speed else ""
+            error = SceneError(
                 f"line {line!r}: is stretched by {strain:.0%} at rest, more than {torn:.0%}. Check its length "
-                "and EA and the positions of its ends"
+                f"and EA and the positions of its ends{flow}"
             )
+            raise with_cause(error, scene)
 
 
 def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]:
@@ -58,9 +62,11 @@ def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]
 
 
 def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
-    for line, strain in _strains(scene, positions):
-        if strain > 0.1:
-            yield f"{line}: is stretched by {strain:.0%} at rest; check its length and EA"
+    """One warning of all lines that are stretched by more than 10 %, with the largest strain."""
+    strains = {line: strain for line, strain in _strains(scene, positions) if strain > 0.1}
+    if strains:
+        names = sorted(strains, key=lambda name: -strains[name])
+        yield f"{lines_in_words(names)}: is stretched by {strains[names[0]]:.0%} at rest; check its length and EA"
 
 
 def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> Iterator[str]:
@@ -91,16 +97,19 @@ def _largest_bend(line: WholeLine, positions: np.ndarray, tension: np.ndarray) -
 
 
 def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
+    """One warning of all lines above their breaking load, with the one that is most above it."""
+    above = {}
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         if line.breaking_load is None:
             continue
         share = tension[where.links] / line.breaking_load
         worst = int(np.argmax(share))
         if share[worst] > 1.0:
-            yield (
-                f"{line.name}: {tension[where.links][worst]:.4g} N at rest, above its breaking load of "
-                f"{line.breaking_load[worst]:.4g} N"
-            )
+            above[line.name] = share[worst], tension[where.links][worst], line.breaking_load[worst]
+    if above:
+        names = sorted(above, key=lambda name: -above[name][0])
+        _, load, limit = above[names[0]]
+        yield f"{lines_in_words(names)}: {load:.4g} N at rest, above its breaking load of {limit:.4g} N"
 
 
 def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
@@ -183,8 +192,9 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
     Returns:
         axial_period_s: `2 pi/omega` of the stiffest link, `omega^2 = 4 EA/(L m)`, None if no link stretches.
         steps_per_axial_period, axial_step_s: steps per period, and the step that gives 60 steps per period.
-        largest_turn_rad: maximum rotation of a link between two saved times. slack_to_taut_steps: number of steps,
-            summed over the links, in which a link changes from slack to taut. None unless every step is saved.
+        largest_turn_rad: maximum rotation of a link between two saved times. slack_to_taut_steps,
+            compression_to_tension_steps: number of steps, summed over the links, in which an elastic link changes from
+            slack to taut, and a rigid one from compression to tension. None unless every step is saved.
     """
     used, period = solution.settings, periods(solution.scene).get("axial")
     # steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`
@@ -194,6 +204,7 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
         "axial_step_s": None if period is None else period / 60,
         "largest_turn_rad": None,
         "slack_to_taut_steps": None,
+        "compression_to_tension_steps": None,
     }
     if used.get("save_every") != 1 or "refused_steps" in used or len(solution.t) < 3:
         return facts
@@ -204,7 +215,10 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
             links = links / np.maximum(np.linalg.norm(links, axis=2, keepdims=True), 1e-300)
             turns.append(float(np.max(np.linalg.norm(links[1:] - links[:-1], axis=2))))
     facts["largest_turn_rad"] = float(2.0 * np.arcsin(min(0.5 * max(turns), 1.0)))
-    facts["slack_to_taut_steps"] = int(np.sum(taut[1:] & ~taut[:-1]))
+    changes = np.sum(taut[1:] & ~taut[:-1], axis=0)
+    rigid = np.concatenate([np.full(line.links, line.rigid) for line in solution.scene.lines])
+    facts["slack_to_taut_steps"] = int(np.sum(changes[~rigid]))
+    facts["compression_to_tension_steps"] = int(np.sum(changes[rigid]))
     return facts
 
 
@@ -278,16 +292,17 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
     least, largest = solution.tension_range
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):
         rest = float(np.max(solution.tension[0, where.links]))
-        # ratio to the static tension below which a link is slack
+        # ratio to the static tension below which a link is slack, or in compression
         slack = np.any(least[1:, where.links] < 1e-3 * rest, axis=0)
         worst = float(np.max(np.where(slack, np.max(largest[1:, where.links], axis=0, initial=0.0), 0.0)))
         # ratio to the static tension above which a previously slack line has a snatch load
         if rest > 0.0 and worst > 10.0 * rest:
+            before, what = ("compression", "peaks") if line.rigid else ("slack", "peaks are snatch loads and")
             text = (
-                f"{line.name}: changes from slack to {worst:.4g} N, {worst / rest:.3g} times its static tension: peaks "
-                "are snatch loads and may be chaotic. Use --errors"
+                f"{line.name}: changes from {before} to {worst:.4g} N, {worst / rest:.3g} times its static tension: "
+                f"{what} may be chaotic. Use --errors"
             )
-            yield "snatch loads", worst, text
+            yield "high tensions after compression" if line.rigid else "snatch loads", worst, text
 
 
 def unresolved_peak(tension: np.ndarray) -> tuple[int, int] | None:

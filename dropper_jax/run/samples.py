@@ -16,10 +16,12 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature, torque
-from dropper_jax.run.growth import end_angles, end_forces
+from dropper_jax.run.growth import end_angles
 from dropper_jax.run.row_store import BLOCK_STATES, release_pages
+from dropper_jax.run.step_extremes import ARRAYS_OF, STEP_EXTREMES, saved_signal
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 from dropper_jax.scene.data import point_nodes
+from dropper_jax.stepping.extremes import Extremes
 
 #: Version of the saved file; files of other versions are rejected.
 RUN_FORMAT = 1
@@ -38,8 +40,8 @@ ARRAYS = (
     "work",
     "step_status",
 )
-#: Arrays of runs with snap-adaptive steps.
-WITHIN = ("tension_min", "tension_max", "tension_square")
+#: Arrays of runs that save fewer states than they take steps; mean squares only with snap-adaptive steps.
+WITHIN = (*STEP_EXTREMES, "tension_square")
 #: Arrays of runs with rigid bodies.
 BODIES = ("body_position", "body_attitude", "body_velocity", "body_rates")
 #: Motion of a body: reference point [m] and attitude [rad].
@@ -78,6 +80,16 @@ class Samples:
     continues: dict[str, Any] | None = None
     tension_min: np.ndarray | None = None
     tension_max: np.ndarray | None = None
+    tension_min_time: np.ndarray | None = None
+    tension_max_time: np.ndarray | None = None
+    end_force_min: np.ndarray | None = None
+    end_force_max: np.ndarray | None = None
+    end_force_min_time: np.ndarray | None = None
+    end_force_max_time: np.ndarray | None = None
+    point_load_min: np.ndarray | None = None
+    point_load_max: np.ndarray | None = None
+    point_load_min_time: np.ndarray | None = None
+    point_load_max_time: np.ndarray | None = None
     tension_square: np.ndarray | None = None
     body_position: np.ndarray | None = None
     body_attitude: np.ndarray | None = None
@@ -215,35 +227,81 @@ class Samples:
         )
 
     def tension_summary(self) -> dict[str, dict[str, float]]:
-        """min, mean, max and final tension [N] of the first, the last and all links; `final` of all is their mean."""
+        """min, mean, max and final tension [N] of the first, the last and all links; `final` of all is their mean.
+
+        Minima and maxima are those of all steps, at the times `min_s` and `max_s` [s].
+        """
         parts = {"first": slice(0, 1), "last": slice(-1, None), "all": slice(None)}
-        return {name: self._extent(part) for name, part in parts.items()}
+        return self._tension_extents(parts)
 
     def line_tensions(self) -> dict[str, dict[str, float]]:
         """The same statistics of every line of the scene, pieces between attached points together."""
-        return {line.name: self._extent(line.links) for line in whole_lines(self.scene)}
+        return self._tension_extents({line.name: line.links for line in whole_lines(self.scene)})
 
     def end_forces(self) -> dict[str, dict[str, dict[str, float]]]:
-        """min, mean, max and final force [N] of every line on its first and last point at the saved times.
+        """The same of the force [N] of every line on its first and last point, at the times of the tensions.
 
-        Tensions of links are at their middles, so the difference is half the weight in water of the end link.
+        Tensions of links are at their middles, so the difference is the weight of half the end link, less its buoyancy
+        as far as it is in the water.
         """
-        return _by_end(end_forces(self.scene, self.positions, self.tension))
+        rows = self.signal("end_force")
+        extremes = self._extremes_or("end_force", rows)
+        return {
+            line.name: {
+                end: extent(rows[:, i, [j]], Extremes(*(a[:, i, [j]] for a in extremes)))
+                for j, end in enumerate(("first", "last"))
+            }
+            for i, line in enumerate(whole_lines(self.scene))
+        }
 
     def end_angles(self) -> dict[str, dict[str, dict[str, float]]]:
-        """The same of the angles [deg] of the end links above the horizontal: the uplift at an anchor."""
-        return _by_end(end_angles(self.positions, whole_lines(self.scene)))
+        """min, mean, max and final angle [deg] of the end links above the horizontal at the saved times: the uplift at
+        an anchor."""
+        found = end_angles(self.positions, whole_lines(self.scene))
+        return {
+            name: {end: extent(both[:, [i]]) for i, end in enumerate(("first", "last"))} for name, both in found.items()
+        }
+
+    def signal(self, signal: str) -> np.ndarray:
+        """Tensions of links (`tension`, (k, n)), forces on the end points of lines (`end_force`, (k, lines, 2)) or the
+        horizontal, vertical and total load of fixed points (`point_load`, (k, points, 3)) at the saved times [N]."""
+        return saved_signal(signal, self.scene, self.t, self.positions, self.t_tension, self.tension)
+
+    def step_extremes(self, signal: str) -> Extremes:
+        """Minima and maxima of a signal over the steps since the last saved time (k, ...) [N], and their times [s].
+
+        They are the saved values if every step is saved, and in files of earlier versions that have no extremes.
+        """
+        if all(getattr(self, f"{signal}_{name}") is not None for name in ARRAYS_OF):
+            return Extremes(*(getattr(self, f"{signal}_{name}") for name in ARRAYS_OF))
+        return self._extremes_or(signal, self.signal(signal))
+
+    def _extremes_or(self, signal: str, values: np.ndarray) -> Extremes:
+        """The extremes of a signal over all steps as far as they are stored, else its saved values (k, ...)."""
+        stored = [getattr(self, f"{signal}_{name}") for name in ARRAYS_OF]
+        times = np.broadcast_to(self.t_tension.reshape(-1, *[1] * (values.ndim - 1)), values.shape)
+        saved = Extremes(values, values, times, times)
+        return Extremes(*(given if a is None else a for a, given in zip(stored, saved, strict=True)))
 
     @property
     def tension_range(self) -> tuple[np.ndarray, np.ndarray]:
-        """Minimum and maximum tension (k, n) [N] of each sample; the tension itself without snap-adaptive steps."""
-        if self.tension_min is None or self.tension_max is None:
-            return self.tension, self.tension
-        return self.tension_min, self.tension_max
+        """Minimum and maximum tension (k, n) [N] over the steps since the last saved time."""
+        return self.step_extremes("tension")[:2]
 
-    def _extent(self, links: slice | np.ndarray) -> dict[str, float]:
-        least, largest = (a[:, links] for a in self.tension_range)
-        return {**extent(self.tension[:, links]), "min": float(np.min(least)), "max": float(np.max(largest))}
+    @property
+    def saved_rows(self) -> str:
+        """What the saved tensions are if not every step is saved; else empty."""
+        if self.scene.run.step_tolerance is not None:
+            return f"saved tensions are means over {self.settings['dt']:g} s"
+        every = self.settings.get("save_every", 1)
+        return "" if every == 1 else f"every {every}th step is saved"
+
+    def _tension_extents(self, parts: dict[str, slice]) -> dict[str, dict[str, float]]:
+        found = self.step_extremes("tension")
+        return {
+            name: extent(self.tension[:, links], Extremes(*(a[:, links] for a in found)))
+            for name, links in parts.items()
+        }
 
     def provenance(self) -> dict[str, Any]:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
@@ -253,7 +311,7 @@ class Samples:
         return json.loads(json.dumps(meta, default=methodcaller("tolist")))
 
     @classmethod
-    def restore(cls, meta: Plain, arrays: dict[str, np.ndarray | dict[str, np.ndarray]]) -> Self:
+    def restore(cls, meta: Plain, arrays: dict[str, Any]) -> Self:
         """The run restored from saved provenance and arrays.
 
         Raises:
@@ -276,17 +334,17 @@ def is_finished(run: Samples) -> bool:
     return run.status in ("ok", TOO_LONG) or (run.status == "energy_drift" and run.energy_drift <= run.energy_scale)
 
 
-def extent(values: np.ndarray) -> dict[str, float]:
-    """min, mean and max of values (k, n), and the mean of the last row."""
+def extent(values: np.ndarray, extremes: Extremes | None = None) -> dict[str, float]:
+    """min, mean and max of values (k, n), and the mean of the last row.
+
+    With `extremes` min and max are those of all steps, and `min_s` and `max_s` their times [s].
+    """
     found = {"min": np.min(values), "mean": np.mean(values), "max": np.max(values), "final": np.mean(values[-1])}
-    return {key: float(value) for key, value in found.items()}
-
-
-def _by_end(found: dict[str, np.ndarray]) -> dict[str, dict[str, dict[str, float]]]:
-    """Extents of values (k, 2) of the first and the last point of each line."""
-    return {
-        name: {end: extent(both[:, [i]]) for i, end in enumerate(("first", "last"))} for name, both in found.items()
-    }
+    if extremes is not None:
+        low, high = np.argmin(extremes.least), np.argmax(extremes.largest)
+        found |= {"min": extremes.least.flat[low], "max": extremes.largest.flat[high]}
+        found |= {"min_s": extremes.least_at.flat[low], "max_s": extremes.largest_at.flat[high]}
+    return {key: float(value) + 0.0 for key, value in found.items()}
 
 
 def body_extents(position: np.ndarray, attitude: np.ndarray) -> dict[str, dict[str, float]]:

@@ -22,6 +22,7 @@ from dropper_jax.residual import Stepper
 from dropper_jax.run.assembly import TimeOrigin, build_solution
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
+from dropper_jax.run.plausibility import with_cause
 from dropper_jax.run.resolution import check_skip, check_stretch, check_tolerance
 from dropper_jax.run.row_store import (
     InMemory,
@@ -34,11 +35,13 @@ from dropper_jax.run.row_store import (
     same_scene,
 )
 from dropper_jax.run.samples import Samples, is_finished
-from dropper_jax.run.step_check import with_step_check
+from dropper_jax.run.step_check import CHEAP_WORK, is_repeated, stretch_starts, with_step_check
+from dropper_jax.run.step_extremes import step_signals
 from dropper_jax.run.summary import summary
 from dropper_jax.scene import RunSpec
 from dropper_jax.statics.search import node_positions
 from dropper_jax.stepping.controlled import Controlled
+from dropper_jax.stepping.stepper import check_settings, stepper_settings
 
 if TYPE_CHECKING:
     import xarray
@@ -75,8 +78,13 @@ class Solution(Samples):
         versions: of the packages that affect the result.
         warnings: one line each.
         broken: broken links, by time: line, link (from 1), time_s, tension_n.
-        tension_min, tension_max, tension_square: with a step tolerance the extremes of the tensions since the last
-            saved time (k, n) [N] and the means of their squares [N^2]; else None. `tension` then is their mean.
+        tension_min, tension_max: extremes of the tensions over the steps since the last saved time (k, n) [N], at
+            `tension_min_time`, `tension_max_time` [s]. None if every step is saved: `step_extremes` has them always.
+            With a step tolerance `tension` is the mean since the last saved time, else that of a saved step.
+        end_force_min, end_force_max and their times: the same of the forces on the end points (k, lines, 2).
+        point_load_min, point_load_max and their times: the same of the loads of fixed points (k, points, 3).
+        tension_square: with a step tolerance the mean square of the tensions since the last saved time [N^2]; else
+            None.
         body_position, body_attitude: of each rigid body its reference point (k, bodies, 3) [m], and roll, pitch and yaw
             [rad]; None without.
         body_velocity, body_rates: velocity of the reference point [m/s], angular velocity in the scene's axes [rad/s].
@@ -96,7 +104,8 @@ class Solution(Samples):
             ("status", self.failure or self.status),
             ("scheme", f"{used['integrator']}, solver {used['solver']}"),
             ("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} saved times"),
-            ("tension", f"{np.min(self.tension):.4g} to {np.max(self.tension):.4g} N"),
+            ("tension", "{min:.4g} to {max:.4g} N".format(**self.tension_summary()["all"])),
+            *((("saved", f"{self.saved_rows}; extremes are those of all steps"),) if self.saved_rows else ()),
             ("energy balance error", f"{self.energy_drift:.2g} J (reference {self.energy_scale:.3g} J)"),
             *(("warning", text) for text in self.warnings),
         ]
@@ -186,7 +195,7 @@ def simulate(
     skip: float = 0.0,
     start: Solution | None = None,
     scratch: str | Path | None = None,
-    step_check: bool = False,
+    step_check: bool | None = None,
     **settings: Any,
 ) -> Solution:
     """Simulate a scene; values that are not given are taken from its `[run]`.
@@ -196,10 +205,11 @@ def simulate(
         dt, duration: time step and simulated time [s]; the duration is rounded up to whole saved steps.
         integrator, solver: see `make_stepper`.
         dtype: `float64` or `float32`.
-        save_every: steps between saved times.
+        save_every: steps between saved times. Extremes of tensions, end forces and loads of fixed points are kept over
+            all steps, see `Solution.step_extremes`.
         step_tolerance: speed [m/s] that the change of a tension within a step may give to a link of mean mass. Steps
             then adapt to snap loads (see `stepping.adaptive`), dt is the interval between saved times and the maximum
-            step, and saved tensions are means over it; `tension_min` and `tension_max` keep the extremes.
+            step, and saved tensions are means over it; extremes are those of all steps.
         error_tolerance: error of a step in positions [m] and velocities [m/s] that tsit5 and dop853 allow (see
             `stepping.controlled`); dt is then the interval between states that can be saved, not a step.
         progress: called with the fraction done and a line of text.
@@ -215,8 +225,9 @@ def simulate(
         scratch: an empty folder for the saved states of runs that are larger than memory; the arrays of the solution
             are mapped from it and are valid while it exists.
         step_check: repeat the run, or stretches of a long one, at half the step. A step that is too long gives a
-            warning, or `step_too_long` (see `run.step_check`). No effect with `tolerance` or `errors`, or for schemes
-            that choose their steps.
+            warning, or `step_too_long` (see `run.step_check`). By default runs of up to `step_check.CHEAP_WORK` steps
+            of a link are repeated, and an unusable step gives a warning only. No effect with `tolerance` or `errors`,
+            or for schemes that choose their steps.
         **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
             residual_tolerance, halvings).
 
@@ -234,6 +245,7 @@ def simulate(
         "error_tolerance": error_tolerance,
         **{name: settings.pop(name) for name in OPTIONS if name in settings},
     }
+    check_settings(settings, [*given, *OPTIONS, "residual_tolerance", *stepper_settings()])
     scene = load_scene(scene)
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
     scene = scene.with_values(changed) if changed else scene
@@ -244,7 +256,6 @@ def simulate(
         if tolerance is not None or errors:
             what = "errors" if errors else "tolerance"
             raise SceneError(f"{what}: restarts the scene, so it cannot be combined with a run to continue")
-    entered = time.perf_counter()
     say = progress or (lambda fraction, text: None)
     choice = None
     if tolerance is not None:
@@ -262,14 +273,15 @@ def simulate(
     rows = InMemory() if folder is None else OnDisk(folder, about, name_leaves(first))
     started = time.perf_counter()
     before = 0 if start is None else int(start.settings["steps"])
-    compiled = compile_run(stepper, model, first.carry, run, before)
+    watch = step_signals(scene, stepper.integrator.tension_time)
+    compiled = compile_run(stepper, model, first.carry, run, before, watch)
     compile_s = time.perf_counter() - started
-    start_s = time.perf_counter() - entered
-    outcome = run_chunks(compiled, run.saves, say, rows)
+    outcome = run_chunks(compiled, run.saves, say, rows, stretch_starts(scene) if step_check else ())
     solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
     solution = replace(solution, compile_s=compile_s, run_s=outcome.run_s)
-    if step_check and tolerance is None and not errors:
-        solution = with_step_check(solution, compiled, outcome, start_s)
+    is_checked = is_repeated(scene, CHEAP_WORK) if step_check is None else step_check
+    if is_checked and tolerance is None and not errors:
+        solution = with_step_check(solution, compiled, outcome, asked=step_check is not None)
     if choice is not None:
         solution = check_tolerance(solution, tolerance, choice)
     if errors and is_finished(solution):
@@ -287,7 +299,10 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
     """The initial state of a run, from its scene's start or the end of an earlier run, and the origin of its times."""
     run = scene.run
     if before is None:
-        s = initial_state(model, scene.start)
+        try:
+            s = initial_state(model, scene.start)
+        except SceneError as error:
+            raise with_cause(error, scene) from None
         if scene.start.is_static:
             check_stretch(scene, np.asarray(node_positions(model, s)))
         return _end_at(stepper, model, s, run), TimeOrigin()

@@ -47,9 +47,25 @@ VARIABLES = {
     "potential": ("potential_energy", ("time",), "J", "potential energy"),
     "work": ("work", ("time", "contribution"), "J", "work done since the start"),
     "step_status": ("step_status", ("time",), "1", "0 where every step up to this time is good"),
-    "tension_min": ("tension_min", ("time", "link"), "N", "minimum tension since the last time"),
-    "tension_max": ("tension_max", ("time", "link"), "N", "maximum tension since the last time"),
     "tension_square": ("tension_square", ("time", "link"), "N2", "mean square of the tension since the last time"),
+}
+#: Dimensions of the signals whose extremes over all steps are saved, and their names.
+SIGNAL_AXES = {
+    "tension": (("time", "link"), "tension"),
+    "end_force": (("time", "line", "end"), "force of a line on its end point"),
+    "point_load": (("time", "held_point", "load"), "load of a fixed point"),
+}
+#: What is saved of them.
+EXTREME_WORDS = {
+    "min": ("N", "minimum {} over the steps since the last time"),
+    "max": ("N", "maximum {} over the steps since the last time"),
+    "min_time": ("s", "time of the minimum {}"),
+    "max_time": ("s", "time of the maximum {}"),
+}
+VARIABLES |= {
+    f"{signal}_{key}": (f"{signal}_{key}", axes, unit, text.format(words))
+    for signal, (axes, words) in SIGNAL_AXES.items()
+    for key, (unit, text) in EXTREME_WORDS.items()
 }
 BODY_AXES = ("time", "body", "axis")
 BODY_VARIABLES = {

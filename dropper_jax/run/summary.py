@@ -62,6 +62,7 @@ def summary(run: Samples) -> dict[str, Any]:
         **({"continued_from_s": run.t[0]} if run.continues else {}),
         "final_time_s": run.t[-1],
         "final_positions_m": run.positions[-1],
+        "saved_rows": run.saved_rows or "every step is saved",
         "tension_n": run.tension_summary(),
         **({"tension_of_lines_n": run.line_tensions(), "lines": line_offsets(run.scene)} if run.scene.branched else {}),
         **({"bodies": run.body_summary()} if run.body_position is not None else {}),
@@ -111,8 +112,9 @@ def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", 
 
 def write_tensions(solution: Samples, path: str | Path) -> Path:
     """Tensions: columns `t [s], tension_1..n [N]` (`tension_LINE/1` for several lines); t is the time of the
-    tension."""
-    return _write(solution, path, "unit=N", solution.t_tension, {"tension": solution.tension})
+    tension. A comment says which steps the rows are, if not all."""
+    stated = f"unit=N; {solution.saved_rows}" if solution.saved_rows else "unit=N"
+    return _write(solution, path, stated, solution.t_tension, {"tension": solution.tension})
 
 
 def write_bodies(solution: Samples, path: str | Path) -> Path:

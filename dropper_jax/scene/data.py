@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.read import as_table, plain
 from dropper_jax.scene.body import BodySpec
 from dropper_jax.scene.fit import FitSpec
@@ -66,6 +67,14 @@ class SceneData:
     bodies: tuple[BodySpec, ...] = ()
     vessels: tuple[VesselSpec, ...] = ()
     season: SeasonSpec | None = None
+
+    @property
+    def gravity(self) -> float:
+        """Acceleration of gravity [m/s^2] of weights and of the water."""
+        weight = self.effects.get("weight")
+        if weight is not None:
+            return float(weight["gravity"])
+        return GRAVITY if self.sea is None else float(self.sea.gravity)
 
     @property
     def branched(self) -> bool:
@@ -217,17 +226,3 @@ def _merge_pieces(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
     name = specs[0].name if len(group) == 1 else specs[0].piece_of
     links = slice(slices[0].links.start, slices[-1].links.stop)
     return WholeLine(name, join_lines(specs), np.concatenate(nodes), links, stops, len(group))
-
-
-def held_loads(scene: SceneData, positions: np.ndarray, tension: np.ndarray) -> dict[str, np.ndarray]:
-    """Force of the lines on each fixed point (3,) [N] in a configuration: `T d/|d|` of the links that end there, d
-    outwards."""
-    loads = {point.name: np.zeros(3) for point in scene.points if not point.is_free}
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
-        first, last = where.nodes.start, where.nodes.stop - 1
-        ends = ((line.start, first, first + 1, where.links.start), (line.end, last, last - 1, where.links.stop - 1))
-        for point, node, inner, link in ends:
-            if point in loads:
-                along = positions[inner] - positions[node]
-                loads[point] = loads[point] + tension[link] * along / max(float(np.linalg.norm(along)), 1e-300)
-    return loads

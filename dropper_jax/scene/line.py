@@ -247,9 +247,12 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
 
 
 def _read_axial(table: Plain, path: str, links: int) -> dict[str, Any]:
-    """Law and constants of `axial = {law = ..., ...}`; the constants are the fields of the law's class."""
+    """Law and constants of `axial = {law = ..., ...}`; the constants are the fields of the law's class.
+
+    Without `law` it is a rope, as for a `[[line_type]]`.
+    """
     table = dict(read_table(table, path))
-    law = table.pop("law", None)
+    law = table.pop("law", "rope")
     if law not in LAWS:
         raise refuse(f"{path}.law", law, "is unknown", ", ".join(LAWS))
     if law == "tabulated":

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, raises_first
+from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     MOST,
@@ -140,10 +140,22 @@ class StartSpec:
         return self.kind == "static"
 
     @classmethod
-    def read(cls, table: Plain, path: str, line: LineSpec, held: bool, branched: bool = False) -> StartSpec:
+    def read(
+        cls, table: Plain, path: str, line: LineSpec, held: bool, branched: bool = False, alone: bool = True
+    ) -> StartSpec:
+        """The start of a scene, whose first line is `line`.
+
+        Args:
+            held: whether the end of the line is fixed; branched: whether starts are those of a system of lines.
+            alone: whether the line is the only one, so that its nodes have numbers.
+        """
         values = read_fields(cls, table, path, {})
         kind = values["kind"]
         _check_kind(kind, read_table(table, path), path, branched)
+        if not alone and values["release_nodes"] is not None:
+            raise SceneError(
+                f"{path}.release_nodes: refers to the nodes of a single line; allowed: none in a system of lines"
+            )
         if kind == "static":
             _check_release(values["release_nodes"], values["release_force"], path, line.links - held)
         elif kind == "angles":
@@ -165,10 +177,6 @@ class StartSpec:
 def _check_kind(kind: str, given: Mapping[str, Any], path: str, branched: bool) -> Iterator[Check]:
     what = "a system of lines" if branched else "one line"
     yield kind not in _KINDS[what], f"{path}.kind: {kind!r} does not fit {what}; allowed: {', '.join(_KINDS[what])}"
-    yield (
-        branched and given.get("release_nodes") is not None,
-        f"{path}.release_nodes: refers to the nodes of a single line; allowed: none in a system of lines",
-    )
     check_kind_keys(given, kind, StartSpec.FIELDS, path)
 
 

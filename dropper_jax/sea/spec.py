@@ -228,7 +228,9 @@ class SeaSpec(DeclaredSection):
 
     depth: float = parameter("depth of the water", unit="m", low=0.0, open_low=True)
     density: float = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=SEA_WATER)
-    gravity: float = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
+    gravity: float = parameter(
+        "acceleration of gravity, by default that of the weight", unit="m/s^2", low=0.0, default=GRAVITY
+    )
     ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, optional=True)
     stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
     dispersion: str = option("wave numbers", choices=("exact", "fenton"), default="exact")

@@ -167,6 +167,7 @@ class Modes:
         mass: modal masses (modes,) [kg], of the shape: `x'Mx`.
         damping_ratio: at zero amplitude (modes,), relative to `critical_damping`: includes `b_l`, but not `b_q`.
         bodies: displacements of the reference points [m] and rotations about x, y, z [rad] (modes, bodies, 6); or None.
+        body_share: fraction of the kinetic energy of each mode in each body (modes, bodies); or None.
     """
 
     period: np.ndarray
@@ -174,6 +175,11 @@ class Modes:
     mass: np.ndarray
     damping_ratio: np.ndarray
     bodies: np.ndarray | None = None
+    body_share: np.ndarray | None = None
+
+    def pick(self, which: np.ndarray) -> Modes:
+        """The modes with these indices."""
+        return Modes(*(None if part is None else part[which] for part in vars(self).values()))
 
     @property
     def omega(self) -> np.ndarray:
@@ -214,8 +220,11 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     shape = (shape / largest).reshape(len(value), -1, 3)
     mass, omega = 1.0 / np.ravel(largest) ** 2, np.sqrt(value)  # eigenvectors have x'Mx = 1
     ratio = np.asarray(_damping(model, pose, jnp.asarray(shape))) / (2 * omega * mass)
-    bodies = _of_bodies(model, pose, shape) if model.constraints else None
-    return Modes(2 * np.pi / omega, shape, mass, ratio, bodies)
+    period = 2 * np.pi / omega
+    if not model.constraints:
+        return Modes(period, shape, mass, ratio)
+    share = _share_of_bodies(still, pose, shape, mass)
+    return Modes(period, shape, mass, ratio, _of_bodies(model, pose, shape), share)
 
 
 def damping_at(model: Model, pose: State, modes: Modes, amplitude: float) -> np.ndarray:
@@ -294,6 +303,14 @@ def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
     spin = rates @ np.swapaxes(axes, -1, -2)
     turned = [spin[..., 2, 1] - spin[..., 1, 2], spin[..., 0, 2] - spin[..., 2, 0], spin[..., 1, 0] - spin[..., 0, 1]]
     return np.concatenate([moved, 0.5 * np.stack(turned, axis=-1)], axis=-1)
+
+
+def _share_of_bodies(model: Model, pose: State, shape: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Fractions of `x'Mx` in the corners of each body (modes, bodies)."""
+    corners = model.constraints[0].body_nodes(model)
+    momentum = (np.asarray(_mass(model, pose)) @ shape.reshape(len(shape), -1).T).T.reshape(shape.shape)
+    energy = np.sum(shape * momentum, axis=2)
+    return np.stack([np.sum(energy[:, own], axis=1) for own in corners], axis=1) / mass[:, None]
 
 
 def _symmetric(matrix: ArrayLike) -> ArrayLike:

@@ -28,6 +28,7 @@ from dropper_jax.statics.system import (
     find_rest,
     find_softened,
     guess,
+    holds,
     springy,
     stable,
 )
@@ -83,7 +84,7 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
     if message and not model.line.compound:  # slack links, seabed or surface during the search
         lower = _by_descent(full, model, loads, t)
-        if lower.status == "ok" and stable(model, lower.state):
+        if lower.status == "ok" and holds(model, lower.state):
             return lower
     return _result(full, s, residual, message)
 

@@ -70,14 +70,47 @@ def stable(model: Model, s: State) -> bool:
     # the check is too slow for more free nodes than this
     if model.constant_force and np.all(np.asarray(s.tension) > 0.0) or model.free_nodes > 200:
         return True
-    scale = float(force_scale(model, np)) / np.mean(np.asarray(model.line.length))
-    # a negative stiffness up to this fraction of the weight of a link per its length is rounding
-    return softest(model, s)[0] > -1e-6 * scale
+    return softest(model, s)[0] > -_rounding(model)
 
 
-def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
-    """Minimum stiffness [N/m] of an equilibrium and its displacement (free nodes, 3), maximum 1."""
+def holds(model: Model, s: State) -> bool:
+    """Whether an equilibrium is stable, or lies in one plane under dead loads and is stable against motions in it.
+
+    A link in compression may tip out of the plane. A dropper lifted within its plane has no force that tips it: its
+    motion after the release stays in the plane.
+    """
+    if stable(model, s):
+        return True
+    normal = plane_normal(model, s) if model.constant_force else None
+    return normal is not None and softest(model, s, normal)[0] > -_rounding(model)
+
+
+def _rounding(model: Model) -> float:
+    """Rounding error of a stiffness [N/m]: this fraction of the weight of a link per its length."""
+    return 1e-6 * float(soft_scale(model, np))
+
+
+def plane_normal(model: Model, s: State) -> np.ndarray | None:
+    """Unit normal of the one plane that contains all links; None without such a plane."""
+    links = np.asarray(RestProblem(model, s, jnp.zeros_like(s.r)).link_vectors(jnp.zeros_like(s.r)))
+    _, size, directions = np.linalg.svd(links, full_matrices=False)
+    # distance of the links from a plane, or a line, relative to their length
+    flat = len(size) > 2 and size[2] < 1e-9 * size[0] < 1e-3 * size[1]
+    return directions[2] if flat else None
+
+
+def softest(model: Model, s: State, normal: np.ndarray | None = None) -> tuple[float, np.ndarray]:
+    """Minimum stiffness [N/m] of an equilibrium and its displacement (free nodes, 3), maximum 1.
+
+    With a `normal`, only displacements in the plane across it.
+    """
+    from scipy.linalg import null_space  # noqa: PLC0415
+
     k, motions = stiffness_of_motions(model, s)
+    if normal is not None:
+        across = motions.reshape(-1, 3, motions.shape[1])
+        inside = null_space(np.einsum("a,nam->nm", normal, across), rcond=1e-9)
+        k, motions = inside.T @ k @ inside, motions @ inside
     if not k.size:
         return np.inf, np.zeros(s.r.shape)
     values, vectors = np.linalg.eigh(0.5 * (k + k.T))

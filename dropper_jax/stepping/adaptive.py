@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.stepping.control import Interval, advance_over
+from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
 from dropper_jax.stepping.integrate import Progress, Trajectory, begin, empty_rows, scan_steps
 
 
@@ -51,12 +52,10 @@ class Adaptive(NamedTuple):
 
 
 class Within(NamedTuple):
-    """Tensions between two saved times: mean, mean square, minimum and maximum, (k, n) each; steps (k,)."""
+    """Tensions between two saved times: mean and mean square, (k, n) each; steps (k,)."""
 
     mean: jax.Array
     square: jax.Array
-    least: jax.Array
-    largest: jax.Array
     steps: jax.Array
 
 
@@ -68,6 +67,7 @@ class _Interval(NamedTuple):
     residual: jax.Array
     retried: jax.Array
     bad: jax.Array
+    extremes: Extremes | None
 
 
 def advance_adaptively(
@@ -78,17 +78,19 @@ def advance_adaptively(
     tolerance: jax.Array,
     saves: int,
     count: jax.Array | None = None,
+    watch: Watch | None = None,
 ) -> tuple[Adaptive, tuple[Trajectory, Within]]:
     """Advance by `saves` intervals of dt [s], in steps with a roughness of at most `tolerance` [m/s].
 
-    Saved tensions are means over their interval. With a `count` only this number of intervals is computed, and of
-    `saves` rows the first are filled.
+    Saved tensions are means over their interval; signals of `watch` have their extremes over all steps. With a `count`
+    only this number of intervals is computed, and of `saves` rows the first are filled.
     """
 
     def save(adaptive: Adaptive, _: jax.Array | None) -> tuple[Adaptive, tuple[Trajectory, Within]]:
         s, none = adaptive.progress.state, jnp.zeros((), jnp.int32)
-        end, nothing, far = s.t + dt, jnp.zeros_like(s.tension), jnp.full_like(s.tension, jnp.inf)
-        start = _Interval(adaptive, Within(nothing, nothing, far, -far, none), jnp.zeros((), model.dtype), none, none)
+        end, nothing = s.t + dt, jnp.zeros_like(s.tension)
+        within, extremes = Within(nothing, nothing, none), no_extremes(watch, model, s)
+        start = _Interval(adaptive, within, jnp.zeros((), model.dtype), none, none, extremes)
 
         def before_end(done: _Interval) -> jax.Array:
             return done.adaptive.progress.state.t < end - 1e-9 * dt
@@ -103,13 +105,12 @@ def advance_adaptively(
                 Within(
                     within.mean + tried.h / dt * tension,
                     within.square + tried.h / dt * tension**2,
-                    jnp.minimum(within.least, tension),
-                    jnp.maximum(within.largest, tension),
                     within.steps + 1,
                 ),
                 jnp.maximum(done.residual, tried.step.row),
                 done.retried + tried.step.retried,
                 done.bad + tried.step.failed,
+                with_step(done.extremes, watch, model, done.adaptive.state, tried.step.state),
             )
             after = jax.tree.map(lambda a, b: jnp.where(tried.take, a, b), taken, done)
             return after._replace(adaptive=after.adaptive._replace(h=tried.following, refused=refused + ~tried.take))
@@ -118,7 +119,7 @@ def advance_adaptively(
         s = replace(done.adaptive.progress.state, t=end)
         progress = Progress(s, done.adaptive.progress.done + 1, done.adaptive.progress.first_bad)
         counts = done.residual, done.retried, done.bad, progress.first_bad
-        row = Trajectory(s.r, s.v, done.within.mean, s.work, *counts, s.parted, s.own)
+        row = Trajectory(s.r, s.v, done.within.mean, s.work, *counts, s.parted, s.own, done.extremes)
         return done.adaptive._replace(progress=progress), (row, done.within)
 
     rows = empty_rows(jax.eval_shape(save, adaptive, None)[1], saves)

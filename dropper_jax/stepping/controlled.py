@@ -14,6 +14,7 @@ differentiates the run itself; for reverse mode `controlled_steps` finds the ste
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -32,9 +33,10 @@ from dropper_jax.integrators.projected import (
     state_between,
     time_just_after,
 )
-from dropper_jax.model import Model, State
+from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
-from dropper_jax.stepping.integrate import Trajectory, begin
+from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
+from dropper_jax.stepping.integrate import Trajectory, begin, empty_rows
 
 SAFETY, NOW, BEFORE = 0.9, 0.7, 0.4
 SLOWER, FASTER, REFUSED = 0.2, 6.0, 0.1
@@ -114,45 +116,72 @@ def advance_controlled(
     tolerance: jax.Array,
     saves: int,
     count: jax.Array | None = None,
+    every: int = 1,
+    watch: Watch | None = None,
 ) -> tuple[Controlled, tuple[Trajectory, jax.Array]]:
     """Advance by `saves` saved times, dt [s] apart; returns the trajectory and the steps (k,) [s] that contain these
     times.
 
     After a failure the states are invalid: `Trajectory.first_bad` is the number of the first invalid saved time. With a
-    `count` only this number of times is computed, and of `saves` rows the first are filled.
+    `count` only this number of times is computed, and of `saves` rows the first are filled. Signals of `watch` have
+    their extremes over `every` times from one saved time to the next.
     """
     first = carry.saved
     last = first + (saves if count is None else count)
-    rows = jnp.zeros((saves, carry.now.y.size), model.dtype), jnp.zeros(saves, model.dtype)
+    blank = no_extremes(watch, model, at_knot(state(model, jnp.zeros((model.free_nodes, 3), model.dtype)), carry.now))
+    row = carry.now.y, carry.now.t, blank
+    start = _Rows(carry, jnp.zeros((), jnp.int32), blank, empty_rows(row, saves))
 
-    def time(carry: Controlled) -> jax.Array:
-        return carry.origin + (carry.saved + 1) * dt
+    def time(now: _Rows) -> jax.Array:
+        return now.carry.origin + (now.carry.saved + (now.part + 1).astype(dt.dtype) / every) * dt
 
-    def due(both: tuple[Controlled, tuple[jax.Array, ...]]) -> jax.Array:
-        carry, _ = both
-        return (carry.saved < last) & (time(carry) <= time_just_after(carry.now.t)) & (carry.bad == 0)
+    def due(now: _Rows) -> jax.Array:
+        carry = now.carry
+        return (carry.saved < last) & (time(now) <= time_just_after(carry.now.t)) & (carry.bad == 0)
 
-    def write(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
-        carry, rows = both
-        here = state_between(model, carry.knots, carry.known, time(carry)), carry.now.t - carry.knots[-2].t
-        rows = tuple(
-            jax.lax.dynamic_update_index_in_dim(a, x.astype(a.dtype), carry.saved - first, axis=0)
-            for a, x in zip(rows, here, strict=True)
-        )
-        return carry._replace(saved=carry.saved + 1), rows
+    def write(now: _Rows) -> _Rows:
+        carry, t = now.carry, time(now)
+        y = state_between(model, carry.knots, carry.known, t)
+        extremes = now.extremes
+        if watch is not None:
+            here = _state_at(model, y, t)
+            extremes = with_step(extremes, watch, model, here, here)
+        row = y, carry.now.t - carry.knots[-2].t, extremes
+        rows = jax.tree.map(lambda a, x: a.at[carry.saved - first].set(x.astype(a.dtype)), now.rows, row)
+        full = now.part + 1 == every  # before that the row is written again
+        extremes = jax.tree.map(partial(jnp.where, full), blank, extremes)
+        return _Rows(carry._replace(saved=carry.saved + full), jnp.where(full, 0, now.part + 1), extremes, rows)
 
-    def go(both: tuple[Controlled, tuple[jax.Array, ...]]) -> jax.Array:
-        return (both[0].saved < last) & (both[0].bad == 0)
+    def go(now: _Rows) -> jax.Array:
+        return (now.carry.saved < last) & (now.carry.bad == 0)
 
-    def go_on(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
-        return _attempt(stepper, model, both[0], tolerance), both[1]
+    def go_on(now: _Rows) -> _Rows:
+        return now._replace(carry=_attempt(stepper, model, now.carry, tolerance))
 
-    def one(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
-        return jax.lax.cond(due(both), write, go_on, both)
+    def one(now: _Rows) -> _Rows:
+        return jax.lax.cond(due(now), write, go_on, now)
 
-    carry, (y, h) = jax.lax.while_loop(go, one, (carry, rows))
+    done = jax.lax.while_loop(go, one, start)
+    carry, (y, h, extremes) = done.carry, done.rows
     t = carry.origin + (first + 1 + jnp.arange(saves)) * dt
-    return carry, (_trajectory(model, first, carry.saved, carry.bad, y, t), h)
+    return carry, (_trajectory(model, first, carry.saved, carry.bad, y, t)._replace(extremes=extremes), h)
+
+
+class _Rows(NamedTuple):
+    """State of the loop over steps and times: times since the last saved one, their extremes, and the rows."""
+
+    carry: Controlled
+    part: jax.Array
+    extremes: Extremes | None
+    rows: tuple[jax.Array, jax.Array, Extremes | None]
+
+
+def _state_at(model: Model, y: jax.Array, t: jax.Array) -> State:
+    """The state of a row (...) at time t [s], with rigid links of their lengths and the tensions of this motion."""
+    r, v, _ = split_row(model, y)
+    r, v = on_links(model, r, v, time_just_after(t, -1.0))
+    tension = moving(model, r, v, time_just_after(t, -1.0), False).tension
+    return replace(state(model, r, tension=tension, t=t), v=v)
 
 
 def _trajectory(
@@ -161,13 +190,13 @@ def _trajectory(
     """Rows y (k, ...) at times t (k,) as a trajectory, projected to the lengths of rigid links after the
     interpolation."""
 
-    def to_links(row: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-        r, v = on_links(model, *row)
-        return r, v, moving(model, r, v, row[2], False).tension
+    def to_links(row: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, ...]:
+        s = _state_at(model, *row)
+        return s.r, s.v, s.tension
 
-    *motion, work = split_row(model, y)
+    *_, work = split_row(model, y)
     # row by row: a loop becomes one kernel, all rows at once would need some hundred
-    r, v, tension = jax.lax.map(to_links, (*motion, time_just_after(t, -1.0)))
+    r, v, tension = jax.lax.map(to_links, (y, t))
     lost, none = first + jnp.arange(len(t), dtype=jnp.int32) >= saved, jnp.zeros(len(t), jnp.int32)
     residual = jnp.where(lost, jnp.where(bad == 2, jnp.nan, jnp.inf), 0.0).astype(model.dtype)
     failed, first_bad = lost.astype(jnp.int32), jnp.where(lost, saved, -1)

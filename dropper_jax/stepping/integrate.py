@@ -16,6 +16,8 @@ from dropper_jax.integrators.consistent import consistent
 from dropper_jax.model import Frozen, Model, Parted, State, as_parted, state
 from dropper_jax.residual import Stepper, step
 from dropper_jax.stepping.control import Interval, advance_over, attempt, begin_interval
+from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
+from dropper_jax.stepping.growth_watch import SEGMENTS, start_meter, watch
 
 Carry = TypeVar("Carry")
 Rows = TypeVar("Rows")
@@ -80,6 +82,7 @@ class Trajectory(NamedTuple):
         first_bad: number of the first failed step of the run, -1 before any failure (k,).
         parted: broken links, each (k, m), if the scene has failures.
         own: internal states of effects, by effect, each leaf (k, ...).
+        extremes: of the watched signals over the steps since the last saved time (k, m), if signals are watched.
     """
 
     r: jax.Array
@@ -92,6 +95,7 @@ class Trajectory(NamedTuple):
     first_bad: jax.Array
     parted: Parted | None = None
     own: dict[str, Frozen] | None = None
+    extremes: Extremes | None = None
 
 
 class Progress(NamedTuple):
@@ -154,13 +158,19 @@ def empty_rows(row: Rows, capacity: int) -> Rows:
 
 
 def advance(
-    stepper: Stepper, model: Model, progress: Progress, dt: jax.Array, saves: int, save_every: int = 1
+    stepper: Stepper,
+    model: Model,
+    progress: Progress,
+    dt: jax.Array,
+    saves: int,
+    save_every: int = 1,
+    watch: Watch | None = None,
 ) -> tuple[Progress, Trajectory]:
     """Advance by `saves * save_every` steps of dt [s], scalar or (saves, save_every), saved every `save_every`."""
     sizes = dt if jnp.ndim(dt) else None
 
     def save(carry: Progress, row: jax.Array | None) -> tuple[Progress, Trajectory]:
-        return advance_and_save(stepper, model, carry, dt if row is None else row, save_every)
+        return advance_and_save(stepper, model, carry, dt if row is None else row, save_every, watch)
 
     return jax.lax.scan(save, progress, sizes, length=saves)
 
@@ -173,42 +183,52 @@ def advance_some(
     count: jax.Array,
     capacity: int,
     save_every: int = 1,
+    watch: Watch | None = None,
 ) -> tuple[Progress, Trajectory]:
     """Advance by `count` saves, at most `capacity`, which is the number of rows of the trajectory: the first are
     filled.
 
     One program runs chunks of any length, which allows progress reports and interruption.
     """
-    rows = empty_trajectory(progress, capacity)
-    return scan_steps(lambda carry, _: advance_and_save(stepper, model, carry, dt, save_every), progress, count, rows)
+    rows = empty_trajectory(progress, capacity, no_extremes(watch, model, progress.state))
+
+    def save(carry: Progress, _: jax.Array) -> tuple[Progress, Trajectory]:
+        return advance_and_save(stepper, model, carry, dt, save_every, watch)
+
+    return scan_steps(save, progress, count, rows)
 
 
-def empty_trajectory(progress: Progress, capacity: int) -> Trajectory:
+def empty_trajectory(progress: Progress, capacity: int, extremes: Extremes | None = None) -> Trajectory:
     """A trajectory with `capacity` rows of zeros for states like this one."""
     s, number = progress.state, jnp.zeros((), jnp.int32)
     counts = jnp.zeros((), s.r.dtype), number, number, number
-    return empty_rows(Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own), capacity)
+    return empty_rows(Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own, extremes), capacity)
 
 
 def advance_and_save(
-    stepper: Stepper, model: Model, carry: Progress, dt: jax.Array, save_every: int
+    stepper: Stepper, model: Model, carry: Progress, dt: jax.Array, save_every: int, watch: Watch | None = None
 ) -> tuple[Progress, Trajectory]:
     """Advance by `save_every` steps of dt [s], scalar or (save_every,), and save the result."""
 
-    def one(carry: Progress, size: jax.Array | None) -> tuple[Progress, tuple[jax.Array, ...]]:
-        carry, taken = next_progress(stepper, model, carry, dt if size is None else size)
-        return carry, (taken.row, taken.retried, taken.failed)
+    def one(
+        both: tuple[Progress, Extremes | None], size: jax.Array | None
+    ) -> tuple[tuple[Progress, Extremes | None], tuple[jax.Array, ...]]:
+        carry, extremes = both
+        after, taken = next_progress(stepper, model, carry, dt if size is None else size)
+        extremes = with_step(extremes, watch, model, carry.state, after.state)
+        return (after, extremes), (taken.row, taken.retried, taken.failed)
 
     sizes = dt if jnp.ndim(dt) else None
+    both = carry, no_extremes(watch, model, carry.state)
     if save_every == 1:
-        carry, (residual, retried, bad) = one(carry, None if sizes is None else sizes[0])
+        (carry, extremes), (residual, retried, bad) = one(both, None if sizes is None else sizes[0])
         retried, bad = retried.astype(jnp.int32), bad.astype(jnp.int32)
     else:
-        carry, (residual, retried, bad) = jax.lax.scan(one, carry, sizes, length=save_every)
+        (carry, extremes), (residual, retried, bad) = jax.lax.scan(one, both, sizes, length=save_every)
         residual, retried, bad = jnp.max(residual), jnp.sum(retried), jnp.sum(bad)
     s = carry.state
     counts = residual, retried, bad, carry.first_bad
-    return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own)
+    return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own, extremes)
 
 
 class Steps(NamedTuple):
@@ -271,6 +291,7 @@ def integrate(
     steps: int,
     save_every: int = 1,
     checkpoint: bool = False,
+    warn: bool = True,
 ) -> tuple[State, Trajectory]:
     """Run `steps` steps of `dt` from `s`: a pure function to `jit`, `grad`, `jacfwd` and `vmap` over model, s and dt.
 
@@ -284,6 +305,8 @@ def integrate(
         steps: a multiple of `save_every`.
         checkpoint: for long reverse-mode runs: store states at about sqrt(steps) times only and repeat the steps from
             there in the backward pass (one more forward run, memory ~ sqrt(steps)). Not needed in forward mode.
+        warn: whether a derivative in reverse mode that has grown by more than e^10 gives a `RuntimeWarning`, once. It
+            takes a call of Python per gradient, so JAX does not cache the compiled gradient between processes.
 
     Returns:
         The last state, and the saved ones.
@@ -291,30 +314,65 @@ def integrate(
     if steps % save_every:
         raise ValueError(f"steps: {steps} is not a multiple of save_every = {save_every}")
     dt = jnp.asarray(dt, model.dtype)
+    meter = None
+    if warn:
+        floats = [x for x in jax.tree.leaves((model, s, dt)) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
+        meter = start_meter([jnp.asarray(x) for x in floats])
     if stepper.halvings and stepper.integrator.implicit:
-        return _along_accepted_steps(
-            stepper.plain, model, s, step_lengths(stepper, model, s, dt, steps), save_every, checkpoint
-        )
-    sizes = jnp.broadcast_to(dt, steps).reshape(-1, save_every)
+        found = step_lengths(stepper, model, s, dt, steps)
+        return _along_accepted_steps(stepper.plain, model, s, found, save_every, checkpoint, meter)
+    saves = steps // save_every
+    rows = jnp.broadcast_to(dt, steps).reshape(saves, save_every), _measured(jnp.arange(1, saves + 1), saves)
 
-    def save(carry: Progress, row: jax.Array) -> tuple[Progress, Trajectory]:
-        return advance_and_save(stepper.plain, model, carry, row, save_every)
+    def save(
+        carry: tuple[Progress, jax.Array | None], row: tuple[jax.Array, jax.Array]
+    ) -> tuple[tuple[Progress, jax.Array | None], Trajectory]:
+        progress, meter = carry
+        sizes, measured = row
+        progress, saved = advance_and_save(stepper.plain, model, progress, sizes, save_every)
+        s, meter = _watch_growth(progress.state, meter, measured)
+        return (progress._replace(state=s), meter), saved
 
-    progress, trajectory = _scan(save, begin(stepper, model, s), sizes, checkpoint)
+    (progress, _), trajectory = _scan(save, (begin(stepper, model, s), meter), rows, checkpoint)
     return progress.state, trajectory
 
 
+def _measured(number: jax.Array, last: jax.Array | int) -> jax.Array:
+    """After which of the numbers 1..last the growth of derivatives is measured: `SEGMENTS` of them, from the end."""
+    return (last - number) % jnp.maximum(last // SEGMENTS, 1) == 0
+
+
+def _watch_growth(s: State, meter: jax.Array | None, measured: jax.Array) -> tuple[State, jax.Array | None]:
+    """The state and the meter (see `growth_watch`), unchanged."""
+    if meter is None:
+        return s, None
+    r, meter = watch(s.r, meter, measured)
+    return replace(s, r=r), meter
+
+
 def _along_accepted_steps(
-    stepper: Stepper, model: Model, s: State, found: Steps, save_every: int, checkpoint: bool
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    found: Steps,
+    save_every: int,
+    checkpoint: bool,
+    meter: jax.Array | None,
 ) -> tuple[State, Trajectory]:
     """The run along known steps."""
 
-    def take(s: State, h: jax.Array) -> tuple[State, State]:
+    def take(
+        carry: tuple[State, jax.Array | None], row: tuple[jax.Array, jax.Array]
+    ) -> tuple[tuple[State, jax.Array | None], State]:
+        s, meter = carry
+        h, measured = row
         s = jax.lax.cond(h > 0.0, lambda s: step(stepper, model, s, h)[0], lambda s: s, s)
-        return s, s
+        s, meter = _watch_growth(s, meter, measured)
+        return (s, meter), s
 
     first = jax.tree.map(jnp.asarray, begin(stepper, model, s).state)
-    last, states = _scan(take, first, found.length, checkpoint)
+    rows = found.length, _measured(jnp.arange(1, len(found.length) + 1), found.ends[-1])
+    (last, _), states = _scan(take, (first, meter), rows, checkpoint)
     at = jax.tree.map(lambda a: a[found.ends[save_every - 1 :: save_every] - 1], states)
     residual, retried, failed = (x.reshape(-1, save_every) for x in (found.residual, found.retried, found.failed))
     number = jnp.where(found.failed, jnp.arange(len(found.failed), dtype=jnp.int32), len(found.failed))
@@ -335,22 +393,23 @@ def _along_accepted_steps(
 
 
 def _scan(
-    f: Callable[[Carry, jax.Array], tuple[Carry, Rows]], start: Carry, rows: jax.Array, checkpoint: bool
+    f: Callable[[Carry, Any], tuple[Carry, Rows]], start: Carry, rows: tuple[jax.Array, ...], checkpoint: bool
 ) -> tuple[Carry, Rows]:
     """`jax.lax.scan`, with `checkpoint` in about sqrt(n) pieces that reverse mode repeats."""
-    count = len(rows)
+    count = len(rows[0])
     if not checkpoint or count < 4:
         return jax.lax.scan(f, start, rows)
     per = math.isqrt(count)
     whole = count // per * per
 
     @jax.checkpoint
-    def piece(carry: Carry, rows: jax.Array) -> tuple[Carry, Rows]:
+    def piece(carry: Carry, rows: tuple[jax.Array, ...]) -> tuple[Carry, Rows]:
         return jax.lax.scan(f, carry, rows)
 
-    carry, found = jax.lax.scan(piece, start, rows[:whole].reshape(-1, per, *rows.shape[1:]))
+    pieces = jax.tree.map(lambda a: a[:whole].reshape(-1, per, *a.shape[1:]), rows)
+    carry, found = jax.lax.scan(piece, start, pieces)
     found = jax.tree.map(lambda a: a.reshape(whole, *a.shape[2:]), found)
     if whole < count:
-        carry, rest = jax.lax.scan(f, carry, rows[whole:])
+        carry, rest = jax.lax.scan(f, carry, jax.tree.map(lambda a: a[whole:], rows))
         found = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), found, rest)
     return carry, found

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -44,6 +45,7 @@ def make_stepper(
         SceneError: an unknown name, or what the scheme or the solver cannot run.
     """
     check_names(integrator, solver)
+    check_settings(settings, [*OPTIONS, *stepper_settings()])
     options = {key: settings.pop(key) for key in OPTIONS if key in settings}
     scheme = make_scheme(integrator, options).form_for(model)
     reason = scheme.refuse(model)
@@ -52,6 +54,8 @@ def make_stepper(
     if not scheme.implicit:
         if solver != "auto":
             raise SceneError(f"run.solver: {solver!r} is given, but integrator {integrator!r} solves nothing; use auto")
+        if settings.pop("iterations", None) is not None:
+            raise SceneError(f"iterations: are given, but integrator {integrator!r} solves nothing. Leave them out")
         return Stepper(integrator=scheme, solver=None, **settings)
     if solver != "auto" and (reason := SOLVERS[solver].refuse(model, scheme)):
         raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
@@ -104,3 +108,16 @@ def choose_solver(model: Model, scheme: Implicit) -> Solver:
     if best == "banded" and SOLVERS["dense"].size(model) <= FEW_UNKNOWNS:
         best = "dense"
     return SOLVERS[best]
+
+
+def check_settings(settings: Iterable[str], known: Iterable[str]) -> None:
+    """Reject unknown keywords of the functions that pass their further settings to `make_stepper`."""
+    known = list(known)
+    for name in settings:
+        if name not in known:
+            raise SceneError(f"{name}: unknown setting; {nearest(name, known)}")
+
+
+def stepper_settings() -> list[str]:
+    """Names of the fields of `Stepper` that can be set; integrator and solver are chosen by their names."""
+    return [field.name for field in fields(Stepper) if field.name not in ("integrator", "solver")]

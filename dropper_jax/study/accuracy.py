@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
-from dropper_jax.report.record import record
+from dropper_jax.report.record import Record, record
 from dropper_jax.run.build import build
 from dropper_jax.run.samples import is_finished
 from dropper_jax.run.simulate import simulate
@@ -19,7 +20,7 @@ from dropper_jax.study.load_errors import line_loads
 from dropper_jax.study.march import Scheme, convergence, default_schemes, grid_run, runnable, status_of
 from dropper_jax.study.peers import peer_rows
 from dropper_jax.study.reference import Reference, reference, trusted_span
-from dropper_jax.study.work_precision import energy_loss, measure, orders
+from dropper_jax.study.work_precision import Each, energy_loss, measure, orders
 
 SCENE = "dropper-release-a-undamped"
 #: Damping fitted in the thesis [kg/s], with its scheme and step [s].
@@ -116,6 +117,7 @@ def accuracy(
     extras: bool = True,
     say: Progress | None = None,
     peers: bool = False,
+    each: Each = lambda row: None,
 ) -> dict[str, Any]:
     """Measure accuracy against run time on a scene.
 
@@ -127,43 +129,91 @@ def accuracy(
             each scheme is run once, with its own solver in double precision, and steps that do not converge are not
             halved.
         peers: also rows of other simulators, if they are installed and support the scene.
+        each: gets each row of a scheme or of the loads as soon as it is measured.
 
     Returns:
         rows, orders, advice, reference, refused, skipped, for lines that stretch `loads` (see `load_convergence`), and
-        the extras, as the command prints them.
+        the extras, as the command prints them. After an interruption (Ctrl-C) what was measured, with the `status`
+        "interrupted".
     """
-    say = say or silent
     model, s = build(scene, "float64")
     chosen, refused = runnable(default_schemes(model, not extras) if schemes is None else schemes, model)
     if not chosen:
         raise SceneError(f"--integrators: none of them can run this scene: {refused[0]['reason']}")
-    say(0.0, "how long errors mean something")
-    grid = max(dts)
-    # maximum duration of a comparison [s]
-    longest = max(min(scene.run.duration, 20.0), 2 * grid)
-    trusted, exponent = trusted_span(model, s, longest, min(scene.run.dt, grid), grid)
-    saves = max(2, round(trusted / grid) if span is None else round(span / grid))
-    say(0.1, f"reference over {saves * grid:.3g} s")
-    target = reference(model, s, grid, saves, exponent)
-    part = 0.4 if extras else 0.6
-    rows, skipped = measure(
-        model, s, chosen, list(dts), target, say=lambda f, text: say(0.2 + part * f, text), retry=extras
-    )
-    if peers:
-        others, left = peer_rows(scene, model, s, target)
-        rows, refused = rows + others, refused + left
-    found = {
-        "scene": scene.name,
-        "rows": rows,
-        "orders": orders(rows),
-        "advice": advice(rows),
-        "reference": {**target.summary(), "trusted_span_s": trusted},
-        "refused": refused,
-        "skipped": skipped,
-    }
-    if model.line.axial.elastic:
-        found["loads"] = load_convergence(scene, dts, say=lambda f, text: say(0.6 + 0.1 * f, text))
-    return {**found, **(_extras(model, s, target, dts, say) if extras else {})}
+    found: dict[str, Any] = {"scene": scene.name, "rows": [], "reference": None, "refused": refused, "skipped": []}
+    study = _Study(scene, model, s, dts, say or silent, each, found)
+    try:
+        if model.line.axial.elastic:
+            study.measure_loads()  # first: the programs of runs are compiled sooner than those of the comparison
+        target = study.find_reference(span)
+        study.measure_schemes(chosen, target, extras)
+        if peers:
+            others, left = peer_rows(scene, model, s, target)
+            found["rows"] += others
+            found["refused"] = refused + left
+        if extras:
+            found |= _extras(model, s, target, dts, study.say)
+    except KeyboardInterrupt:
+        found["status"] = "interrupted"
+    found["orders"] = orders(found["rows"])
+    found["advice"] = advice(found["rows"])
+    return found
+
+
+@dataclass(frozen=True)
+class _Study:
+    """The parts of the report; each is written to `found` as soon as it is known."""
+
+    scene: Scene
+    model: Model
+    s: State
+    dts: tuple[float, ...]
+    say: Progress
+    each: Each
+    found: dict[str, Any]
+
+    def find_reference(self, span: float | None) -> Reference:
+        """The reference over the time during which errors characterise a scheme, or over `span` [s]."""
+        self.say(0.3, "how long errors mean something")
+        grid = max(self.dts)
+        run = self.scene.run
+        # maximum duration of a comparison [s]
+        longest = max(min(run.duration, 20.0), 2 * grid)
+        trusted, exponent = trusted_span(self.model, self.s, longest, min(run.dt, grid), grid)
+        saves = max(2, round(trusted / grid) if span is None else round(span / grid))
+        self.say(0.35, f"reference over {saves * grid:.3g} s")
+        target = reference(self.model, self.s, grid, saves, exponent)
+        self.found["reference"] = {**target.summary(), "trusted_span_s": trusted}
+        return target
+
+    def measure_schemes(self, schemes: list[Scheme], target: Reference, extras: bool) -> None:
+        """A row for each scheme and step."""
+        part = 0.3 if extras else 0.6
+
+        def say(fraction: float, text: str) -> None:
+            self.say(0.4 + part * fraction, text)
+
+        _, skipped = measure(
+            self.model, self.s, schemes, list(self.dts), target, say=say, retry=extras, each=self._keep_row
+        )
+        self.found["skipped"] = skipped
+
+    def _keep_row(self, row: dict[str, Any]) -> None:
+        self.found["rows"].append(row)
+        self.each(row)
+
+    def measure_loads(self) -> None:
+        """Errors of the loads over the step."""
+
+        def say(fraction: float, text: str) -> None:
+            self.say(0.3 * fraction, text)
+
+        self.found["loads"] = {"rows": [], "reference_dt": None, "loads": [], "advice": [], "skipped": "interrupted"}
+        self.found["loads"] = load_convergence(self.scene, self.dts, say=say, each=self._keep_load_row)
+
+    def _keep_load_row(self, row: dict[str, Any]) -> None:
+        self.found["loads"]["rows"].append(row)
+        self.each(row)
 
 
 def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], say: Progress) -> dict[str, Any]:
@@ -178,7 +228,10 @@ def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], s
 def advice(
     rows: list[dict[str, Any]], targets: tuple[float, ...] = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 ) -> list[dict[str, Any]]:
-    """The fastest measured run for each RMS angle error [rad], with its margin (target over error)."""
+    """The run of the least counted work for each RMS angle error [rad], with its margin (target over error).
+
+    Counted work, unlike a measured time, gives the same advice on a busy machine and after a first compilation.
+    """
     return [_cheapest_run(rows, target) for target in targets]
 
 
@@ -186,7 +239,7 @@ def _cheapest_run(rows: list[dict[str, Any]], target: float) -> dict[str, Any]:
     good = [r for r in rows if r["status"] == "ok" and not r.get("peer") and r["rms_angle_error_rad"] <= target]
     if not good:
         return {"target_rad": target, "found": False, "text": f"for {target:g} rad: no measured run is accurate enough"}
-    best = min(good, key=lambda r: r["wall_s_per_simulated_s"])
+    best = min(good, key=lambda r: (r["operations_per_simulated_s"], r["rms_angle_error_rad"]))
     margin = target / max(best["rms_angle_error_rad"], 1e-300)
     ms = 1e3 * best["wall_s_per_simulated_s"]
     held = best.get("error_tolerance")
@@ -209,9 +262,17 @@ def _cheapest_run(rows: list[dict[str, Any]], target: float) -> dict[str, Any]:
     }
 
 
-def load_convergence(scene: Scene, dts: tuple[float, ...], skip: float = 0.0, say: Progress = silent) -> dict[str, Any]:
+def load_convergence(
+    scene: Scene,
+    dts: tuple[float, ...],
+    skip: float = 0.0,
+    say: Progress = silent,
+    each: Each = lambda row: None,
+) -> dict[str, Any]:
     """Errors of the loads of each line at steps `dts` [s], relative to half the shortest step, by the scheme of the
     scene.
+
+    `each` gets each row as soon as the next finer step was run, with its errors relative to that.
 
     Returns:
         `rows`: {dt, status, us_per_step, errors: by load the maximum relative error over the lines, or None};
@@ -223,22 +284,51 @@ def load_convergence(scene: Scene, dts: tuple[float, ...], skip: float = 0.0, sa
     scene = scene.with_values({"run.duration": min(scene.run.duration, 60.0)})
     steps = sorted(dts, reverse=True)
     reference_dt = 0.5 * steps[-1]
-    say(0.0, f"loads, {reference_dt:.4g} s")
-    finest = simulate(scene, dt=reference_dt)
-    if not is_finished(finest):
+    runs: list[_LoadRun] = []
+    for i, dt in enumerate([*steps, reference_dt]):
+        say(i / (len(steps) + 1), f"loads, {dt:.4g} s")
+        runs.append(_LoadRun.of(scene, dt, skip))
+        if i > 0:
+            each(runs[-2].row(runs[-1].loads()))
+    *coarser, finest = runs
+    right = finest.loads()
+    if right is None:
         return {"rows": [], "reference_dt": reference_dt, "loads": [], "advice": [], "skipped": finest.failure}
-    right = line_loads(record(finest, skip))
-    rows = []
-    for i, dt in enumerate(steps):
-        say((i + 1) / (len(steps) + 1), f"loads, {dt:.4g} s")
-        found = simulate(scene, dt=dt)
-        good = is_finished(found) and len(found.t) > 3
-        loads = line_loads(record(found, skip), right) if good else None
-        errors = {name: None if loads is None else _worst(loads, right, name) for name in WANTED}
-        rows.append({"dt": dt, "status": found.status, "us_per_step": found.us_per_step, "errors": errors})
+    rows = [run.row(right) for run in coarser]
     advice = [_advice(rows, name, within) for name, within in WANTED.items()]
     loads = [{"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in WANTED}} for row in right]
     return {"rows": rows, "reference_dt": reference_dt, "loads": loads, "advice": advice}
+
+
+@dataclass(frozen=True)
+class _LoadRun:
+    """A run for its loads: its record, None if it failed or is too short."""
+
+    dt: float
+    status: str
+    us_per_step: float
+    failure: str
+    record: Record | None
+
+    @classmethod
+    def of(cls, scene: Scene, dt: float, skip: float) -> _LoadRun:
+        """The run with steps `dt` [s], without its first `skip` seconds."""
+        solution = simulate(scene, dt=dt)
+        if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
+            raise KeyboardInterrupt
+        good = is_finished(solution) and len(solution.t) > 3
+        kept = record(solution, skip) if good else None
+        return cls(dt, solution.status, solution.us_per_step, solution.failure, kept)
+
+    def loads(self, right: list[dict[str, Any]] | None = None) -> list[dict[str, Any]] | None:
+        """Loads of each line, at the positions of `right`."""
+        return None if self.record is None else line_loads(self.record, right)
+
+    def row(self, right: list[dict[str, Any]] | None) -> dict[str, Any]:
+        """Its errors relative to the loads of a finer run."""
+        loads = None if right is None else self.loads(right)
+        errors = {name: None if loads is None else _worst(loads, right, name) for name in WANTED}
+        return {"dt": self.dt, "status": self.status, "us_per_step": self.us_per_step, "errors": errors}
 
 
 def _worst(loads: list[dict[str, Any]], right: list[dict[str, Any]], name: str) -> float:

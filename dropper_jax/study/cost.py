@@ -37,7 +37,12 @@ class Unused(Effect):
         return self.strength * jnp.cosh(k.r)
 
 
-def cost(scene: Scene, steps: int = 2000, rounds: int = 7) -> dict[str, Any]:
+def cost(
+    scene: Scene,
+    steps: int = 2000,
+    rounds: int = 7,
+    each: Callable[[dict[str, Any]], None] = lambda row: None,
+) -> dict[str, Any]:
     """Flops and bytes of the compiled step, and measured time per step, with all effects, without each, and bare.
 
     Times are medians of interleaved runs in one process; `ratio` is relative to the complete scene. Runs without an
@@ -45,33 +50,37 @@ def cost(scene: Scene, steps: int = 2000, rounds: int = 7) -> dict[str, Any]:
     time per correction. The compiler counts the body of a loop once (corrections included), so the counts compare
     variants and are not totals.
 
+    Args:
+        each: gets each row as soon as it is compiled, with the time of its first run and without corrections.
+
     Returns:
         scene, integrator, solver, rows of {name, effects, flops, bytes, us_per_step, ratio, corrections_per_step,
-        us_per_correction, correction_ratio, operations}, proof. Explicit schemes have no corrections: None.
+        us_per_correction, correction_ratio, operations}, proof. Explicit schemes have no corrections: None. After an
+        interruption (Ctrl-C) the rows so far, without corrections and proof, with the `status` "interrupted".
     """
     model, s = build(scene)
     run = scene.run
-    make = partial(make_stepper, integrator=run.integrator, **run.options)
-    variants = [
-        Variant(name, shrunk, make(shrunk, solver=_solver(run, shrunk)), s, run.dt, steps)
-        for name, shrunk in model_variants(model)
-    ]
-    for variant in variants:
-        variant.time()
-    rounds_of_times = [[variant.time() for variant in variants] for _ in range(rounds)]
-    median = [statistics.median(times) for times in zip(*rounds_of_times, strict=True)]
-    rows = [v.row(1e6 * wall / steps, wall / median[0]) for v, wall in zip(variants, median, strict=True)]
-    for row in rows:
-        one, of = row["us_per_correction"], rows[0]["us_per_correction"]
-        row["correction_ratio"] = one / of if one and of else None
-    stepper = variants[0].stepper
-    return {
-        "scene": scene.name,
-        "integrator": stepper.integrator.name,
-        "solver": stepper.solver,
-        "rows": rows,
-        "proof": proof(scene),
-    }
+    first = stepper_of(model, run)
+    found: dict[str, Any] = {"scene": scene.name, "integrator": first.integrator.name, "solver": first.solver}
+    variants: list[Variant] = []
+    try:
+        for name, shrunk in model_variants(model):
+            stepper = make_stepper(shrunk, run.integrator, _solver(run, shrunk), **run.options)
+            variant = Variant(name, shrunk, stepper, s, run.dt, steps)
+            variant.time()
+            variants.append(variant)
+            each(variant.row(variants[0]))
+        for variant in variants:
+            variant.times.clear()  # the first run is a warm-up
+        for _ in range(rounds):
+            for variant in variants:
+                variant.time()
+        for variant in variants:
+            variant.count_corrections()
+        return {**found, "rows": [variant.row(variants[0]) for variant in variants], "proof": proof(scene)}
+    except KeyboardInterrupt:
+        rows = [variant.row(variants[0]) for variant in variants if variant.times]
+        return {**found, "rows": rows, "proof": None, "status": "interrupted"}
 
 
 def _solver(run: RunSpec, model: Model) -> str:
@@ -109,38 +118,52 @@ class Variant:
         self.compiled = run.lower(model, self.start, self.dt).compile()
         self.counts = self.compiled.cost_analysis() or {}  # of one step: the body of a loop counts once
         self.program = self.compiled.as_text()
+        #: Wall times [s] of its runs, and Newton corrections per step, once they are counted.
+        self.times: list[float] = []
+        self.corrections: float | None = None
 
-    def time(self) -> float:
-        """Wall time [s] of one run."""
+    def time(self) -> None:
+        """Run once, and keep the wall time."""
         started = time.perf_counter()
         jax.block_until_ready(self.compiled(self.model, self.start, self.dt))
-        return time.perf_counter() - started
+        self.times.append(time.perf_counter() - started)
 
-    def corrections(self) -> float | None:
-        """Newton corrections per step of the timed run, retries included; None for an explicit scheme.
+    @property
+    def us_per_step(self) -> float:
+        """Median wall time per step [us]."""
+        return 1e6 * statistics.median(self.times) / self.steps
+
+    def count_corrections(self) -> None:
+        """Newton corrections per step of the timed run, retries included; none for an explicit scheme.
 
         Counted in a separate run, by solvers that call the host: the timed program is that of users.
         """
         if self.stepper.solver is None:
-            return None
+            return
         counting = CountingSolver(self.stepper.solver)
         run = jax.jit(partial(advance, replace(self.stepper, solver=counting), saves=1, save_every=self.steps))
         jax.block_until_ready(run(self.model, self.start, self.dt))
         jax.effects_barrier()
-        return counting.count / self.steps - 1.0  # a first correction of zero evaluates the guess
+        self.corrections = counting.count / self.steps - 1.0  # a first correction of zero evaluates the guess
 
-    def row(self, us: float, ratio: float) -> dict[str, Any]:
-        corrections = self.corrections()
+    @property
+    def us_per_correction(self) -> float | None:
+        return self.us_per_step / self.corrections if self.corrections else None
+
+    def row(self, whole: Variant) -> dict[str, Any]:
+        """Its numbers, with ratios to the whole scene."""
+        one, of = self.us_per_correction, whole.us_per_correction
         counts = self.counts[0] if isinstance(self.counts, list) else self.counts
         return {
             "name": self.name,
             "effects": [e.name for e in self.model.effects],
             "flops": counts.get("flops"),
             "bytes": counts.get("bytes accessed"),
-            "us_per_step": us,
-            "ratio": ratio,
-            "corrections_per_step": corrections,
-            "us_per_correction": us / corrections if corrections else None,
+            "us_per_step": self.us_per_step,
+            "ratio": self.us_per_step / whole.us_per_step,
+            "corrections_per_step": self.corrections,
+            "us_per_correction": one,
+            "correction_ratio": one / of if one and of else None,
             "operations": self.program.count(" = "),
         }
 

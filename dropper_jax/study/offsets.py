@@ -156,6 +156,7 @@ def solve_design(
     high: float | Sequence[float],
     target: str | Sequence[str],
     goal: float | Sequence[float],
+    progress: Progress = silent,
 ) -> Design:
     """Values of the scene between `low` and `high` that give static quantities their required values.
 
@@ -167,6 +168,7 @@ def solve_design(
             `.max` [N], `anchor.POINT.horizontal` [N], `line.LINE.fairlead.angle` [rad], `depth.POINT` [m] below z = 0,
             `offset.POINT` [m], `period.1` [s]; or as many as there are paths.
         goal: the values of the targets.
+        progress: gets a fraction, which approaches 1, and the number of poses after each static pose.
 
     One value is found by root finding on the statics (Brent's method: secant steps within the interval), several by
     Gauss-Newton steps in a trust region within their ranges, from the middle of these (Branch, Coleman and Li 1999,
@@ -189,7 +191,7 @@ def solve_design(
     for name, start, end in zip(paths, lows, highs, strict=True):
         if not start < end:
             raise SceneError(f"vary: {name}: {start:g} to {end:g} is an empty range; allowed: LOW < HIGH")
-    design = _DesignSearch(load_scene(scene), paths, names, goals)
+    design = _DesignSearch(load_scene(scene), paths, names, goals, progress)
     x = design.find_root(*lows, *highs) if len(paths) == 1 else design.solve_together(lows, highs)
     reached, changed = design.evaluate(x), design.at(x)
     miss = np.abs(reached - goals) / design.scale(reached)
@@ -213,8 +215,8 @@ def solve_design(
 class _DesignSearch:
     """Static quantities of a scene as functions of some of its numbers, each equilibrium solved once."""
 
-    def __init__(self, scene: Scene, paths: list[str], names: list[str], goals: np.ndarray) -> None:
-        self.scene, self.paths, self.names, self.goals = scene, paths, names, goals
+    def __init__(self, scene: Scene, paths: list[str], names: list[str], goals: np.ndarray, progress: Progress) -> None:
+        self.scene, self.paths, self.names, self.goals, self.progress = scene, paths, names, goals, progress
         model = bare_model(overgrown(scene))
         self.quantities = [static_quantity(name, model, "target") for name in names]
         self.poses: dict[tuple[float, ...], tuple[Model, Any, np.ndarray]] = {}
@@ -234,6 +236,9 @@ class _DesignSearch:
                 raise SceneError(f"{values} has no equilibrium: {pose.message}")
             reached = np.array([float(q.of_pose(model, pose.state)) for q in self.quantities])
             self.poses[key] = model, pose.state, reached
+            solved = len(self.poses)
+            # a search takes about ten poses, but no fixed number
+            self.progress(1.0 - 0.9**solved, f"{solved} static poses")
         return self.poses[key]
 
     def evaluate(self, x: np.ndarray | list[float]) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ from dropper_jax.residual import GRAVITY_SCALE, Stepper
 from dropper_jax.stepping.control import advance_over
 from dropper_jax.stepping.integrate import begin, consistent_velocity
 from dropper_jax.stepping.stepper import make_stepper
+from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.march import grid_run, link_vectors, rms_angle
 
 
@@ -87,6 +87,11 @@ def trusted_span(
     return span, float(growth[last]) / span
 
 
+#: Maximum number of steps of one reference run, and maximum counted operations of a refinement: long runs in waves are
+#: expensive.
+MOST_STEPS, MOST_WORK = 150_000, 1e11
+
+
 # target error of the reference: 1e-4 of the minimum target error of the advice (1e-5 rad)
 def reference(model: Model, s: State, grid: float, saves: int, exponent: float, target: float = 1e-9) -> Reference:
     """Refine two schemes together until they agree to `target` [rad], or neither can be refined further.
@@ -99,14 +104,12 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float, 
     first, second = _pair(model)
     best = None
     every = max(4, int(np.ceil(grid * 256)))
-    wall = 0.0  # of the last level, whose programs were already compiled
-    # maximum number of steps of one reference run
-    # A refinement that would take longer than this [s] is left out, since long runs in waves are expensive
-    while best is None or (every * saves <= 150_000 and best[0] > target and 2 * wall <= 40.0):
-        started = time.perf_counter()
+    evaluation = evaluation_work(model, s)
+    # one run of the first scheme, and those of the second with the step, its half and its quarter
+    per_step = step_work(model, first, evaluation) + 7 * step_work(model, second, evaluation)
+    while best is None or (every * saves <= MOST_STEPS and best[0] > target and every * saves * per_step <= MOST_WORK):
         fine = grid_run(first, model, s, grid, every, saves)
         check = _extrapolate(second, model, s, grid, every, saves)
-        wall = 0.0 if best is None else time.perf_counter() - started
         error = rms_angle(link_vectors(model, fine.r, t), link_vectors(model, check, t))
         if best is not None and np.isfinite(error) and error > 0.7 * best[0]:
             break  # rounding or a kink in the forces: further refinement does not help

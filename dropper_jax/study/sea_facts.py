@@ -17,9 +17,10 @@ from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
+from dropper_jax.run.growth import fixed_point_loads
 from dropper_jax.run.row_store import take_every
 from dropper_jax.run.simulate import Solution, simulate
-from dropper_jax.scene import held_loads, line_slices, utilisations
+from dropper_jax.scene import line_slices, utilisations
 from dropper_jax.sea import Sea
 from dropper_jax.sea.make import finite_wave, make_sea
 from dropper_jax.sea.spec import SeaSpec
@@ -159,7 +160,7 @@ def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
     rows = []
     for t in times:
         pose = equilibrium(model, loads, float(t))
-        held = held_loads(scene, pose.positions, pose.tension)
+        held = fixed_point_loads(scene, pose.positions, pose.tension, float(t))
         used = utilisations(scene.anchors, {name: (np.hypot(*load[:2]), load[2]) for name, load in held.items()})
         way = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
         rows.append(

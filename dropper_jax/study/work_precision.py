@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -18,6 +18,7 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
+from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.march import (
     Marched,
     Scheme,
@@ -33,6 +34,12 @@ from dropper_jax.study.reference import Reference
 
 #: Error tolerances of error-controlled schemes, instead of steps.
 SCHEME_TOLERANCES = tuple(10.0 ** (-0.5 * k) for k in range(4, 24))
+#: Maximum counted operations of a run, some seconds of a core: a longer run, and those of finer steps, are left out.
+WORK_LIMIT = 1e10
+#: Wall times of repeated runs [s], and which of them counts.
+Timing = tuple[Callable[..., list[float]], Callable[[list[float]], float]]
+#: Callback that gets each row as soon as it is measured.
+Each = Callable[[dict[str, Any]], None]
 #: A failed run has no errors and no speed, since these values would be meaningless.
 NOTHING = {
     "rms_angle_error_rad": None,
@@ -54,8 +61,9 @@ def measure(
     say: Progress = silent,
     pick: Callable[[list[float]], float] = statistics.median,
     retry: bool = True,
+    each: Each = lambda row: None,
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Rows of all schemes and steps, and runs left out because of their run time.
+    """Rows of all schemes and steps, and runs left out because of their counted work (`WORK_LIMIT`).
 
     Error-controlled schemes are run at `SCHEME_TOLERANCES`; their `dt` is the mean step.
 
@@ -64,13 +72,20 @@ def measure(
         dts: steps [s]; each is moved to the nearest that divides the reference's grid.
         repeats, pick: timed runs of each, and which of their wall times counts (the median).
         retry: halve steps that do not converge, as `simulate` does; else a run with such a step is `not_converged`.
+        each: gets each row as soon as it is measured.
     """
-    rows, skipped = [], []
+    rows: list[dict[str, Any]] = []
+    skipped: list[dict[str, Any]] = []
+    evaluation = evaluation_work(model, s)
     for i, scheme in enumerate(schemes):
         say(i / len(schemes), scheme.label)
-        found, left = _scheme_rows(model, s, scheme, sorted(dts, reverse=True), target, repeats, pick, retry)
-        rows += found
-        skipped += left
+        timing = partial(_walls, repeats=repeats), pick
+        for row in _scheme_rows(model, s, scheme, sorted(dts, reverse=True), target, timing, retry, evaluation):
+            if "reason" in row:
+                skipped.append(row)
+                continue
+            rows.append(row)
+            each(row)
     return rows, skipped
 
 
@@ -80,23 +95,28 @@ def _scheme_rows(
     scheme: Scheme,
     dts: list[float],
     target: Reference,
-    repeats: int,
-    pick: Callable[[list[float]], float],
+    timing: Timing,
     retry: bool,
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    budget = 4.0  # a run that would take longer than this [s] is left out, as are finer steps
+    evaluation: float,
+) -> Iterator[dict[str, Any]]:
+    """The rows of a scheme, one by one; a run that is left out has a `reason` instead."""
     cast = (lambda x: x) if scheme.dtype == "float64" else (lambda x: jax.tree.map(_single, x))
     own, start = cast(model), cast(s)
     stepper = scheme.stepper(own)
     stepper = stepper if retry else stepper.plain
     saves = len(target.t)
+    per_step = step_work(model, stepper, evaluation)
     if stepper.integrator.controls_error:
-        return [_held_row(model, s, scheme, stepper, target, x, repeats, pick) for x in SCHEME_TOLERANCES], []
-    rows, skipped, per_step = [], [], 0.0
+        for tolerance in SCHEME_TOLERANCES:
+            yield _held_row(model, s, scheme, stepper, target, tolerance, timing, per_step)
+        return
+    walls, pick = timing
+    compiled = False
     for every in sorted({max(1, round(target.grid / dt)) for dt in dts}):
         steps = every * saves
-        if per_step * steps > budget:
-            skipped.append({"scheme": scheme.label, "dt": target.grid / every, "reason": f"over {budget:g} s a run"})
+        if per_step * steps > WORK_LIMIT:
+            reason = f"over {WORK_LIMIT:g} operations a run"
+            yield {"scheme": scheme.label, "dt": target.grid / every, "reason": reason}
             continue
         started = time.perf_counter()
         run = grid_run(stepper, own, start, target.grid, every, saves)
@@ -106,20 +126,18 @@ def _scheme_rows(
         if status == "ok":
             again = partial(grid_run, stepper, own, start, target.grid, every, saves)
             # the first row compiles
-            wall = pick(_walls(again, repeats, seconds if rows else 0.0))
-        per_step = wall / steps if wall else per_step
-        rows.append(
-            {
-                **_row_labels(scheme, stepper),
-                "dt": target.grid / every,
-                **(row_errors(model, s, run, stepper, target) if status == "ok" else NOTHING),
-                "us_per_step": 1e6 * wall / steps if wall else None,
-                "wall_s_per_simulated_s": wall / target.horizon if wall else None,
-                "status": status,
-                "retried_steps": int(run.retried[-1]),
-            }
-        )
-    return rows, skipped
+            wall = pick(walls(again, before=seconds if compiled else 0.0))
+        compiled = True
+        yield {
+            **_row_labels(scheme, stepper),
+            "dt": target.grid / every,
+            **(row_errors(model, s, run, stepper, target) if status == "ok" else NOTHING),
+            "us_per_step": 1e6 * wall / steps if wall else None,
+            "wall_s_per_simulated_s": wall / target.horizon if wall else None,
+            "operations_per_simulated_s": per_step * steps / target.horizon,
+            "status": status,
+            "retried_steps": int(run.retried[-1]),
+        }
 
 
 def _row_labels(scheme: Scheme, stepper: Stepper) -> dict[str, Any]:
@@ -139,15 +157,16 @@ def _held_row(
     stepper: Stepper,
     target: Reference,
     tolerance: float,
-    repeats: int,
-    pick: Callable[[list[float]], float],
+    timing: Timing,
+    per_step: float,
 ) -> dict[str, Any]:
     """The row of an error-controlled scheme."""
+    walls, pick = timing
     again = partial(march_held, stepper, model, s, target.grid, tolerance, len(target.t))
     found = jax.tree.map(np.asarray, again())
     status = status_of(found.run, stepper)
     ok = status == "ok"
-    wall = pick(_walls(again, repeats)) if ok else None
+    wall = pick(walls(again)) if ok else None
     tries = int(found.taken + found.refused)
     return {
         **_row_labels(scheme, stepper),
@@ -157,6 +176,7 @@ def _held_row(
         **(row_errors(model, s, found.run, stepper, target) if ok else NOTHING),
         "us_per_step": 1e6 * wall / tries if ok else None,
         "wall_s_per_simulated_s": wall / target.horizon if ok else None,
+        "operations_per_simulated_s": per_step * tries / target.horizon,
         "status": status,
         "retried_steps": 0,
     }

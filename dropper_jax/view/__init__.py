@@ -165,7 +165,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> d
         "positions": _pack(run.positions[kept]),
         "tension": _pack(run.tension[kept]),
         "range": [low, high],
-        "largest": float(np.max(run.tension, initial=high, where=np.isfinite(run.tension))),
+        "largest": float(np.max(run.max_tension, initial=high, where=np.isfinite(run.max_tension))),
         "notes": list(part.notes),
         "diameter": _diameter(solution),
         "lines": [{"name": line.name, "node": _middle(line.nodes)} for line in run.written_lines],

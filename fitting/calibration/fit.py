@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -11,16 +11,18 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
+from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise, omitted_parameter_bias
 from fitting.calibration.comparison import compare
 from fitting.calibration.estimating import FIRST, estimate, with_sound_windows
 from fitting.calibration.freeing import free_by_advice
 from fitting.calibration.kicks import without_kicks
+from fitting.calibration.likely_cause import free_too
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult, direction_text, score_held_out
-from fitting.calibration.wrong_files import SUSPECT, name_wrong_file
+from fitting.calibration.short_windows import SUSPECT, name_wrong_file
 from fitting.estimate.gaps import lyapunov
 from fitting.estimate.loss import loss_of
 from fitting.estimate.problem import CHI2_RANGE, CORRELATION_FLOOR, Solution
@@ -164,6 +166,7 @@ def fit(
     zero: str | None = None,
     sign: int | None = None,
     unit: str | None = None,
+    columns: Mapping[str, str] | None = None,
     huber: float | None = None,
     student: bool = False,
     robust: str | None = None,
@@ -201,6 +204,7 @@ def fit(
         integrator: of the windows; default rattle_4 for point masses, otherwise energy_momentum. tsit5 and dop853 are
             faster for lines that they support; `dt` is then their output interval.
         zero, sign, unit: angle convention of the traces; default from the files, otherwise inferred from the scene.
+        columns: the files' columns if they have other names: `{"time": "timestamp", "theta_1": "angle"}`.
         huber: threshold of a robust loss in standard deviations, such as 3; default least squares.
         student: Student's t loss with 4 degrees of freedom, started from the end of Huber's; for traces with outliers.
         robust: the same losses by name, `huber` (threshold 3) or `student`.
@@ -249,8 +253,13 @@ def fit(
         asked=convention(zero, sign, unit),
         static_start=static_start,
         integrator=integrator,
+        columns=columns,
         progress=progress,
     )
+    tied = next((p.name for p in prepared.parameters if ScenePath(p.name).section == "parameters"), None)
+    if tied and (auto_free or compare_models):  # both change the effects of the model along which it moves
+        option = "auto_free" if auto_free else "compare_models"
+        raise SceneError(f"{option}: not with {tied!r} free. Omit it, or free paths of the scene such as b_l")
     asked.profile_names(prepared.scene, prepared.parameters)  # rejects unknown names before anything is fitted
     loss = loss_of(huber, student, robust)
     sound = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
@@ -280,7 +289,10 @@ def fit(
     result = summarise(prepared, method, solution)
     if result.status != "ok" or result.chi2_per_dof > SUSPECT:
         result.wrong_file = name_wrong_file(whole)
-        result.warnings[:0] = [result.wrong_file] if result.wrong_file else []
+    if result.status == "misfit" and not (result.wrong_file or auto_free or method == "gradient"):
+        tested = found or advise(prepared, solution)
+        best = next((candidate for candidate in tested if candidate.worth_naming), None)
+        result.likely = "" if best is None else f"{best.name}; {free_too(prepared, best.free)}"
     result.advice, result.freed = found, freed
     # number of candidates listed in the warnings
     result.warnings += [str(candidate) for candidate in found if candidate.worth_naming][:3]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,8 +20,8 @@ from fitting.estimate.release import release_of
 from fitting.estimate.rest import advice_on_rest, held_start, rests
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Piece, Windows, cut, fewest_frames, fill, first_starts
-from fitting.parameters.of_scene import by_full_path, default_free, full_names, rig_priors
-from fitting.parameters.parameter import Bounds, Priors, StartValues, resolve, with_effects
+from fitting.parameters.of_scene import by_full_path, default_free, free_of_traces, full_names, rig_priors
+from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, as_trace, noise
@@ -51,6 +51,7 @@ def prepare(
     static_start: bool = False,
     simulator: Simulator | None = None,
     integrator: str | None = None,
+    columns: Mapping[str, str] | None = None,
     progress: Progress | None = None,
 ) -> Prepared:
     """Read and check everything, cut windows, find their starts.
@@ -69,7 +70,7 @@ def prepare(
     given = [traces] if isinstance(traces, str | Path | Trace) else list(traces)
     if not given:
         raise SceneError("traces: none given. Use one or more CSV files")
-    read, notes = [as_trace(item, model.line.links) for item in given], []
+    read, notes = [as_trace(item, model.line.links, columns) for item in given], []
     for trace in read:
         check_sampling(trace, model)
         check_unit(trace, model, asked.over(trace.convention))
@@ -80,7 +81,8 @@ def prepare(
         check_step(runs, dt)
     release = release_of(scene, state, names, len(runs), static_start)
     changed = by_full_path(scene, start, bounds, priors)
-    parameters = at_frames(resolve(model, names, *changed, release=release), runs)
+    parameters = adjust_parameters(free_of_traces(scene, model, names, release), *changed)
+    parameters = at_frames(parameters, runs)
     parameters, known = rig_priors(scene, model, parameters)
     held_out = check_spans(runs, held_out)
     rest = check_spans(runs, rest, "rest")

@@ -151,7 +151,9 @@ class FitResult(SceneFit):
         freed: candidates that were freed for their gain, in order.
         left_out: (run, from, to) [s] of windows that were not fitted because no start explains them.
         wrong_file: the mistake in the traces that explains a misfit, in a line; otherwise empty.
+        likely: the likeliest cause of a smaller misfit and what to free, from the score tests; otherwise empty.
         energy: the ratio of the measured energy loss to the fitted law's, if a report was written (`energy`).
+        accepted: whether a misfit is accepted; it has errors then.
     """
 
     method: str
@@ -166,7 +168,13 @@ class FitResult(SceneFit):
     advice: list[Candidate] = field(default_factory=list)
     freed: list[Candidate] = field(default_factory=list)
     wrong_file: str = ""
+    likely: str = ""
     left_out: tuple[tuple[int, float, float], ...] = ()
+    accepted: bool = False
+
+    @property
+    def has_errors(self) -> bool:
+        return self.status == "ok" or (self.accepted and self.status == "misfit")
 
     @property
     def status(self) -> str:
@@ -205,9 +213,11 @@ class FitResult(SceneFit):
                 f"{self.left_out_share:.1%} of the samples lie in windows that no start explains. "
                 "Try a finer --dt or a shorter --window, or cut these stretches out"
             )
-        if self.status == "misfit" and self.misses:
+        if self.status == "misfit" and self.misses and not self.wrong_file:
             times = float(np.sqrt(self.chi2_per_dof))
             advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
+            if self.likely:
+                advice = f"Likeliest cause: {self.likely}, or state a model_error in [fit]"
             if self.solution.rms < 5e-6 * times:  # noise [rad] far below an encoder's: a simulated trace
                 advice = (
                     f"The trace has hardly any noise ({self.solution.rms / times:.1g} rad), as a simulated one: the "
@@ -277,23 +287,33 @@ class FitResult(SceneFit):
             "left_out": [
                 {"trace": self.traces[run].name, "from_s": low, "to_s": high} for run, low, high in self.left_out
             ],
-            "best_determined": self.best_combination,
+            "best_determined": self.has_errors and self.best_combination,
             "error": self.status != "ok" and self.outcome,
         }
         return jsonable(found | {key: value for key, value in requested.items() if value})
+
+    @property
+    def fastest(self) -> float:
+        """Limit of the speeds [m/s] of nodes in the traces: the maximum sum of the links' lengths times their rates."""
+        length = np.asarray(self.solution.problem.simulator.model_at(self.values).line.length)
+        rates = (np.abs(np.diff(trace.theta, axis=0)) / np.diff(trace.t)[:, None] for trace in self.traces)
+        return max(float(np.max(np.nansum(rate * length, axis=1), initial=0.0)) for rate in rates)
 
     @property
     def best_combination(self) -> dict[str, Any] | None:
         """`b_l + v b_q` with the speed v [m/s] at which the trace determines it best, its value and standard error.
 
         Linear and quadratic damping have similar effects at the speed of the motion, so that each alone is much less
-        certain. With covariance C, `v = -C_lq/C_qq` has the minimum variance.
+        certain. With covariance C, `v = -C_lq/C_qq` has the minimum variance. None if no node moves at that speed: the
+        combination would have no meaning.
         """
         mine = [i for name in DAMPING for i, p in enumerate(self.parameters) if p.name == name]
         C = self.uncertainty.covariance[np.ix_(mine, mine)]
         if len(mine) < 2 or not (np.diag(C) > 0).all():
             return None
         speed = -C[0, 1] / C[1, 1]
+        if not 0.0 < speed <= self.fastest:
+            return None
         return {
             "of": list(DAMPING),
             "speed_m_per_s": speed,

@@ -17,9 +17,10 @@ from dropper_jax.report.tension import RANGE_ROUNDING, cycles
 from dropper_jax.run.arrays import breaks
 from dropper_jax.run.build import build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry
+from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.quantities import STATISTICS, Quantity, quantity
-from dropper_jax.scene import line_slices, whole_lines
+from dropper_jax.run.quantities import OVER_STEPS, STATISTICS, Quantity, quantity, quantity_signals
+from dropper_jax.scene import whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.site import Case, Site, Storm
 
@@ -41,7 +42,8 @@ class Tally:
         self.skip, self.positions = skip, positions
         self.lines = whole_lines(scene)
         self.held = [point.name for point in scene.points if not point.is_free]
-        self.ends = _ends(scene, self.held)
+        self.links = EndLinks(overgrown(scene))
+        self.ends = [end for end in line_ends(scene) if end.point in self.held]
         links = sum(line.links for line in scene.lines)
         self.largest, self.when = np.full(links, -np.inf), np.full(links, np.nan)
         self.total, self.samples = np.zeros(links), 0
@@ -66,17 +68,17 @@ class Tally:
         self.samples += len(t)
         way = np.linalg.norm(positions[..., :2] - self.positions[:, :2], axis=-1).max(axis=0)
         self.excursion = np.maximum(self.excursion, [way[line.nodes].max() for line in self.lines])
-        self.loads.append(self._held_loads(positions, largest).astype(np.float32))
+        self.loads.append(self._held_loads(t, positions, largest).astype(np.float32))
         for name, links in self.curved.items():
             self.series[name].append(tension[:, links].astype(np.float32))
 
-    def _held_loads(self, positions: np.ndarray, tension: np.ndarray) -> np.ndarray:
-        """Horizontal and upward force (k, held, 2) [N] of lines on fixed points: `sum T d/|d|`, d from the point."""
+    def _held_loads(self, t: np.ndarray, positions: np.ndarray, tension: np.ndarray) -> np.ndarray:
+        """Horizontal and upward force (k, held, 2) [N] of lines on fixed points."""
         total = np.zeros((len(tension), len(self.held), 3))
-        for point, node, inner, link in self.ends:
-            along = positions[:, inner] - positions[:, node]
-            size = np.linalg.norm(along, axis=1, keepdims=True)
-            total[:, point] += tension[:, link, None] * along / np.where(size > 0.0, size, 1.0)
+        for end in self.ends:
+            nodes = positions[:, [end.node, end.inner]]
+            force = self.links.force(nodes, tension[:, end.link], end.link, end.last, t)
+            total[:, self.held.index(end.point)] += force
         return np.stack([np.hypot(total[..., 0], total[..., 1]), total[..., 2]], axis=-1)
 
     def collect(self) -> Found:
@@ -95,16 +97,6 @@ class Tally:
             "held_loads": np.concatenate(self.loads),
             **counted,
         }
-
-
-def _ends(scene: Scene, held: Sequence[str]) -> list[tuple[int, int, int, int]]:
-    """Line ends at fixed points: number of the point, node there, next node, link between them."""
-    found = []
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
-        first, last = where.nodes.start, where.nodes.stop - 1
-        ends = ((line.start, first, first + 1, where.links.start), (line.end, last, last - 1, where.links.stop - 1))
-        found += [(held.index(point), *rest) for point, *rest in ends if point in held]
-    return found
 
 
 def _cycles(name: str, tension: np.ndarray) -> Found:
@@ -157,22 +149,25 @@ class Runner:
         start, positions, rest = self._start(scene, model, case.storm)
         skip = self.site.run_of(case.storm).skip
         tally = Tally(scene, skip, positions, self.site.curve_lines)
-        run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run)
-        carry, done, info = run.carry, 0, {"status": np.array(0)}
         signals: dict[Quantity, list[np.ndarray]] = {
             quantity(name, model, "quantities"): [] for name in self.site.quantities
         }
+        watch = None if scene.run.step_tolerance is None else quantity_signals(list(signals), start.r)
+        run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run, watch=watch)
+        carry, done, info = run.carry, 0, {"status": np.array(0)}
         retried = 0
         while done < scene.run.saves:
-            carry, (rows, within) = run.go_on(carry, scene.run.saves - done)
+            carry, (rows, _) = run.go_on(carry, scene.run.saves - done)
             t = (done + 1 + np.arange(len(rows.r))) * scene.run.dt
             good = int(np.argmax(rows.first_bad >= 0)) if np.any(rows.first_bad >= 0) else len(t)
-            largest = rows.tension if within is None else within.largest
+            largest, extremes = rows.tension, {}
+            if watch is not None:
+                largest, extremes = rows.extremes.largest[:, : rows.tension.shape[1]], watch.over_steps(rows.extremes)
             nodes = np.asarray(_nodes(model, rows.r, t))
             tally.add(t[:good], nodes[:good], np.asarray(rows.tension)[:good], np.asarray(largest)[:good])
             for one, parts in signals.items():
                 now = rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted
-                values = one.in_time(model, start.r, *now)
+                values = extremes[one] if one in extremes else one.in_time(model, start.r, *now)
                 parts.append(np.asarray(values)[:good][t[:good] > skip])
             done, retried = done + len(t), retried + int(np.sum(rows.retried[:good]))
             if good < len(t):
@@ -183,7 +178,8 @@ class Runner:
         depth = np.stack([_depth(start, model, line.nodes, case.storm.level) for line in tally.lines])
         more = {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
         for one, parts in signals.items():
-            more[f"quantity:{one.name}"] = np.asarray(STATISTICS[one.statistic](jnp.concatenate(parts)))
+            statistics = STATISTICS if watch is None else STATISTICS | OVER_STEPS
+            more[f"quantity:{one.name}"] = np.asarray(statistics[one.statistic](jnp.concatenate(parts)))
         return {**tally.collect(), **info, **more}
 
     def _start(self, scene: Scene, model: Model, storm: Storm) -> tuple[State, np.ndarray, np.ndarray]:

@@ -20,6 +20,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.store import Store, StoreStopped, read_archive, write_archive
+from dropper_jax.effects import REGISTERED_FILES, register_file, register_installed
 from dropper_jax.scene import whole_lines
 from dropper_jax.study.load_errors import step_error
 from fitting.cases.one import STATUS, Found, Runner
@@ -148,6 +149,7 @@ def _here(site: Site, todo: list[Case], dt: float) -> Iterator[tuple[Case, Found
 @lru_cache(maxsize=2)
 def _runner(identity: str, dt: float) -> Runner:
     """The runner shared by all runs of a worker."""
+    register_installed()
     return Runner(read_site(json.loads(identity)), dt)
 
 
@@ -161,7 +163,7 @@ def _local(site: Site, todo: list[Case], dt: float, workers: int) -> Iterator[tu
     """Results from processes of this machine, as they finish."""
     identity = json.dumps(site.portable())
     with ProcessPoolExecutor(
-        workers, mp_context=get_context("spawn"), initializer=_watch, initargs=(os.getpid(),)
+        workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(os.getpid(), REGISTERED_FILES)
     ) as pool:
         futures = {pool.submit(run_one, identity, dt, c.storm.number, c.seed): c for c in todo}
         try:
@@ -173,8 +175,10 @@ def _local(site: Site, todo: list[Case], dt: float, workers: int) -> Iterator[tu
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _watch(parent: int) -> None:
-    """End this process when its parent ends, for any reason."""
+def _begin(parent: int, effect_files: list[str]) -> None:
+    """Register the effects that the parent knows; end this process when the parent ends, for any reason."""
+    for file in effect_files:
+        register_file(file)
 
     def watch_parent() -> None:
         while os.getppid() == parent:

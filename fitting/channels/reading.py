@@ -1,7 +1,8 @@
 """The file of a fit to channels: measured quantities, sensors, their positions, data files, runs and cameras.
 
 [[run]]
-file = "monday.csv"                  # a column t [s] and those of the channels; or a list of files
+file = "monday.csv"                  # a column t [s] and those of the channels; or a list of files: columns that
+                                     # several of them have are called "FILE.COLUMN", or taken from them in order
 
 [[channel]]
 name = "west"
@@ -73,6 +74,16 @@ class Columns(NamedTuple):
     file: str
     t: np.ndarray
     values: dict[str, np.ndarray]
+
+    def name_of(self, column: str) -> str | None:
+        """The name here of a column `COLUMN` or `FILE.COLUMN`; None if it is not in this file."""
+        own = column.removeprefix(f"{Path(self.file).stem}.")
+        return next((name for name in (column, own) if name in self.values), None)
+
+    def read(self, columns: Sequence[str], unit: str) -> tuple[np.ndarray, np.ndarray]:
+        """Times (k,) [s] and values (k, m) [SI] of columns that are in this file."""
+        found = [self.values[self.name_of(column)] for column in columns]
+        return self.t, in_si(1.0, unit)[0] * np.stack(found, axis=1)
 
 
 def read_columns(path: Path) -> Columns:
@@ -152,11 +163,12 @@ def read_run(
 ) -> Run:
     check_keys(table, ("file", "name", "from", "until", "scene"), path)
     files, default = _files(value_of(table, path, "file", "a CSV, or a list of them"), path, folder)
+    owners = _files_of_channels(files, [sensor.channel for sensor in sensors], path)
     low, high = number_of(table, path, "from", -np.inf), number_of(table, path, "until", np.inf)
     times, values = [], []
-    for sensor in sensors:
+    for sensor, owner in zip(sensors, owners, strict=True):
         what = f"{path}: channel {sensor.channel.name!r}"
-        t, y = _in_one_file(files, sensor.channel.columns, sensor.channel.unit, what)
+        t, y = owner.read(sensor.channel.columns, sensor.channel.unit)
         keep = (t >= low) & (t <= high)
         if (np.isfinite(y[keep]).sum(axis=0) < FEWEST_READINGS).any():
             raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
@@ -193,17 +205,31 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
     return found, Path(items[0]).stem if isinstance(items[0], str) else path.replace(".", "_")
 
 
-def _in_one_file(
-    files: Sequence[Columns], columns: Sequence[str], unit: str, what: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """Times (k,) [s] and values (k, m) [SI] of these columns, from the single file that contains all of them."""
-    found = [file for file in files if all(name in file.values for name in columns)]
-    if len(found) == 1:
-        return found[0].t, in_si(1.0, unit)[0] * np.stack([found[0].values[name] for name in columns], axis=1)
+def _files_of_channels(files: Sequence[Columns], channels: Sequence[Channel], path: str) -> list[Columns]:
+    """The file of each channel.
+
+    Channels with the same columns are those of the files that have them, in order, if there are as many of both.
+    """
+    found = []
+    for i, channel in enumerate(channels):
+        same = [k for k, other in enumerate(channels) if other.columns == channel.columns]
+        found.append(_one_file(files, channel.columns, f"{path}: channel {channel.name!r}", same.index(i), len(same)))
+    return found
+
+
+def _one_file(files: Sequence[Columns], columns: Sequence[str], what: str, index: int = 0, count: int = 1) -> Columns:
+    """The file that contains all of these columns: the only one, or number `index` of as many as `count`."""
+    found = [file for file in files if all(file.name_of(column) for column in columns)]
+    if len(found) == 1 or (found and len(found) == count):
+        return found[index % len(found)]
     if found:
-        raise SceneError(f"{what}: {', '.join(columns)} occurs in {len(found)} files; allowed: in one")
+        names = ", ".join(f'"{Path(found[0].file).stem}.{column}"' for column in columns)
+        raise SceneError(
+            f"{what}: {', '.join(columns)} occurs in {len(found)} files; allowed: in one, or one channel for each of "
+            f"the files, in their order. Name the file too: [{names}]"
+        )
     known = [name for file in files for name in file.values]
-    missing = next((name for name in columns if name not in known), columns[0])
+    missing = next((name for name in columns if not any(file.name_of(name) for file in files)), columns[0])
     raise SceneError(f"{what}: column {missing!r} is in no file with the others; {nearest(missing, known)}")
 
 
@@ -216,7 +242,7 @@ def _recorded_motions(
     times, paths = None, []
     for point, columns, unit in motions:
         what = f"{path}: motion of {point!r}"
-        t, y = _in_one_file(files, columns, unit, what)
+        t, y = _one_file(files, columns, what).read(columns, unit)
         keep = np.isfinite(y).all(axis=1)
         if keep.sum() < FEWEST_READINGS:
             raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")

@@ -297,7 +297,7 @@ def observe_channels(
     # tangents in all that a step changes, so that JAX differentiates the loop over the steps once
     zero = 0.0 * jnp.sum(s.r)
     s = replace(s, v=s.v + zero, tension=s.tension + zero)
-    _, run = integrate(plan.stepper, model, s, dt, plan.saves * plan.every, plan.every)
+    _, run = integrate(plan.stepper, model, s, dt, plan.saves * plan.every, plan.every, warn=False)
     spacing = dt * plan.every
     t = jnp.arange(plan.saves + 1) * spacing
     nodes = jax.vmap(lambda r, t: model.nodes(r, model.ends(t)))(jnp.concatenate([s.r[None], run.r]), t)

@@ -11,6 +11,7 @@ from dropper_jax.base.memory import available_cores
 from dropper_jax.cli.options import (
     FAILED,
     OK,
+    add_effects,
     add_examples,
     add_json,
     add_quiet,
@@ -20,6 +21,7 @@ from dropper_jax.cli.options import (
     positive_integer,
     print_result,
     progress,
+    register_effects,
 )
 
 help = "run the load cases of a site and report the utilisation of each part"
@@ -38,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--print", action="store_true", help="only print the site's file, to save and edit")
     parser.add_argument("--workers", type=positive_integer, metavar="N", help="processes (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the cases")
+    add_effects(parser)
     add_json(parser)
     add_quiet(parser)
 
@@ -54,10 +57,9 @@ def run(args: argparse.Namespace) -> int:
     if out is not None and out.is_dir() and any(out.glob("runs/*.npz")) and not (args.resume or args.list):
         raise SceneError(f"--out: {args.out!r} already contains runs. Use --resume, or another folder")
 
-    from dropper_jax.effects import register_installed
     from fitting.site import read_site
 
-    register_installed()
+    register_effects(args)
     site = read_site(args.site)
     if args.list:
         return _list(site, args.json)

@@ -11,6 +11,7 @@ from dropper_jax.cli.options import (
     OK,
     Failure,
     add_allow_outside,
+    add_effects,
     add_examples,
     add_json,
     add_quiet,
@@ -48,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scene", required=True, help="name of a packaged scene, or a TOML file")
     add_set(parser)
     add_allow_outside(parser)
+    add_effects(parser)
     parser.add_argument(
         "--free",
         metavar="NAMES",
@@ -131,10 +133,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_convention(parser: argparse.ArgumentParser) -> None:
-    """--zero, --sign, --unit."""
+    """--zero, --sign, --unit, --columns."""
     parser.add_argument("--zero", help="zero direction of the traces' angles: horizontal or down")
     parser.add_argument("--sign", help="1 or -1")
     parser.add_argument("--unit", help="rad or deg")
+    parser.add_argument(
+        "--columns",
+        metavar="NAME=COLUMN,...",
+        help="the traces' columns if they have other names, such as time=timestamp,theta_1=angle",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -176,6 +183,7 @@ def run(args: argparse.Namespace) -> int:
         zero=args.zero,
         sign=args.sign,
         unit=args.unit,
+        columns=column_names(args.columns),
         static_start=args.static_start,
         compare_models=args.compare_models,
         advice=args.advice,
@@ -183,6 +191,7 @@ def run(args: argparse.Namespace) -> int:
         progress=progress(args.quiet),
         **descent,
     )
+    result.accepted = args.accept_misfit
     if folder:
         from fitting.report.report import write_report
 
@@ -207,7 +216,7 @@ OF_DESCENT = ("optimizer", "learning_rate", "steps")
 OF_TRACES = {
     **dict.fromkeys(
         (
-            *("until", "held_out", "window", "zero", "sign", "unit", "rest"),
+            *("until", "held_out", "window", "zero", "sign", "unit", "columns", "rest"),
             *OF_DESCENT,
         )
     ),
@@ -268,6 +277,16 @@ def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[f
     reason = "is not lo:hi; allowed: spans in s such as 40:45,45:50"
     parts = filter(None, (text or "").split(","))
     return [tuple(read_numbers(part, option, reason, ":", 2)) for part in parts]
+
+
+def column_names(text: str | None) -> dict[str, str] | None:
+    """Columns of a file by name, of `time=timestamp,theta_1=angle`."""
+    if text is None:
+        return None
+    pairs = [part.partition("=") for part in text.split(",")]
+    if wrong := next((name for name, _, column in pairs if not (name.strip() and column.strip())), None):
+        raise SceneError(f"--columns: {wrong!r} has no column; allowed: time=COLUMN,theta_1=COLUMN,...")
+    return {name.strip(): column.strip() for name, _, column in pairs}
 
 
 def _pairs(option: str, texts: list[str]) -> list[tuple[str, str]]:
@@ -334,4 +353,5 @@ def text(result: FitResult) -> str:
         parts.append(table(advice_rows(result.advice)))
     if result.comparison:
         parts += [table(comparison_rows(result.comparison)), f"law: {verdict(result.comparison)}"]
-    return "\n\n".join([*parts, result.outcome])
+    # the reason of a failure follows as the error line
+    return "\n\n".join([*parts, result.status])

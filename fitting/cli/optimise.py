@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from dropper_jax.base.errors import silent
 from dropper_jax.cli.options import (
     FAILED,
+    add_effects,
     add_examples,
     add_json,
     add_quiet,
@@ -17,6 +18,7 @@ from dropper_jax.cli.options import (
     print_result,
     print_warnings,
     progress,
+    register_effects,
     table,
 )
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
@@ -39,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser)
     parser.add_argument("--picture", metavar="FILE.png", help=argparse.SUPPRESS)
     parser.add_argument("--check", action="store_true", help="only check the site and the derivatives")
+    add_effects(parser)
     add_json(parser)
     add_quiet(parser)
 
@@ -48,11 +51,10 @@ def run(args: argparse.Namespace) -> int:
     plot, out = plot_folder(args.plot), out_file(args.out)
     state = output_file(args.state, "--state", (".json",))
 
-    from dropper_jax.effects import register_installed
     from fitting.optimise.run import check_derivatives, optimise, read_problem
     from fitting.site import read_site
 
-    register_installed()
+    register_effects(args)
     site = read_site(args.site)
     say = progress(args.quiet) or silent
     if args.check:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.errors import silent
-from dropper_jax.cli.options import add_examples, add_json, add_quiet, progress, table
+from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, progress, register_effects, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 from fitting.cli.fit import read_numbers
 
@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_out(parser)
     add_quiet(parser)
+    add_effects(parser)
     add_json(parser)
 
 
@@ -39,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
 
     from fitting.calibration.plan import plan, rows
 
+    register_effects(args)
     found = plan(
         args.scenes,
         args.free.split(","),

@@ -5,7 +5,17 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from dropper_jax.cli.options import add_examples, add_json, add_quiet, listing, output_folder, print_result, progress
+from dropper_jax.cli.options import (
+    add_effects,
+    add_examples,
+    add_json,
+    add_quiet,
+    listing,
+    output_folder,
+    print_result,
+    progress,
+    register_effects,
+)
 from dropper_jax.cli.outputs import add_plot, picture, plot_folder
 
 help = "floats that carry the mussels of each month, and the resulting farm geometry"
@@ -21,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--report", metavar="DIR", help="write season.md, season.csv, season.json and season.png")
     parser.add_argument("--out", metavar="DIR", help="the same as --report")
     add_plot(parser, "floats and depths by month")
+    add_effects(parser)
     add_json(parser)
     add_quiet(parser)
 
@@ -29,12 +40,11 @@ def run(args: argparse.Namespace) -> int:
     out = output_folder(args.report or args.out, "--report" if args.report else "--out")
     plot = plot_folder(args.plot)
 
-    from dropper_jax.effects import register_installed
     from fitting.season import season, write_season
     from fitting.season.season import draw
     from fitting.site import read_site
 
-    register_installed()
+    register_effects(args)
     found = season(read_site(args.site), progress(args.quiet))
     if plot is not None:
         draw(found, picture(plot, "season"))

@@ -19,7 +19,7 @@ from dropper_jax.cli.options import (
 )
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
-help = "sensitivity of a quantity to parameters: exact derivatives, Sobol indices, Morris screening"
+help = "sensitivity of a quantity to parameters: derivatives, Sobol indices, Morris screening"
 
 #: Options that set a value of the scene.
 OVERRIDES = ("integrator", "dt", "duration")
@@ -65,12 +65,14 @@ def run(args: argparse.Namespace) -> int:
     from fitting.sensitivity.derivatives import global_text, local_text
 
     problem = sensitivity.study(scene, args.of, args.to.split(","))
+    say = progress(args.quiet) or silent
+    box = None
     if args.method:
         box = sensitivity.ranges(problem, dict(_range(text) for text in args.range))
         found = sensitivity.global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
         text = global_text(found, args.of)
     else:
-        found = sensitivity.local(problem, progress(args.quiet) or silent, args.check)
+        found = sensitivity.local(problem, say, args.check)
         text = local_text(found)
     if target and found.finite:
         from fitting.sensitivity.tornado import global_picture, local_picture
@@ -79,9 +81,12 @@ def run(args: argparse.Namespace) -> int:
             global_picture(found, args.of, picture(target, "tornado"))
         else:
             local_picture(found, picture(target, "tornado"))
-    warnings = [*problem.fallbacks.warnings(), *found.warnings]
+    verdict = sensitivity.check_step(problem, box, say)
+    warnings = [*problem.fallbacks.warnings(), *found.warnings, *verdict.warnings]
     print_warnings(warnings)
-    failure = None if found.finite else ("not_converged", f"{args.of}: a step of the run failed; see `dropper run`")
+    failure = verdict.failure
+    if not found.finite:
+        failure = "not_converged", f"{args.of}: a step of the run failed; see `dropper run`"
     whole = {**done_object(of=args.of), **found.to_json(), "warnings": warnings}
     return deliver(args.json, whole, text, out, failure)
 

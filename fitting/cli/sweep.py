@@ -27,7 +27,7 @@ from dropper_jax.cli.options import (
     read_scene,
     table,
 )
-from fitting.cli.fit import add_convention, read_numbers
+from fitting.cli.fit import add_convention, column_names, read_numbers
 
 if TYPE_CHECKING:
     import numpy as np
@@ -126,6 +126,7 @@ def run(args: argparse.Namespace) -> int:
         if args.trace:
             named = convention(args.zero, args.sign, args.unit)
             about = {"parts": parts, "integrator": args.integrator, "until": args.duration, "convention": named}
+            about["columns"] = column_names(args.columns)
             scores = sweep_against_trace(scene, vary, args.trace, args.out, **about, **options)
             result = scores.sweep
         else:
@@ -133,12 +134,12 @@ def run(args: argparse.Namespace) -> int:
     except SweepStopped as error:
         return print_result(args.json, {}, failure=("interrupted", str(error)))
     fitted = _fit(args, scene, scores) if args.fit else None
-    warnings = result.fallbacks.warnings() + (scores.warnings if scores else [])
+    warnings = [*result.fallbacks.warnings(), *(scores.warnings if scores else []), *result.verdict.warnings]
     print_warnings(warnings)
     failed = sum(count for status, count in result.counts.items() if status not in ("ok", "pending"))
     found = {
         "schema": 1,
-        "status": "ok",
+        "status": result.verdict.status,
         "scene": scene.name,
         "out": str(result.path),
         "cases": result.cases,
@@ -162,12 +163,14 @@ def run(args: argparse.Namespace) -> int:
         if not scores or result.plan.quantities:
             draw_sweep(result.path, plot)
     small = not args.json and not args.traces and result.cases <= MOST_ROWS and result.plan.quantities
-    return print_result(args.json, found, text(found, _result_table(result.path) if small else ""))
+    words = text(found, _result_table(result.path) if small else "")
+    return print_result(args.json, found, words, result.verdict.failure)
 
 
 def _parts(args: argparse.Namespace) -> list[float] | None:
     """Times of `--parts`; options that need a trace are rejected without one."""
     given = {"--parts": args.parts, "--fit": args.fit, "--zero": args.zero, "--sign": args.sign, "--unit": args.unit}
+    given["--columns"] = args.columns
     for option, value in given.items():
         if value and not args.trace:
             raise SceneError(f"{option}: requires --trace FILE.csv")
@@ -181,6 +184,7 @@ def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedS
     from fitting.sweep.against_trace import FittedScore
 
     asked = {"zero": args.zero, "sign": args.sign, "unit": args.unit, "until": args.duration}
+    asked["columns"] = column_names(args.columns)
     result = fit(args.trace, scene, list(scores.paths), **asked, progress=progress(args.quiet))
     print_warnings(result.warnings)
     return FittedScore.of(scores, result.status, result.values, result.uncertainty.std_error)
@@ -219,7 +223,10 @@ def _values(option: str) -> tuple[str, np.ndarray]:
             raise ValueError
         if int(count) > most_values:
             raise SceneError(f"--vary: {path.strip()} has {int(count)} values; allowed: at most {most_values}")
-        return path.strip(), getattr(np, SPACINGS[spacing])(float(low), float(high), int(count))
+        values = getattr(np, SPACINGS[spacing])(float(low), float(high), int(count))
+        # a parameter may be a count, which takes whole numbers only
+        is_count = ScenePath(path.strip()).section == "parameters" and np.array_equal(values, np.round(values))
+        return path.strip(), values.astype(int) if is_count else values
     except SceneError:
         raise
     except (ValueError, KeyError):
@@ -255,7 +262,7 @@ def text(found: dict[str, Any], results: str = "") -> str:
     if found["vmapped"]:
         pairs.append(("by jax.vmap", f"{', '.join(found['vmapped'])}: two transposes of the cases' axis, same results"))
     scores = _score_table(found["trace"]) if "trace" in found else ""
-    return "\n\n".join(part for part in (listing(pairs), results, scores, f"ok: {found['out']}") if part)
+    return "\n\n".join(part for part in (listing(pairs), results, scores, f"{found['status']}: {found['out']}") if part)
 
 
 def _score_table(trace: dict[str, Any]) -> str:

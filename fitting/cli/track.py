@@ -114,15 +114,17 @@ def run(args: argparse.Namespace) -> int:
         )
     except AmbiguousOrderError as error:
         return report_ambiguous(error, args, out.with_name(f"{out.stem}-orders.png"))
-    print_warnings(tracked.warnings)
-    write_trace(out, tracked.trace, notes(tracked))
-    if positions:
-        write_positions(tracked, positions)
+    lost = tracked.status == "lost"
+    if not lost:
+        print_warnings(tracked.warnings)
+        write_trace(out, tracked.trace, notes(tracked))
+        if positions:
+            write_positions(tracked, positions)
     if overlay:
         write_overlay(tracked, args.video, overlay)
-    print_result(args.json, {**tracked.to_json(), "out": str(out)}, text(tracked, out))
+    print_result(args.json, {**tracked.to_json(), "out": None if lost else str(out)}, text(tracked, out))
     if tracked.status != "ok":
-        print_line(f"error: {tracked.message}; the earlier part is in {out}")
+        print_line(f"error: {tracked.message}" + ("" if lost else f"; the earlier part is in {out}"))
     return OK if tracked.status == "ok" else FAILED
 
 
@@ -183,10 +185,12 @@ def text(tracked: Tracked, out: Path) -> str:
         ("markers", f"{found['nodes']} of radius {found['marker_radius_pixel']:.3g} pixel, {found['links']} links"),
         ("not detected", f"{bridged} samples, longest gap {found['longest_gap_s']:.2g} s" if bridged else "none"),
         ("marked frames", f"{found['marked_frames']}, left empty" if found["marked_frames"] else "none"),
-        ("angles", f"standard error {found['angle_se_rad']:.2g} rad (median)"),
     ]
+    if found["angle_se_rad"] is not None:
+        pairs.append(("angles", f"standard error {found['angle_se_rad']:.2g} rad (median)"))
     if tracked.lens is not None:
         pairs.insert(0, ("lens", f"{tracked.lens.pictures} pictures, error {tracked.lens.error:.2g} pixel"))
     if tracked.scaled:
         pairs.append(("links", ", ".join(f"{x:.4f}" for x in found["link_length_m"]) + " m"))
-    return "\n".join([listing(pairs), "", f"{found['status']}: angles in {out}"])
+    outcome = "no angles are written" if tracked.status == "lost" else f"angles in {out}"
+    return "\n".join([listing(pairs), "", f"{found['status']}: {outcome}"])

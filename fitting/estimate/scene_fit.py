@@ -191,15 +191,20 @@ class SceneFit:
         """Remark on a parameter, by its number."""
         return "at bound" if self.uncertainty.at_bound[i] else ""
 
+    @property
+    def has_errors(self) -> bool:
+        """Whether the estimates have errors: those of a fit that failed mean nothing."""
+        return self.status == "ok"
+
     def estimates(self) -> dict[str, dict[str, Any]]:
-        """Value, error, 90 % interval and unit of every parameter, by its path."""
-        u = self.uncertainty
+        """Value, error, 90 % interval and unit of every parameter, by its path; no error (NaN) of a failed fit."""
+        u, known = self.uncertainty, self.has_errors
         return {
             p.name: {
                 "value": self.values[i],
-                "std_error": u.std_error[i],
-                "low": u.low[i],
-                "high": u.high[i],
+                "std_error": u.std_error[i] if known else np.nan,
+                "low": u.low[i] if known else np.nan,
+                "high": u.high[i] if known else np.nan,
                 "at_bound": bool(u.at_bound[i]),
                 "unit": p.unit,
             }
@@ -265,10 +270,11 @@ class Intervals:
 
     def add_to(self, result: SceneFit, progress: Progress) -> None:
         """Add the intervals to a result, with their warnings."""
-        solution, estimates = result.solution, result.estimates()
+        solution = result.solution
+        errors = dict(zip((p.name for p in result.parameters), result.uncertainty.std_error, strict=True))
         for name in self.profile_names(result.scene, result.parameters):
             progress(0.96, f"profile of {name}")
-            result.profiles.append(profile(solution, name, float(estimates[name]["std_error"])))
+            result.profiles.append(profile(solution, name, float(errors[name])))
         if self.bootstrap:
             drawn = bootstrap(solution, self.bootstrap)
             result.bootstrap = drawn.draws

@@ -20,6 +20,7 @@ from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.model import Model
 from dropper_jax.report.extremes import EULER, LEAST_RUNS
 from dropper_jax.run import quantities as named
+from dropper_jax.run.end_links import load_on_fixed_point
 from fitting.site import Anchor, Part
 from fitting.site.sections import RunValues
 
@@ -61,15 +62,15 @@ class AnchorLoad(Quantity):
     """Utilisation of an anchor, as in `dropper_jax.scene.point`, times the factor.
 
     Attributes:
-        first, last: links that start and end at its point.
+        links: those that end at its point; signs: 1 for links that start there, -1 for links that end there.
         across, up: factor over the horizontal and the upward capacity [1/N].
         any_direction: whether they are one capacity for a load in any direction.
         uplift: tangent of the maximum angle of the load; None for the load itself.
     """
 
     name: str
-    first: tuple[int, ...]
-    last: tuple[int, ...]
+    links: tuple[int, ...]
+    signs: tuple[float, ...]
     across: float
     up: float
     any_direction: bool
@@ -86,12 +87,8 @@ class AnchorLoad(Quantity):
         return (safe_norm(both) if self.any_direction else across + rising)[:, None]
 
     def _line_force(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
-        d = model.links(r, model.ends(jnp.zeros((), r.dtype)))
-        total = jnp.zeros(3, r.dtype)
-        for sign, links in ((1.0, self.first), (-1.0, self.last)):
-            for i in links:
-                total = total + sign * jnp.maximum(tension[i], 0.0) * d[i] / safe_norm(d[i])
-        return total
+        start = jnp.zeros((), r.dtype)
+        return load_on_fixed_point(model, self.links, self.signs, r, jnp.maximum(tension, 0.0), start)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,7 +171,8 @@ def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[Anc
     for name in anchor.points:
         node = graph.point_node[names.index(name)]
         first, last = (tuple(map(int, np.flatnonzero(side == node))) for side in (graph.first, graph.last))
-        load = AnchorLoad(name, first, last, factor / horizontal, factor / upward, any_direction)
+        signs = (1.0,) * len(first) + (-1.0,) * len(last)
+        load = AnchorLoad(name, first + last, signs, factor / horizontal, factor / upward, any_direction)
         found.append(load)
         if anchor.table.uplift is not None:
             tangent = float(np.tan(np.radians(anchor.table.uplift)))

@@ -7,7 +7,7 @@ that direction.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,13 +15,22 @@ import jax
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import ScenePath
+from dropper_jax.base.read import ScenePath, declared_fields
 from dropper_jax.load.paths import describe, locate_written
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model, model_slopes
 from dropper_jax.scene import PriorSpec
-from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, check_once, paths, resolve
+from fitting.parameters.parameter import (
+    Bounds,
+    Parameter,
+    Priors,
+    Released,
+    StartValues,
+    check_once,
+    paths,
+    resolve,
+)
 from fitting.parameters.target import Direction, ModelPlace
 
 #: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
@@ -76,11 +85,53 @@ def scene_parameter(scene: Scene, model: Model, path: str) -> Parameter:
         )
         for i, slope in slopes.items()
     )
-    # lengths along a line are in lists that have no declaration
-    unit = "m" if ScenePath(path).key in ("length", "at") else describe(path).get("unit", "-")
+    if ScenePath(path).section == "parameters":
+        unit = _moved_unit(model, slopes)
+    else:
+        # lengths along a line are in lists that have no declaration
+        unit = "m" if ScenePath(path).key in ("length", "at") else describe(path).get("unit", "-")
     # a number keeps its sign
     low, high = 0.0 if value > 0 else -np.inf, 0.0 if value < 0 else np.inf
     return Parameter(path, Direction(slopes, value, linear), value, low, high, unit)
+
+
+def _moved_unit(model: Model, slopes: Iterable[int]) -> str:
+    """Unit of the model's leaves of these numbers if they share one, otherwise `-`."""
+    keys = [path for path, _ in jax.tree_util.tree_flatten_with_path(model)[0]]
+    units = set()
+    for leaf in slopes:
+        item: Any = model
+        for key in keys[leaf][:-1]:
+            item = item[key.idx] if hasattr(key, "idx") else getattr(item, key.name)
+        declared = declared_fields(type(item)).get(getattr(keys[leaf][-1], "name", ""))
+        units.add("-" if declared is None else declared.metadata.get("unit", "-"))
+    return units.pop() if len(units) == 1 else "-"
+
+
+def free_of_traces(
+    scene: Scene, model: Model, names: Sequence[str], release: Released | None = None
+) -> tuple[Parameter, ...]:
+    """The free parameters of a fit to angles: numbers of the model, camera, clock and release, and of `[parameters]`.
+
+    A number of `[parameters]` ties the values that the scene computes from it.
+
+    Raises:
+        SceneError: a path that does not exist, or a number of `[parameters]` that moves the model non-linearly.
+    """
+    found: list[Parameter] = []
+    for name in names:
+        if ScenePath(name).section != "parameters":
+            found += resolve(model, [name], release=release)
+            continue
+        tied = scene_parameter(scene, model, name)
+        if not tied.where.linear:
+            raise SceneError(
+                f"free: {name!r} changes the model non-linearly, which fits to angles do not follow; allowed: numbers "
+                'whose values are proportional to them, such as b_l = ["= head", "= head", "= tail"]'
+            )
+        found.append(tied)
+    check_once([p.name for p in found], "free")
+    return tuple(found)
 
 
 # A scene with fitted values, ready to simulate
@@ -150,8 +201,17 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
     Error messages use `option` as their heading.
     """
     names = [name.strip() for name in names]
-    known = None if all(_is_full(name) for name in names) else paths(build_model(scene))
+    known = None
+    if not all(_is_full(name) for name in names):
+        known = [*paths(build_model(scene)), *scene.parameter_paths]
     return [name if _is_full(name) else _full(name, known, option) for name in names]
+
+
+def free_option(names: Sequence[str], more: Sequence[str]) -> str:
+    """The option that frees parameters of these names and the paths `more`."""
+    fields = {key for keys in DAMPING.values() for key in keys}
+    short = [ScenePath(name).key if ScenePath(name).key in fields else name for name in names]
+    return f"--free {','.join(dict.fromkeys([*short, *more]))}"
 
 
 def by_full_path(
@@ -179,7 +239,10 @@ def _full(name: str, names: Sequence[str], option: str) -> str:
     stem, _, entry = name.partition(".")
     names = [p for p in names if not p.startswith("line.") or p.split(".")[1].isdecimal()]
     damping = [f"effects.{effect}.{key}" for effect, keys in DAMPING.items() for key in keys]
-    found = [p for p in names if ScenePath(p).key == stem] or [p for p in damping if ScenePath(p).key == stem]
+    own = [p for p in names if ScenePath(p).section != "parameters"]
+    found = next(
+        (found for group in (own, damping, names) if (found := [p for p in group if ScenePath(p).key == stem])), []
+    )
     if len(found) != 1:
         short = sorted({ScenePath(p).key for p in names + damping})
         raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + names)}")

@@ -232,11 +232,10 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     if value.ndim == 0 and not entries:
         return [_parameter(name, ModelPlace(section, index, field.name), float(value), field.metadata)]
     flat = value.reshape(-1)
-    if entries and entries[0] >= len(flat):
-        raise SceneError(f"{option}: {name!r}: unknown entry; allowed: 0 to {len(flat) - 1}")
-    # a free end has no joint and no fixed node
-    of_joints = section == "effects" and field.metadata["shape"] == "joint"
-    entries = entries or range(min(len(flat), _joints(model)) if of_joints else len(flat))
+    count = min(len(flat), _entries(model, section, field))
+    if entries and entries[0] >= count:
+        raise SceneError(f"{option}: {name!r}: unknown entry; allowed: 0 to {count - 1}")
+    entries = entries or range(count)
     targets = [(i, ModelPlace(section, index, field.name, i)) for i in entries]
     return [_parameter(f"{stem}.{i}", target, float(flat[i]), field.metadata) for i, target in targets]
 
@@ -248,6 +247,17 @@ def _observers(model: Model) -> list[Parameter]:
     nodes = [Parameter(f"{NODE}.{at.node}.{at.axis}", at, 0.0, unit="m") for at in markers]
     camera = Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")
     return [camera, Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s"), *links, *nodes]
+
+
+def _entries(model: Model, section: str, field: dataclasses.Field) -> float:
+    """Number of entries of a field that act: a free end has no joint, a fixed end no moving node."""
+    shape = field.metadata["shape"]
+    if section == "effects" and shape == "joint":
+        return _joints(model)
+    of_nodes = (section == "effects" and shape == "node") or (
+        section == "lines" and field.name == "mass" and not model.line.compound and not model.geometry.branched
+    )
+    return model.free_nodes if of_nodes else np.inf
 
 
 def _joints(model: Model) -> int:

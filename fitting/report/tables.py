@@ -14,13 +14,14 @@ from fitting.estimate.scene_fit import SceneFit
 
 
 def parameter_rows(result: SceneFit) -> list[tuple[str, ...]]:
-    """Name, value, error, interval, unit and remarks of every parameter, with a heading."""
+    """Name, value, error, interval, unit and remarks of every parameter, with a heading; a failed fit has no errors."""
     u = result.uncertainty
     rows = [("parameter", "value", "std error", "90 % low", "high", "unit", "")]
     for i, p in enumerate(result.parameters):
         digits = significant(result.values[i], u.std_error[i])
         ends = (f"{x:.{digits}g}" for x in (u.low[i], u.high[i]))
-        row = (f"{result.values[i]:.{digits}g}", f"{u.std_error[i]:.2g}", *ends)
+        errors = (f"{u.std_error[i]:.2g}", *ends) if result.has_errors else ("-", "-", "-")
+        row = (f"{result.values[i]:.{digits}g}", *errors)
         rows.append((p.name, *row, p.unit, result.note(i)))
     return rows
 
@@ -86,7 +87,7 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
         ("error", f"{result.rms:.3g} rad RMS, noise {result.noise:.3g} rad, chi2 per dof {result.chi2_per_dof:.3g}"),
         ("noise of the residuals", noise_text(result)),
     ]
-    if (best := result.best_combination) is not None:
+    if result.has_errors and (best := result.best_combination) is not None:
         value = f"{best['value']:.5g} +- {best['std_error']:.2g} {best['unit']}"
         pairs.append(("best determined", f"b_l + ({best['speed_m_per_s']:.3g} m/s) b_q = {value}"))
     pairs += [

@@ -10,8 +10,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
-from dropper_jax.run.growth import overgrown, wet_weights
-from dropper_jax.scene import held_loads, line_slices, whole_lines
+from dropper_jax.run.growth import fixed_point_loads, overgrown, wet_weights
+from dropper_jax.scene import whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.site import Site
 
@@ -77,16 +77,10 @@ def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[n
     pose = equilibrium(build_model(scene))
     if pose.status != "ok":
         raise SceneError(f"season: {month}, level {water.level:+g} m: no equilibrium: {pose.message}")
-    loads = held_loads(scene, pose.positions, pose.tension)
+    loads = fixed_point_loads(scene, pose.positions, pose.tension)
     wet = wet_weights(scene)
-    # half of the links next to a point act on the point's node
-    ends = {point.name: 0.0 for point in scene.points}
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
-        own = 0.5 * wet[where.links]
-        ends[line.start] += float(own[0])
-        ends[line.end] += float(own[-1])
     by_line = {line.name: float(wet[line.links].sum()) for line in whole_lines(scene)}
-    return np.array([ends[name] - loads[name][2] for name in names]), by_line
+    return np.array([-loads[name][2] for name in names]), by_line
 
 
 def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> dict[str, Any]:

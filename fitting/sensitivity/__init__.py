@@ -1,7 +1,18 @@
-"""Sensitivity of a quantity: exact derivatives along the whole run, and indices over ranges of parameters."""
+"""Sensitivity of a quantity: derivatives along the whole run, and indices over ranges of parameters."""
 
 from dropper_jax.run.quantities import quantity
 from fitting.sensitivity.derivatives import Global, Local, global_indices, local, windows
-from fitting.sensitivity.problem import Study, ranges, study
+from fitting.sensitivity.problem import Study, check_step, ranges, study
 
-__all__ = ["Global", "Local", "Study", "global_indices", "local", "quantity", "ranges", "study", "windows"]
+__all__ = [
+    "Global",
+    "Local",
+    "Study",
+    "check_step",
+    "global_indices",
+    "local",
+    "quantity",
+    "ranges",
+    "study",
+    "windows",
+]

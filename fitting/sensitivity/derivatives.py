@@ -1,8 +1,11 @@
-"""Sensitivity of a quantity to parameters: exact local derivatives, and their range of validity.
+"""Sensitivity of a quantity to parameters: local derivatives, exact or by differences, and their range of validity.
 
 Local derivatives include the whole run and its static start, in forward and in reverse mode. In a chaotic motion they
 grow like exp(lambda t) and soon do not predict the effect of a finite change. The horizon is the time until then.
 Averages over windows shorter than the horizon remain meaningful beyond it.
+
+In runs of elastic lines derivatives also grow where the motion does not: those of stiff taut links, which the scheme
+does not damp, and of links that go slack. Their slopes are differences of runs.
 """
 
 from __future__ import annotations
@@ -25,7 +28,21 @@ from dropper_jax.run.storage import extra
 from dropper_jax.stepping.integrate import Trajectory
 from dropper_jax.study.reference import lyapunov
 from fitting.parameters.parameter import apply
-from fitting.sensitivity.problem import Plan, Study, Varied, floats_of, linear_range, vary_start, vary_study
+from fitting.sensitivity.problem import (
+    Plan,
+    Study,
+    Varied,
+    central_differences,
+    difference_sizes,
+    floats_of,
+    linear_range,
+    vary_start,
+    vary_study,
+)
+
+TANGENT, DIFFERENCES = "tangent", "differences"
+#: Growth of the tangent of elastic lines, as a power of e, above which slopes are differences of runs.
+TANGENT_GROWTH = 5.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +53,9 @@ class Local:
         names, units, values: of the parameters.
         of, unit, value: the quantity.
         forward: dQ/dp (p,).
+        method: `tangent` (exact derivatives) or `differences` (of runs, if the tangent of elastic lines has grown).
+        error: of `forward` (p,), the difference of the slopes by two sizes; None for exact derivatives.
+        growth: logarithm of the growth of the tangent over the run; None without a run.
         horizon: time [s] up to which derivatives are valid; `duration` [s] of the run.
         reverse: dQ/dp by reverse mode (p,); None unless requested.
         exponent: growth rate [1/s] of the derivatives where they are not valid for the whole run, or of small errors,
@@ -62,6 +82,9 @@ class Local:
     window_error: np.ndarray | None = None
     linear_range: float = 0.01
     warnings: list[str] = dataclasses.field(default_factory=list)
+    method: str = TANGENT
+    error: np.ndarray | None = None
+    growth: float | None = None
 
     @property
     def scaled(self) -> np.ndarray:
@@ -74,8 +97,13 @@ class Local:
         return bool(np.isfinite(self.value) and np.isfinite(self.forward).all())
 
     @property
+    def scaled_error(self) -> np.ndarray | None:
+        """The error of `scaled` (p,)."""
+        return None if self.error is None or not self.value else np.abs(self.error * self.values / self.value)
+
+    @property
     def trusted(self) -> bool:
-        return self.window is None
+        return self.window is None and self.linear_range > 0.0 if self.method == DIFFERENCES else self.window is None
 
     @property
     def mismatch(self) -> float | None:
@@ -87,7 +115,12 @@ class Local:
 
     def to_json(self) -> dict[str, Any]:
         """The fields and the properties derived from them."""
-        return {**dataclasses.asdict(self), "scaled": self.scaled, "trusted": self.trusted}
+        return {
+            **dataclasses.asdict(self),
+            "scaled": self.scaled,
+            "scaled_error": self.scaled_error,
+            "trusted": self.trusted,
+        }
 
 
 @cached_jit(static=("plan",), brief=True)
@@ -96,18 +129,22 @@ def _reverse(plan: Plan, model: Model, near: State, values: jax.Array) -> jax.Ar
 
 
 def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
-    """Exact derivatives of the study at its values, and their range of validity.
+    """Derivatives of the study at its values, and their range of validity.
 
-    The same program runs once more with all parameters changed by 1 %, each in the direction that increases the
-    quantity. If the derivatives do not predict this change within a third, such as after the snap of a slack rope,
-    smaller changes find their linear range.
+    They are exact unless the tangent of a run of elastic lines grows by more than `e^TANGENT_GROWTH`. Slopes are then
+    central differences of runs by 1 % of a parameter (0.3 % of a length), with the difference to those by 0.3 %
+    (0.1 %) as their error (see `problem.central_differences`).
+
+    For exact ones the same program runs once more with all parameters changed by 1 %, each in the direction that
+    increases the quantity. If the derivatives do not predict this change within a third, smaller changes find their
+    linear range.
 
     If they fail at 1 %, and 1 % of a parameter moves a node by more than 10 % of the motion's extent and by 10 times
     its displacement at the start, the derivatives are valid up to that time only. The same program then gives the
     means over windows.
 
     Args:
-        check: also compute the derivatives by reverse mode, and the Lyapunov exponent, by separate programs.
+        check: also compute exact derivatives by reverse mode, and the Lyapunov exponent, by separate programs.
     """
     at = jnp.asarray(problem.values, problem.model.dtype)
     say(0.0, "forward derivatives")
@@ -116,8 +153,6 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     value, forward = float(quantity.tree), np.asarray(quantity.slopes[0])
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
         return local(dataclasses.replace(problem, retries=True), say, check)
-    if np.isfinite(value):
-        problem.check_derivatives(forward)
     settings = problem.scene.run
     duration = 0.0 if problem.of.at_rest else settings.steps * settings.dt
     found = Local(
@@ -130,19 +165,20 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
         forward=forward,
         horizon=duration,
         duration=duration,
+        growth=None if run is None else _tangent_growth(problem, start, run),
     )
-    if found.finite:
+    if np.isfinite(value):
+        if found.growth is not None and found.growth > TANGENT_GROWTH and problem.model.line.axial.elastic:
+            found = _by_differences(problem, found, say)
+        else:
+            problem.check_derivatives(forward)
+    if found.finite and found.method == TANGENT:
         say(0.3, "linear range")
         linear, notes = linear_range(problem, found.value, forward, partial(_changed_quantity, problem))
         found = dataclasses.replace(found, linear_range=linear, warnings=notes)
     if check:
-        say(0.4, "reverse derivatives")
-        reverse = np.asarray(_reverse(problem.plan, problem.model, problem.start, at))
-        if found.finite:
-            problem.check_derivatives(reverse)
-        growth = lyapunov(problem.model, problem.start, problem.stepper, settings.dt, max(settings.steps, 2))
-        found = dataclasses.replace(found, reverse=reverse, exponent=float(growth.exponent))
-    if run is not None and found.finite and found.linear_range < 0.01:
+        found = _with_check(problem, found, say)
+    if run is not None and found.finite and found.method == TANGENT and found.linear_range < 0.01:
         limit, rate = _growth(problem, start, run)
         if limit < duration:
             say(0.7, "windows")
@@ -155,15 +191,65 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     return found
 
 
+def _with_check(problem: Study, found: Local, say: Progress) -> Local:
+    """The result with the growth rate of small errors, and derivatives by reverse mode if they are exact."""
+    settings = problem.scene.run
+    if found.method == TANGENT:
+        say(0.4, "reverse derivatives")
+        at = jnp.asarray(problem.values, problem.model.dtype)
+        reverse = np.asarray(_reverse(problem.plan, problem.model, problem.start, at))
+        if found.finite:
+            problem.check_derivatives(reverse)
+        found = dataclasses.replace(found, reverse=reverse)
+    growth = lyapunov(problem.model, problem.start, problem.stepper, settings.dt, max(settings.steps, 2))
+    return dataclasses.replace(found, exponent=float(growth.exponent))
+
+
+def _by_differences(problem: Study, found: Local, say: Progress) -> Local:
+    """The result with differences of runs instead of the exact derivatives, and a warning where both sizes differ."""
+    slopes, error = central_differences(problem, say)
+    scale = np.array([p.scale for p in problem.parameters])
+    sizes = [difference_sizes(p) for p in problem.parameters]
+    notes = []
+    # as of exact derivatives (`linear_range`): a third of the change, or 0.01 in p/Q dQ/dp
+    unclear = error > np.maximum(np.abs(slopes) / 3.0, 0.01 * abs(found.value) / scale)
+    for i in np.flatnonzero(unclear):
+        large, small = (f"{100 * size:g} %" for size in sizes[i])
+        notes.append(
+            f"{found.of}: its differences by {large} and {small} of {found.names[i]} give {slopes[i]:.3g} +- "
+            f"{error[i]:.2g} per unit: it has no slope at this size. Use a mean, or a sweep over the range"
+        )
+    linear = 0.0 if notes else min(large for large, _ in sizes)
+    return dataclasses.replace(
+        found, forward=slopes, method=DIFFERENCES, error=error, linear_range=linear, warnings=notes
+    )
+
+
+def _displacements(problem: Study, start: Varied, run: Varied) -> tuple[np.ndarray, np.ndarray, float]:
+    """Maximum displacement [m] of a node by 100 % of each parameter at the start (p,) and at saved times (saves, p),
+    and the extent [m] of the motion."""
+    scale = np.array([p.scale for p in problem.parameters])
+    first, moved = (np.linalg.norm(x.slopes[0], axis=-1).max(-1).T * scale for x in (start, run))
+    return first, moved, float(np.linalg.norm(run.tree.r - run.tree.r[0], axis=-1).max())
+
+
+def _tangent_growth(problem: Study, start: Varied, run: Varied) -> float:
+    """Logarithm of the largest displacement by the derivatives over that at the start, or the extent of the motion if
+    that is larger; infinite if they overflow."""
+    first, moved, extent = _displacements(problem, start, run)
+    if not np.isfinite(moved).all():
+        return np.inf
+    before = np.maximum(np.maximum(extent, first), np.finfo(float).tiny)
+    return float(np.log(np.max(moved / before, initial=1.0)))
+
+
 def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
     """Time [s] up to which the derivatives are valid (see `local`), at most the run's duration, and their mean growth
     rate [1/s] over the second half of the run, NaN if they are valid to its end.
 
     A sea that is calm, or still rises, moves a line less than a change of its length does at the start.
     """
-    scale = np.array([p.scale for p in problem.parameters])
-    first, moved = (np.linalg.norm(x.slopes[0], axis=-1).max(-1).T * scale for x in (start, run))
-    extent = np.linalg.norm(run.tree.r - run.tree.r[0], axis=-1).max()
+    first, moved, extent = _displacements(problem, start, run)
     size = (moved / (10.0 * np.maximum(extent, first))).max(axis=-1)
     times = problem.scene.run.dt * problem.scene.run.save_every * (1 + np.arange(len(size)))
     over = np.flatnonzero(~(size[:-1] <= 1.0))
@@ -306,25 +392,31 @@ def local_text(found: Local) -> str:
         f"dQ/dp [{found.unit} per unit of p]": [f"{x:.6g}" for x in found.forward],
         "p/Q dQ/dp [% per %]": [f"{x:.4g}" for x in found.scaled],
     }
-    if not found.trusted:
+    if found.error is not None:
+        columns["error of dQ/dp"] = [f"{x:.2g}" for x in found.error]
+    if found.window is not None:
         columns["window mean"] = [f"{x:.5g}" for x in found.window_mean]
         columns["std error"] = [f"{x:.2g}" for x in found.window_error]
     rows = [list(columns), *([column[i] for column in columns.values()] for i in order)]
-    trust = (
-        "over the whole run"
-        if found.trusted
-        else f"up to {found.horizon:.3g} s only: beyond, 1 % of a parameter moves a node by over 10 % of the motion"
-    )
     rate = "" if found.exponent is None else f" (growth rate {found.exponent:.2g} per s)"
     pairs = [
         ("quantity Q", f"{found.of} = {found.value:.6g} {found.unit} over {found.duration:g} s"),
-        ("derivatives valid", f"{trust}{rate}"),
+        ("derivatives valid", f"{_validity(found)}{rate}"),
     ]
+    if found.method == DIFFERENCES:
+        sizes = "1 % of a parameter (0.3 % of a length), error from 0.3 % (0.1 %)"
+        pairs.append(("method", f"differences of runs by {sizes}: the tangent grows by e^{found.growth:.2g}"))
     if found.mismatch is not None:
         pairs.append(("modes", f"forward and reverse differ by {found.mismatch:.1e}"))
-    if not found.trusted:
+    if found.window is not None:
         pairs.append(("windows", f"of {found.window:.3g} s: the quantity of each, averaged over the motion"))
     return f"{listing(pairs)}\n\n{table(rows)}"
+
+
+def _validity(found: Local) -> str:
+    if found.window is not None:
+        return f"up to {found.horizon:.3g} s only: beyond, they predict over 10 % of the motion for 1 % of a parameter"
+    return "over the whole run" if found.trusted else "not at this size: see the warnings"
 
 
 def global_text(found: Global, of: str) -> str:

@@ -15,8 +15,10 @@ def local_picture(found: Local, path: str | Path) -> Path:
     """Scaled derivatives as bars, the largest on top."""
     values = found.scaled if np.isfinite(found.scaled).all() else found.forward
     label = "change of the quantity for 1 % of the parameter [%]" if values is not found.forward else "dQ/dp"
-    note = f"whole run of {found.duration:g} s" if found.trusted else f"NOT valid beyond {found.horizon:.2g} s"
-    return _bars(found.names, [values], [""], label, f"{found.of} = {found.value:.4g} {found.unit}; {note}", path)
+    note = f"whole run of {found.duration:g} s" if found.window is None else f"NOT valid beyond {found.horizon:.2g} s"
+    errors = found.error if values is found.forward else found.scaled_error
+    title = f"{found.of} = {found.value:.4g} {found.unit}; {note}"
+    return _bars(found.names, [values], [""], label, title, path, None if errors is None else [errors])
 
 
 def global_picture(found: Global, of: str, path: str | Path) -> Path:

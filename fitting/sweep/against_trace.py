@@ -17,7 +17,7 @@ from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import SceneLike, build
 from dropper_jax.run.storage import extra
-from fitting.sweep.plan import STATUS, Plan
+from fitting.sweep.plan import STATUS, Plan, changes_size
 from fitting.sweep.run import SweepResult, run_at, sweep
 from fitting.traces.conventions import settle_convention
 from fitting.traces.planar import check_planar, wrap
@@ -175,6 +175,7 @@ def sweep_against_trace(
     integrator: str | None = None,
     until: float | None = None,
     convention: Convention = Convention(),  # noqa: B008 - frozen
+    columns: Mapping[str, str] | None = None,
     **settings: Any,
 ) -> TraceScores:
     """Run every case from the scene's start over the span of a trace, and score it against the trace.
@@ -188,6 +189,7 @@ def sweep_against_trace(
         integrator: default rattle_4 for point masses, whose error is below a camera's noise; otherwise the scene's.
         until: samples from this time [s] on are not compared.
         convention: angle convention of the trace; default from the file, otherwise inferred from the scene.
+        columns: the file's columns if they have other names, as for `read_trace`.
         **settings: further arguments of `sweep`.
 
     Raises:
@@ -200,7 +202,10 @@ def sweep_against_trace(
     moved = next((path for path in vary if path.startswith("point.")), None)
     if moved:
         raise SceneError(f"vary: {moved!r} moves an end. With a trace, use paths outside [[point]]")
-    trace, warnings = settle_convention(as_trace(trace, model.line.links), model, convention)
+    for path, values in vary.items():
+        if path.count(".") > 0 and changes_size(scene, path, np.asarray(values)):
+            raise SceneError(f"vary: {path!r} changes the number of links, which is that of the trace. Use other paths")
+    trace, warnings = settle_convention(as_trace(trace, model.line.links, columns), model, convention)
     trace = trace.between(0.0, np.inf if until is None else until)
     check_trace(trace)
     if integrator is None and Rattle4().refuse(model) is None:

@@ -1,14 +1,18 @@
 """Definition of a sweep: the grid of cases, how each value enters the model, and what identifies the sweep.
 
 A value that only replaces numbers of the model (a damping coefficient) is set inside the compiled program. Any other
-value (a length, a sea state, a start angle) goes through the scene, on the host, once per distinct combination.
+value (a length, a sea state, a start angle) goes through the scene, on the host, once per distinct combination. Values
+that change the number of links or nodes (a number of droppers) get a program for each shape of the model; arrays over
+links and nodes then have those of the largest case, and NaN where a case has fewer.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any
 
@@ -19,11 +23,15 @@ from dropper_jax import Scene, load_scene
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.base.read import ScenePath
+from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.paths import describe
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
+from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.build import SceneLike, build, build_model, equal_steps
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
+from dropper_jax.scene import RunSpec
+from dropper_jax.stepping.stepper import check_settings, stepper_settings
 from fitting.parameters.of_scene import DAMPING, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
 
@@ -45,12 +53,17 @@ Plain = str | float | bool | None | list["Plain"] | dict[str, "Plain"]
 
 @dataclasses.dataclass(frozen=True)
 class Axis:
-    """One varied path: its values, and the model's numbers that it sets (none: it goes through the scene)."""
+    """One varied path: its values, and the model's numbers that it sets (none: it goes through the scene).
+
+    Attributes:
+        resizes: whether its values change the number of links or nodes.
+    """
 
     path: str
     values: np.ndarray
     parameters: tuple[Parameter, ...] = ()
     moves_start: bool = True
+    resizes: bool = False
 
     @property
     def unit(self) -> str:
@@ -106,6 +119,41 @@ class Plan:
         """The quantities that are not in `QUANTITIES`."""
         return tuple(quantity(n, self.base[0], "quantities") for n in self.quantities if n not in QUANTITIES)
 
+    @cached_property
+    def models(self) -> list[Model]:
+        """One model for each combination of the values that change the number of links or nodes."""
+        own = [axis for axis in self.axes if axis.resizes]
+        if not own:
+            return [self.base[0]]
+        combine = zip if self.listed else itertools.product
+        rows = dict.fromkeys(combine(*(axis.values.tolist() for axis in own)))
+        found = []
+        for row in rows:
+            with suppress(SceneError):  # such a case has the status invalid_input
+                values = {axis.path: value for axis, value in zip(own, row, strict=True)}
+                found.append(bare_model(self.scene.with_values(values)))
+        return found
+
+    @cached_property
+    def links(self) -> int:
+        """Number of links of the largest case."""
+        return max(model.line.links for model in self.models)
+
+    @cached_property
+    def free_nodes(self) -> int:
+        """Number of free nodes of the largest case."""
+        return max(model.free_nodes for model in self.models)
+
+    def inner_shape(self, name: str) -> tuple[int, ...]:
+        """Shape of the array of a case, with the links and nodes of the largest one."""
+        saves = self.scene.run.saves
+        shapes = {
+            "angle_max": (self.links,),
+            "positions": (saves, self.free_nodes, 3),
+            "tension": (saves, self.links),
+        }
+        return shapes.get(name, ())
+
     def inputs(self, cases: np.ndarray) -> np.ndarray:
         """Values (cases, axes) of case numbers."""
         index = np.unravel_index(cases, self.shape) * (len(self.axes) if self.listed else 1)
@@ -115,6 +163,26 @@ class Plan:
     def cases_of(self, chunk: int) -> np.ndarray:
         """Case numbers of a chunk."""
         return np.arange(chunk * self.chunk, min((chunk + 1) * self.chunk, self.cases))
+
+    def extreme_cases(self) -> dict[str, Scene]:
+        """Scenes of at most four cases by their values: the corners of the grid, or the outermost rows of a list.
+
+        Seeds have no order: they stay at the first one.
+        """
+        values = self.inputs(np.arange(self.cases))
+        ordered = np.array([axis.path != SEED for axis in self.axes])
+        span = np.where(ordered, np.ptp(values, axis=0), 0.0)
+        position = (values - values.min(axis=0)) * np.divide(1.0, span, out=np.zeros(len(span)), where=span > 0.0)
+        alternating = (-1.0) ** np.arange(len(self.axes))
+        corners = [position @ (sign * one) for one in (np.ones(len(self.axes)), alternating) for sign in (-1.0, 1.0)]
+        found = {}
+        for case in dict.fromkeys(int(np.argmax(corner)) for corner in corners):
+            changed = {
+                axis.path: axis.values.dtype.type(x).item() for axis, x in zip(self.axes, values[case], strict=True)
+            }
+            name = ", ".join(f"{path} = {value:g}" for path, value in changed.items())
+            found[name] = self.scene.with_values(changed)
+        return found
 
     def identity(self) -> dict[str, Any]:
         """Plain values that identify the sweep; `from_identity` makes the same plan from them."""
@@ -127,13 +195,25 @@ class Plan:
             "chunk": self.chunk,
             "settings": dict(self.settings),
             **({"listed": True} if self.listed else {}),
+            **self._template(),
         }
+
+    def _template(self) -> dict[str, Any]:
+        """Plain values of the scene's template, if its parameters are varied."""
+        template = self.scene.template
+        if template is None or not any(ScenePath(axis.path).section == "parameters" for axis in self.axes):
+            return {}
+        return {"template": {"table": template.table, "changes": template.changes}}
 
 
 def from_identity(identity: Mapping[str, Any]) -> Plan:
     """The plan with this identity."""
+    scene = Scene.from_dict(identity["scene"])
+    if "template" in identity:
+        template = identity["template"]
+        scene = Scene.from_dict(template["table"], scene.name).with_values(template["changes"])
     return make_plan(
-        Scene.from_dict(identity["scene"]),
+        scene,
         identity["vary"],
         quantities=identity["quantities"],
         traces=identity["traces"],
@@ -156,9 +236,13 @@ def make_plan(
     """Check a sweep and prepare it.
 
     Raises:
-        SceneError: an unknown path or quantity, a value out of range, nothing to vary.
+        SceneError: an unknown path, quantity or setting, a value out of range, nothing to vary.
     """
+    run_keys = [*(field.name for field in dataclasses.fields(RunSpec) if field.name != "options"), *OPTIONS]
+    check_settings(settings, [*run_keys, *stepper_settings()])
+    changed = {f"run.{key}": settings.pop(key) for key in run_keys if key in settings}
     scene = load_scene(scene)
+    scene = scene.with_values(changed) if changed else scene
     vary = {path: np.asarray(values) for path, values in vary.items()}
     if listed and (seeds or len({values.size for values in vary.values()}) > 1):
         counts = ", ".join(f"{path} {values.size}" for path, values in vary.items())
@@ -183,11 +267,27 @@ def make_plan(
     if chunk is None:
         chunk = default_chunk(build_model(base).geometry.branched, cases)
     found = Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
+    for model in found.models if any(axis.resizes for axis in axes) else ():
+        _check_quantities(names, model)
     if any(quantity.signal == PERIOD for quantity in found.named_quantities):
         raise SceneError(
             "quantities: natural periods belong to a static pose. Use `dropper sensitivity --of period.1.start`"
         )
     return found
+
+
+def changes_size(scene: Scene, path: str, values: np.ndarray) -> bool:
+    """Whether the first and the last of these values give different numbers of links or nodes."""
+    models = [bare_model(scene.with_values({path: value.item()})) for value in (values[0], values[-1])]
+    first, last = ((model.line.links, model.free_nodes) for model in models)
+    return first != last
+
+
+def _check_quantities(names: Sequence[str], model: Model) -> None:
+    """Reject quantities by name that a model of another size does not have."""
+    for name in names:
+        if name not in QUANTITIES:
+            quantity(name, model, "quantities")
 
 
 def on_processor() -> bool:
@@ -245,7 +345,8 @@ def _paths(scene: Scene, names: list[str]) -> list[str]:
 def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
     if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
         raise SceneError(f"vary: {path}: no finite numbers; allowed: at least one")
-    changed = [scene.with_values({path: value.item()}) for value in (values[0], values[-1])]
+    if changes_size(scene, path, values):
+        return Axis(path, values, resizes=True)
     still = any(ScenePath(path).stem == f"effects.{name}.{key}" for name, keys in DAMPING.items() for key in keys)
     model = build_model(scene)
     try:
@@ -253,7 +354,7 @@ def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
     except SceneError:
         return Axis(path, values)
     inside = apply(model, parameters, np.full(len(parameters), float(values[-1])))
-    if same(inside, build_model(changed[-1])):
+    if same(inside, build_model(scene.with_values({path: values[-1].item()}))):
         return Axis(path, values, parameters, moves_start=not still)
     return Axis(path, values)
 

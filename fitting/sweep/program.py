@@ -22,9 +22,9 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
 from dropper_jax.run.chunks import WORTH_ONE_KERNEL
-from dropper_jax.run.quantities import STATISTICS
+from dropper_jax.run.quantities import OVER_STEPS, STATISTICS, quantity_signals
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin, observe
-from fitting.parameters.parameter import apply
+from fitting.parameters.parameter import apply, resolve
 from fitting.sweep.plan import STATUS, Plan, on_processor
 
 
@@ -44,20 +44,67 @@ Carry = tuple[Progress, Tally]
 Tree = TypeVar("Tree")
 
 
+#: Structure and shapes of a model's arrays: models with the same one share a program.
+Shape = tuple[Any, ...]
+
+
+class Variant:
+    """Cases whose models have the same shape.
+
+    Attributes:
+        plan: with a case of this shape as its base.
+        compiled: its programs by stepper.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        # Cases of a single line run without halved steps first, and those that fail once more with them: half of the
+        # code and of the compilation, and as one kernel 1.8 times as fast.
+        self.small = plan.stepper if plan.base[0].geometry.branched else plan.stepper.plain
+        self.compiled: dict[Stepper, jax.stages.Compiled] = {}
+
+    @classmethod
+    def of(cls, plan: Plan, values: dict[str, Any], base: tuple[Model, State]) -> Variant:
+        """The variant of a case with these values by path, and its model and start."""
+        axes = tuple(
+            replace(axis, parameters=resolve(base[0], [axis.path], option="vary")) if axis.parameters else axis
+            for axis in plan.axes
+        )
+        own = replace(plan, scene=plan.scene.with_values(values), axes=axes)
+        own.__dict__["base"] = base  # found already: an equilibrium
+        return cls(own)
+
+
+class Started(NamedTuple):
+    """Cases of one variant in progress: which members they are (members,), arguments, arrays (members, ...)."""
+
+    variant: Variant
+    own: np.ndarray
+    arguments: tuple[Any, ...]
+    found: dict[str, jax.Array]
+
+
 class Pending(NamedTuple):
-    """Chunks in progress: their numbers, arguments, cases that the scene rejects (members,), arrays (members, ...)."""
+    """Chunks in progress: their numbers, cases that the scene rejects (members,), the others by variant."""
 
     chunks: list[int]
-    arguments: tuple[Any, ...]
     refused: np.ndarray
-    found: dict[str, jax.Array]
+    started: list[Started]
+
+
+class Members(NamedTuple):
+    """Members of one variant: which they are (members,), and arguments for all, with stand-ins for the others."""
+
+    variant: Variant
+    own: np.ndarray
+    arguments: tuple[Any, ...]
 
 
 class Program:
     """Runs of a plan, `devices` chunks at a time.
 
     Results do not depend on the number of devices or on which chunks run together: a case has a fixed position in its
-    chunk, and the chunk runs on one device.
+    chunk, and the chunk runs on one device. A chunk with models of several shapes runs once for each of them.
     """
 
     def __init__(self, plan: Plan, devices: int | None = None) -> None:
@@ -77,31 +124,21 @@ class Program:
         # On a CPU, cases of a system run one after another. Processor time of nine cases of a longline (52 links, 750
         # steps): compilation 8 s and run 5.3 s, against 21 and 6.1 s side by side, 23 and 28 s padded to a chunk of 64.
         self.system = plan.base[0].geometry.branched and on_processor()
-        # Cases run without halved steps first, and those that fail once more with them. For the lab dropper this takes
-        # half of the code and of the compilation, and is as one kernel 1.8 times as fast.
-        self.small = plan.stepper if self.system else plan.stepper.plain
-        self._compiled: dict[Stepper, jax.stages.Compiled] = {}
+        self._variants = {_shape_of(plan.base[0]): Variant(plan)}
 
     def compile(self, chunks: list[int]) -> None:
-        """Make the program; every call is of the same shape."""
-        self._program(self.small, self._arguments(chunks)[0])
+        """Make the programs of these chunks; every call is of the same shapes."""
+        for members in self._members(chunks)[0]:
+            self._program(members.variant, members.variant.small, members.arguments)
 
     def __call__(self, chunks: list[int]) -> Pending:
         """Start the chunks (at most one per device); `collect` waits for the results."""
-        arguments, refused = self._arguments(chunks)
-        return Pending(chunks, arguments, refused, self._program(self.small, arguments)(*arguments))
-
-    def _arguments(self, chunks: list[int]) -> tuple[tuple[Any, ...], np.ndarray]:
-        plan = self.plan
-        padded = [*chunks, *([chunks[-1]] * (self.devices - len(chunks)))]
-        values = plan.inputs(np.concatenate([np.resize(plan.cases_of(c), plan.chunk) for c in padded]))
-        model, start, refused = self._members(values)
-        dtype = plan.base[0].dtype
-        batched = jax.NamedSharding(self.mesh, PartitionSpec("device"))
-        shared = jax.NamedSharding(self.mesh, PartitionSpec())
-        axes = [shared if axis is None else batched for axis in self.in_axes]
-        arguments = (model, start, jnp.asarray(values, dtype), jnp.asarray(plan.scene.run.dt, dtype))
-        return tuple(map(jax.device_put, arguments, axes)), refused
+        members, refused = self._members(chunks)
+        started = []
+        for variant, own, arguments in members:
+            found = self._program(variant, variant.small, arguments)(*arguments)
+            started.append(Started(variant, own, arguments, found))
+        return Pending(chunks, refused, started)
 
     def at(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """One more case, with other values (axes,), by the same compiled program; arrays (1, ...) by name."""
@@ -112,12 +149,16 @@ class Program:
 
     def collect(self, pending: Pending) -> dict[int, dict[str, np.ndarray]]:
         """Results by chunk: each quantity, `status` and `failed_at` (cases,)."""
-        chunks, arguments, refused, found = pending
-        found = {name: np.array(value) for name, value in found.items()}
-        failed = ~refused & (found["status"] != 0)
-        if failed.any() and self.small.halvings != self.plan.stepper.halvings:
-            for name, value in self._program(self.plan.stepper, arguments)(*arguments).items():
-                found[name][failed] = np.asarray(value)[failed]
+        refused, found = pending.refused, {}
+        for variant, own, arguments, arrays in pending.started:
+            arrays = {name: np.array(value) for name, value in arrays.items()}
+            failed = own & ~refused & (arrays["status"] != 0)
+            if failed.any() and variant.small.halvings != variant.plan.stepper.halvings:
+                for name, value in self._program(variant, variant.plan.stepper, arguments)(*arguments).items():
+                    arrays[name][failed] = np.asarray(value)[failed]
+            for name, value in arrays.items():
+                whole = found.setdefault(name, self._empty(name, value))
+                whole[(own, *map(slice, value.shape[1:]))] = value[own]
         found["status"] = np.where(refused, STATUS.index("invalid_input"), found["status"]).astype(np.int8)
         for name, value in found.items():
             if name not in ("status", "failed_at"):
@@ -125,37 +166,69 @@ class Program:
         size = self.plan.chunk
         return {
             c: {name: value[i * size :][: len(self.plan.cases_of(c))] for name, value in found.items()}
-            for i, c in enumerate(chunks)
+            for i, c in enumerate(pending.chunks)
         }
 
-    def _members(self, values: np.ndarray) -> tuple[Model, State, np.ndarray]:
-        """Models and starts, one for all or one per case, and which cases the scene rejects."""
+    def _empty(self, name: str, value: np.ndarray) -> np.ndarray:
+        """An array (members, ...) for the results of the largest case: NaN, or 0 for whole numbers."""
+        fill = np.nan if value.dtype.kind == "f" else 0
+        return np.full((len(value), *self.plan.inner_shape(name)), fill, value.dtype)
+
+    def _members(self, chunks: list[int]) -> tuple[list[Members], np.ndarray]:
+        """The members of these chunks by variant, and which cases (members,) the scene rejects."""
+        plan = self.plan
+        padded = [*chunks, *([chunks[-1]] * (self.devices - len(chunks)))]
+        values = plan.inputs(np.concatenate([np.resize(plan.cases_of(c), plan.chunk) for c in padded]))
+        every = np.ones(len(values), bool)
         if not self.by_start:
-            return *self.plan.base, np.zeros(len(values), bool)
+            (variant,) = self._variants.values()
+            return [Members(variant, every, self._arguments(*plan.base, values))], ~every
         keys = [tuple(row[self.by_start]) for row in values]
         built = {key: self._build(key) for key in dict.fromkeys(keys)}
         refused = np.array([built[key] is None for key in keys])
-        found = [built[key] or self.plan.base for key in keys]
-        starts = stack([s for _, s in found])
-        return stack([m for m, _ in found]) if self.by_scene else self.plan.base[0], starts, refused
+        first = next((made for made in built.values() if made is not None), (next(iter(self._variants)), plan.base))
+        cases = [built[key] or first for key in keys]
+        found = []
+        for shape in dict.fromkeys(shape for shape, _ in cases):
+            own = np.array([shape == other for other, _ in cases])
+            instead = next(base for other, base in cases if other == shape)
+            bases = [base if mine else instead for mine, (_, base) in zip(own, cases, strict=True)]
+            model = stack([m for m, _ in bases]) if self.by_scene else plan.base[0]
+            arguments = self._arguments(model, stack([s for _, s in bases]), values)
+            found.append(Members(self._variants[shape], own, arguments))
+        return found, refused
 
-    def _build(self, key: tuple[float, ...]) -> tuple[Model, State] | None:
+    def _arguments(self, model: Model, start: State, values: np.ndarray) -> tuple[Any, ...]:
+        """Arguments of a program on its devices."""
+        plan = self.plan
+        dtype = plan.base[0].dtype
+        batched = jax.NamedSharding(self.mesh, PartitionSpec("device"))
+        shared = jax.NamedSharding(self.mesh, PartitionSpec())
+        axes = [shared if axis is None else batched for axis in self.in_axes]
+        arguments = (model, start, jnp.asarray(values, dtype), jnp.asarray(plan.scene.run.dt, dtype))
+        return tuple(map(jax.device_put, arguments, axes))
+
+    def _build(self, key: tuple[float, ...]) -> tuple[Shape, tuple[Model, State]] | None:
+        """Model and start of a case, and their shape, for which there then is a variant."""
         plan = self.plan
         axes = [plan.axes[i] for i in self.by_start]
         values = {axis.path: axis.values.dtype.type(x).item() for axis, x in zip(axes, key, strict=True)}
         try:
-            model, start = build(plan.scene.with_values(values))
+            base = build(plan.scene.with_values(values))
         except SceneError:
             return None
-        shapes = [jnp.shape(a) for a in jax.tree.leaves(model)]
-        if shapes != [jnp.shape(a) for a in jax.tree.leaves(plan.base[0])]:
-            raise SceneError(f"vary: {', '.join(values)}: changes the model's shape. Use one sweep for each value")
-        return model, start
+        shape = _shape_of(base[0])
+        if shape not in self._variants:
+            if base[0].line.links > plan.links or base[0].free_nodes > plan.free_nodes:
+                what = "has more links or nodes than the first and the last value"
+                raise SceneError(f"vary: {', '.join(values)}: a value {what}. Use one sweep for each value")
+            self._variants[shape] = Variant.of(plan, values, base)
+        return shape, base
 
-    def _program(self, stepper: Stepper, arguments: tuple[Any, ...]) -> jax.stages.Compiled:
+    def _program(self, variant: Variant, stepper: Stepper, arguments: tuple[Any, ...]) -> jax.stages.Compiled:
         """The program of a stepper, compiled at its first call; the small one of a batch as one kernel."""
-        if stepper not in self._compiled:
-            run = partial(run_case, self.plan, stepper)
+        if stepper not in variant.compiled:
+            run = partial(run_case, variant.plan, stepper)
             chunk = one_by_one(run, self.in_axes) if self.system else lanes(run, self.in_axes, self.fallbacks)
             brief = self.plan.cases * self.plan.scene.run.steps < WORTH_ONE_KERNEL
             options = compiler_options((BRIEFLY if brief else {}) if self.system else WIDELY)
@@ -164,8 +237,12 @@ class Program:
             specs = tuple(PartitionSpec() if axis is None else PartitionSpec("device") for axis in self.in_axes)
             out = PartitionSpec("device")
             mapped = jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=out, check_vma=False)
-            self._compiled[stepper] = jax.jit(mapped).lower(*arguments).compile(options)
-        return self._compiled[stepper]
+            variant.compiled[stepper] = jax.jit(mapped).lower(*arguments).compile(options)
+        return variant.compiled[stepper]
+
+
+def _shape_of(model: Model) -> Shape:
+    return jax.tree.structure(model), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(model))
 
 
 def one_by_one(f: Callable[..., Tree], in_axes: tuple[int | None, ...]) -> Callable[..., Tree]:
@@ -202,16 +279,20 @@ def run_case(
     """One case from start to end; a pure function to batch."""
     model = case_model(plan, model, values)
     every = plan.scene.run.save_every
+    named = plan.named_quantities
+    watch = None if every == 1 else quantity_signals(named, start.r)
     zero = jnp.zeros((), model.dtype)
     tally = Tally(zero - jnp.inf, zero + jnp.inf, zero, jnp.ones_like(start.tension), zero, zero)
 
     def save(carry: Carry, _: None) -> tuple[Carry, tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array] | None]]:
         progress, tally = carry
-        progress, row = advance(stepper, model, progress, dt, saves=1, save_every=every)
+        progress, row = advance(stepper, model, progress, dt, saves=1, save_every=every, watch=watch)
         tally = _count(model, start, progress.state, tally, row)
         s = progress.state
+        extremes = {} if watch is None else watch.over_steps(row.extremes)
         signals = tuple(
-            one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted) for one in plan.named_quantities
+            extremes[one] if one in extremes else one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted)
+            for one in named
         )
         return (progress, tally), (signals, (s.r, s.tension) if plan.traces else None)
 
@@ -232,7 +313,8 @@ def run_case(
         "energy_final": seen.kinetic + seen.potential,
     }
     found = {name: value for name, value in known.items() if name in plan.quantities}
-    found |= {one.name: STATISTICS[one.statistic](x) for one, x in zip(plan.named_quantities, signals, strict=True)}
+    statistics = STATISTICS if watch is None else STATISTICS | OVER_STEPS
+    found |= {one.name: statistics[one.statistic](x) for one, x in zip(named, signals, strict=True)}
     if plan.traces:
         found |= {"positions": traces[0], "tension": traces[1]}
     at = jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan)
@@ -244,10 +326,13 @@ def _count(model: Model, start: State, s: State, tally: Tally, row: Trajectory) 
     # rigid links keep their lengths; those that stretch are measured
     length = safe_norm(links) if model.line.axial.elastic else model.line.length
     tension = row.tension[0]
+    least, largest = tension, tension
+    if row.extremes is not None:
+        least, largest = (rows[0, : tension.size] for rows in row.extremes[:2])
     # a NaN is permanent: `maximum` propagates it
     return Tally(
-        jnp.maximum(tally.largest, jnp.max(tension)),
-        jnp.minimum(tally.smallest, jnp.min(tension)),
+        jnp.maximum(tally.largest, jnp.max(largest)),
+        jnp.minimum(tally.smallest, jnp.min(least)),
         tally.total + jnp.mean(tension),
         jnp.minimum(tally.cosine, -links[:, 2] / length),
         jnp.maximum(tally.excursion, jnp.max(safe_norm(s.r - start.r))),

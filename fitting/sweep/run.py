@@ -15,8 +15,10 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.memory import versions
+from dropper_jax.effects import register_installed
 from dropper_jax.lanes import Fallbacks
 from dropper_jax.run.build import SceneLike
+from dropper_jax.run.members import StepVerdict, check_steps
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import Plan, from_identity, make_plan
 from fitting.sweep.program import Program
@@ -44,6 +46,7 @@ class SweepResult:
         steps_per_s: steps of all cases that this call ran over `run_s`, saving included.
         fallbacks: operations that ran by `vmap` instead of the batched kernels.
         plan: the sweep.
+        verdict: on the step, from the runs of extreme cases (see `run.members`); stored as attribute `step_check`.
     """
 
     path: Path
@@ -56,6 +59,7 @@ class SweepResult:
     steps_per_s: float
     fallbacks: Fallbacks
     plan: Plan
+    verdict: StepVerdict
 
 
 def sweep(
@@ -75,6 +79,10 @@ def sweep(
 ) -> SweepResult:
     """Run every combination of values and store the requested quantities in a Zarr folder.
 
+    Values that change the number of links or nodes, such as `parameters.droppers`, get a program for each shape of the
+    model. Arrays over links and nodes then have those of the largest case, and NaN where a case has fewer. A start that
+    fails leaves no folder. The step of extreme cases is checked as `dropper run` does (see `SweepResult.verdict`).
+
     Args:
         scene: packaged name, TOML file, plain values or a `Scene`; its `[run]` sets step, duration and integrator.
         vary: values by path (or unique short name); the last one varies fastest.
@@ -88,7 +96,8 @@ def sweep(
         progress: called with the fraction done and a line of text.
         mix_versions: resume a part that was made with other versions of JAX or of this package.
         listed: pair the values, the first of every path, then the second: a list of cases, not a grid.
-        **settings: further fields of `Stepper`.
+        **settings: keys of `[run]` (dt, duration, integrator and others), which replace those of the scene, and further
+            fields of `Stepper`.
 
     Raises:
         SceneError: for any invalid input.
@@ -98,6 +107,9 @@ def sweep(
     store = SweepStore(out, plan, versions(), mix_versions)
     try:
         return _fill(store, scheduler, progress or silent)
+    except BaseException:
+        store.remove_if_empty()
+        raise
     finally:
         store.close()
 
@@ -120,8 +132,22 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
         ran = store.fill(source, before, plan.cases, say, words, lambda c: len(plan.cases_of(c)))
         run_s = time.perf_counter() - started - compile_s
     rate = ran * plan.scene.run.steps / run_s if run_s > 0 else 0.0
+    verdict = store.verdict
+    if verdict is None:
+        verdict = check_steps(plan.extreme_cases(), say, **dict(plan.settings))
+        store.verdict = verdict
     return SweepResult(
-        store.path, plan.cases, before, store.counts(), plan.scene.run.steps, compile_s, run_s, rate, fallbacks, plan
+        path=store.path,
+        cases=plan.cases,
+        resumed=before,
+        counts=store.counts(),
+        steps=plan.scene.run.steps,
+        compile_s=compile_s,
+        run_s=run_s,
+        steps_per_s=rate,
+        fallbacks=fallbacks,
+        plan=plan,
+        verdict=verdict,
     )
 
 
@@ -157,6 +183,7 @@ def run_at(plan: Plan, values: np.ndarray) -> Found:
 
 def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:
     """One chunk of the sweep with this identity, on a worker; and the operations that ran by `vmap`."""
+    register_installed()
     program = _program(identity, 1)
     return program.collect(program([chunk]))[chunk], program.fallbacks
 

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import Lock, remove_leftovers, unfinished_folder, unwritable
+from dropper_jax.base.files import Lock, remove, remove_leftovers, unfinished_folder, unwritable
 from dropper_jax.base.store import Store, StoreStopped, differences
+from dropper_jax.run.members import StepVerdict
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import QUANTITIES, STATUS, Plan, describe_quantity
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     import zarr
 
 IDENTITY = "dropper_jax_sweep"
+#: Attribute with the verdict on the step.
+STEP_CHECK = "step_check"
 PENDING = -1
 #: Packages whose versions must match those of the existing part.
 PACKAGES = ("jax", "jaxlib", "dropper-jax")
@@ -64,7 +67,8 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         self.lock = Lock(self.path)
         try:
             remove_leftovers(self.path)
-            if not self.path.exists():
+            self._is_new = not self.path.exists()
+            if self._is_new:
                 with unfinished_folder(self.path) as folder:
                     self._create(zarr.open_group(folder / "new", mode="w-"), versions)
                     (folder / "new").rename(self.path)
@@ -74,6 +78,15 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             if isinstance(error, OSError):  # messages of Zarr do not name the file
                 raise unwritable(self.path, error) from None
             raise
+
+    def remove_if_empty(self) -> None:
+        """Remove the group if this process made it and no chunk is complete."""
+        try:
+            empty = self.counts()["pending"] == self.plan.cases
+        except Exception:  # interrupted while the first chunk was written
+            empty = False
+        if self._is_new and empty:
+            remove(self.path)
 
     def close(self) -> None:
         """Release the lock."""
@@ -140,17 +153,18 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
 
     def _variables(self) -> dict[str, tuple[Any, ...]]:
         """Shape of a case, its dimensions, unit, meaning, and numbers in the store, by name; the mark last."""
-        model, run = self.plan.base[0], self.plan.scene.run
-        links = model.line.links
-        number = {"dtype": run.dtype, "fill_value": np.nan}
+        number = {"dtype": self.plan.scene.run.dtype, "fill_value": np.nan}
         found: dict[str, tuple[Any, ...]] = {}
         for name in self.plan.quantities:
-            inner = ((links,), ("link",)) if name == "angle_max" else ((), ())
-            found[name] = (*inner, *describe_quantity(self.plan, name), number)
+            dimensions = ("link",) if name == "angle_max" else ()
+            about = describe_quantity(self.plan, name)
+            found[name] = (self.plan.inner_shape(name), dimensions, *about, number)
         if self.plan.traces:
-            of_nodes = (run.saves, model.free_nodes, 3), ("time", "node", "axis")
-            found["positions"] = (*of_nodes, "m", "position of the free nodes", number)
-            found["tension"] = ((run.saves, links), ("time", "link"), "N", "tension of the links", number)
+            about = {
+                "positions": (("time", "node", "axis"), "m", "position of the free nodes"),
+                "tension": (("time", "link"), "N", "tension of the links"),
+            }
+            found |= {name: (self.plan.inner_shape(name), *row, number) for name, row in about.items()}
         found["failed_at"] = ((), (), "s", "time of the first failed step", number | {"dtype": "float64"})
         # stored raw, one byte per case: a status file is either whole or not readable
         raw = {"dtype": "int8", "fill_value": PENDING, "compressors": None}
@@ -173,6 +187,16 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
     def _cases(self, key: int) -> slice:
         cases = self.plan.cases_of(key)
         return slice(int(cases[0]), int(cases[-1]) + 1)
+
+    @property
+    def verdict(self) -> StepVerdict | None:
+        """The verdict on the step of the sweep; None before it was checked."""
+        there = self.group.attrs.get(STEP_CHECK)
+        return StepVerdict(there["status"], tuple(there["warnings"])) if isinstance(there, dict) else None
+
+    @verdict.setter
+    def verdict(self, verdict: StepVerdict) -> None:
+        self.group.attrs[STEP_CHECK] = {"status": verdict.status, "warnings": list(verdict.warnings)}
 
     def counts(self) -> dict[str, int]:
         """Cases by status."""

@@ -9,16 +9,17 @@ from __future__ import annotations
 import codecs
 import csv
 import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, nearest
 
 
 class CsvTable(NamedTuple):
-    """A file's name, its comments, the names of its columns, and its unparsed rows."""
+    """A file's name, its comments, the names of its columns (empty: not used), and its unparsed rows."""
 
     file: str
     comments: tuple[str, ...]
@@ -43,6 +44,8 @@ class CsvTable(NamedTuple):
             if len(row) != count:
                 raise SceneError(f"{where} has {len(row)} values; allowed: {count}, one per column")
             for j, cell in enumerate(row):
+                if not self.names[j]:
+                    continue
                 try:
                     table[i, j] = float(cell.strip() or "nan")
                 except ValueError:
@@ -53,12 +56,35 @@ class CsvTable(NamedTuple):
         table[np.isinf(table)] = np.nan
         return table.T
 
+    def with_names(self, columns: Mapping[str, str]) -> CsvTable:
+        """The table with the columns of the file called otherwise; further ones of these names are not used.
 
-def read_csv(path: Path, columns: str) -> CsvTable:
+        Args:
+            columns: by new name, the column of the file.
+
+        Raises:
+            SceneError: the file has no such column.
+        """
+        names = ["" if name in columns else name for name in self.names]
+        for name, column in columns.items():
+            if column not in self.names:
+                raise SceneError(f"columns: {column!r} is not in {self.file}; {nearest(column, self.names)}")
+            names[self.names.index(column)] = name
+        return self._replace(names=names)
+
+
+def read_csv(
+    path: Path,
+    columns: str,
+    renamed: Mapping[str, str] | None = None,
+    advice: Callable[[list[str]], str] = lambda names: "rename the column of times to t",
+) -> CsvTable:
     """The columns of a CSV file; lines that begin with # are comments.
 
     Args:
         columns: the required header, for error messages, such as `t, theta_1..n`.
+        renamed: by name, the column of the file that has it.
+        advice: what to do if there is no column t, from the names of those that exist.
 
     Raises:
         SceneError: a file that cannot be read, no samples, no column t.
@@ -83,9 +109,18 @@ def read_csv(path: Path, columns: str) -> CsvTable:
     names = [name.strip() for name in rows[0]]
     if all(_is_number(name) for name in names):
         raise SceneError(f"{path.name}: has no header; allowed: a first row with the names of the columns, {columns}")
-    if "t" not in names:
-        raise SceneError(f"{path.name}: has no column 't'; found: {', '.join(names)[:80]}")
-    return CsvTable(path.name, comments, names, rows[1:])
+    found = CsvTable(path.name, comments, names, rows[1:]).with_names(renamed or {})
+    if "t" not in found.names:
+        raise SceneError(f"{path.name}: has no column 't'; found: {listed(names)}; {advice(names)}")
+    return found
+
+
+def listed(names: Sequence[str]) -> str:
+    """The first names, and the number of the others."""
+    # number of names in an error message
+    most = 8
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def _split(body: list[str]) -> list[list[str]]:
@@ -111,8 +146,9 @@ def _is_number(cell: str) -> bool:
 
 def refuse_twice(file: str, names: list[str]) -> None:
     """Reject a duplicate column."""
-    if len(set(names)) != len(names):
-        raise SceneError(f"{file}: duplicate column; found: {', '.join(names)[:80]}")
+    used = [name for name in names if name]
+    if len(set(used)) != len(used):
+        raise SceneError(f"{file}: duplicate column; found: {listed(used)}")
 
 
 def check_times(name: str, t: np.ndarray) -> None:

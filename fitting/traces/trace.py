@@ -10,7 +10,8 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,9 +19,11 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import atomic_write
-from fitting.traces.csv_table import check_times, placeholder, read_csv, refuse_twice
+from fitting.traces.csv_table import check_times, listed, placeholder, read_csv, refuse_twice
 
 ZEROS, SIGNS, UNITS = ("horizontal", "down"), ("1", "-1"), ("rad", "deg")
+#: Names of columns.
+OF_TRACE = re.compile(r"t|(theta|omega|se)_\d+")
 #: Prefix of comments that are warnings.
 WARNING = "warning: "
 #: Minimum number of samples of a trace that can be windowed.
@@ -105,27 +108,37 @@ def unwrap(theta: np.ndarray) -> np.ndarray:
     return theta
 
 
-def as_trace(given: Trace | str | Path, links: int) -> Trace:
-    """A trace, read if its file is given.
+def as_trace(given: Trace | str | Path, links: int, columns: Mapping[str, str] | None = None) -> Trace:
+    """A trace, read if its file is given, with `columns` as for `read_trace`.
 
     Raises:
         SceneError: it has angles of another number of links.
     """
-    trace = given if isinstance(given, Trace) else read_trace(given, links)
+    trace = given if isinstance(given, Trace) else read_trace(given, links, columns)
     if trace.links != links:
         raise SceneError(f"{trace.name}: has {trace.links} angles, but the scene has {links} links; allowed: {links}")
     return trace
 
 
-def read_trace(path: str | Path, links: int | None = None) -> Trace:
+def read_trace(path: str | Path, links: int | None = None, columns: Mapping[str, str] | None = None) -> Trace:
     """A trace from a CSV file.
+
+    Args:
+        columns: the file's columns if they have other names, such as `{"time": "timestamp", "theta_1": "angle"}`;
+            columns that are neither listed nor have names of a trace are then left out.
 
     Raises:
         SceneError: one line with the file, the error and the allowed values.
     """
     path = Path(path)
-    table = read_csv(path, "t, theta_1..n")
+    renamed = {"t" if name == "time" else name: column for name, column in (columns or {}).items()}
+    for name in renamed:
+        if not OF_TRACE.fullmatch(name):
+            raise SceneError(f"columns: {name!r} is unknown; allowed: time, theta_1..n, omega_1..n, se_1..n")
+    table = read_csv(path, "t, theta_1..n", renamed, lambda names: _how_to_rename(names, links))
     names = table.names
+    if renamed:
+        names[:] = [name if OF_TRACE.fullmatch(name) else "" for name in names]
     count = _check_columns(path.name, names, links)
     values, stated = table.numbers(), _header_values(path.name, table.comments)
     part = lambda stem: np.stack([values[names.index(f"{stem}_{j + 1}")] for j in range(count)], axis=1)  # noqa: E731
@@ -143,24 +156,32 @@ def read_trace(path: str | Path, links: int | None = None) -> Trace:
     return trace
 
 
+def _how_to_rename(names: Sequence[str], links: int | None) -> str:
+    """What to do with a file whose columns have other names."""
+    last = "" if links == 1 else f" ... theta_{links or 'n'}"
+    time = "t" if "t" in names else next((name for name in names if name.lower().startswith("t")), names[0])
+    angle = next((name for name in names if name != time), "...")
+    found = ([] if time == "t" else [f"time={time}"]) + ([] if "theta_1" in names else [f"theta_1={angle}"])
+    return f"rename to t, theta_1{last}, or --columns {shlex.quote(','.join(found))}" + (",..." if last else "")
+
+
 def _check_columns(file: str, names: list[str], links: int | None) -> int:
     count = sum(re.fullmatch(r"theta_\d+", name) is not None for name in names)
+    used = [name for name in names if name]
+    if count == 0:
+        raise SceneError(f"{file}: has no column 'theta_1'; found: {listed(used)}; {_how_to_rename(used, links)}")
     if links is not None and count != links:
         raise SceneError(f"{file}: has {count} columns theta_1..n, but the scene has {links} links; allowed: {links}")
     columns = {stem: [f"{stem}_{j + 1}" for j in range(count)] for stem in ("theta", "omega", "se")}
     known = ["t", *columns["theta"], *columns["omega"], *columns["se"]]
-    for name in names:
+    for name in used:
         if name not in known:
             raise SceneError(f"{file}: unknown column {name!r}; {nearest(name, known)}")
     for stem, every in columns.items():
         have = [name for name in names if name.startswith(stem + "_")]
         if (have or stem == "theta") and sorted(have) != sorted(every):
-            raise SceneError(
-                f"{file}: columns {stem}_1..{max(count, 1)} are not complete; found: {', '.join(names)[:80]}"
-            )
+            raise SceneError(f"{file}: columns {stem}_1..{max(count, 1)} are not complete; found: {listed(used)}")
     refuse_twice(file, names)
-    if count == 0:
-        raise SceneError(f"{file}: has no column 'theta_1'; found: {', '.join(names)[:80]}")
     return count
 
 

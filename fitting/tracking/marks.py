@@ -118,7 +118,7 @@ def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.nda
             frames = np.flatnonzero(detected[:, k] & ~result[:, k])
             if len(frames) < 2 * neighbours:
                 break
-            off, apart = _off_cubic(frames, positions[frames, k])
+            off, apart = off_cubic(frames, positions[frames, k])
             usual = median_filter(off, 2 * neighbours + 1, mode="nearest")
             # a multiple of the usual deviation, and at least this fraction of a link
             limit = np.maximum(8.0 * usual, 0.15 * length * (apart / 2) ** 2)
@@ -149,7 +149,7 @@ def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) ->
     return result
 
 
-def _off_cubic(frames: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def off_cubic(frames: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Deviations (k,) of positions (k, 2) from the cubic through their neighbours; distance of the inner ones."""
     t, off, apart = frames.astype(float), np.zeros(len(frames)), np.full(len(frames), 1e9)
     where = [np.arange(2, len(t) - 2) + step for step in (-2, -1, 1, 2)]

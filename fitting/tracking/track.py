@@ -13,6 +13,7 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.renamed import old_attribute
 from fitting.traces.trace import FEWEST, Trace
 from fitting.tracking.calibration import Lens, calibrate, plane_from_board
+from fitting.tracking.chain_check import LARGEST_ERROR, why_no_chain
 from fitting.tracking.detection import Circles, MarkerAppearance, detect_at, scan
 from fitting.tracking.flattening import (
     Flat,
@@ -47,7 +48,8 @@ class Tracked:
         detected: (k, n).
         appearance, lens, scaled: appearance of a marker, the lens or None, whether metres are metres.
         first_frame: of the video, that of the trace's first sample.
-        fps [1/s]; status: `ok` or `not_converged`, with the reason in `message`.
+        fps [1/s]; status: `ok`, `not_converged` (the trace ends early) or `lost` (the circles do not move as the nodes
+            of a chain), with the reason in `message`.
         marks: frames in which nodes swapped, jumped, or violated their links' lengths.
         slant: pan and pitch of the camera [rad] found from the motion, or None with a board in the plane.
         exposure: [s] estimated from the lengths of turning links; its effect is corrected. 0 if it is too short.
@@ -90,7 +92,7 @@ class Tracked:
             "links": self.detected.shape[1] - 1,
             "bridged": [int(x) for x in (~self.detected).sum(axis=0)],
             "longest_gap_s": float(_longest_gaps(self.detected).max() / self.fps),
-            "angle_se_rad": float(np.nanmedian(self.trace.se)),
+            "angle_se_rad": float(np.nanmedian(self.trace.se)) if np.isfinite(self.trace.se).any() else None,
             "marker_radius_pixel": self.appearance.radius,
             "link_length_m": [float(x) for x in mean] if self.scaled else None,
             "link_length_deviation": [float(x) for x in deviation / mean],
@@ -182,9 +184,18 @@ def track(
         planes = [None if plane is None else plane_from_board(plane, other, board, square) for other in lens.others]
         others = [replace(chain.map, lens=a, plane=b) for a, b in zip(lens.others, planes, strict=True)]
         level_unknown = level_error(chain.map, others, chain.pixels, chain.detected)
-    trace = to_trace(film.path.stem, t, metres, _errors(chain, ~marks.links, level_unknown), known)
+    error = np.where(known, _errors(chain, ~marks.links, level_unknown), np.nan)
+    lost = why_no_chain(chain.flat, chain.detected, marks, error)
+    uncertain = known & ~(error <= LARGEST_ERROR)
+    known &= ~uncertain
+    trace = to_trace(film.path.stem, t, metres, error, known)
     trace = replace(trace, warnings=changing_lengths(chain.flat, known))
-    if not message and end is None and span[0] + len(circles) < 0.95 * film.announced:  # cut short
+    if lost:
+        message = (
+            f"{film.path.name}: the circles do not move as the nodes of a chain: {lost}; needed: a marker on each of "
+            f"{nodes} nodes (--overlay shows what was followed, --radius and --marker describe the markers)"
+        )
+    elif not message and end is None and span[0] + len(circles) < 0.95 * film.announced:  # cut short
         message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
     parameters = chain.map.parameters
     tracked = Tracked(
@@ -197,9 +208,9 @@ def track(
         scaled=not (plane is None and scale is None and distance is None),
         first_frame=span[0] + offset,
         fps=film.fps,
-        status="not_converged" if message else "ok",
+        status="lost" if lost else "not_converged" if message else "ok",
         message=message,
-        warnings=_warnings(film, chain, marks, trace.warnings, t, offset),
+        warnings=_warnings(film, chain, marks, trace.warnings, t, offset, int(uncertain.sum())),
         marks=marks,
         slant=None if parameters is None or board_plane is not None else (float(parameters[0]), float(parameters[1])),
         exposure=chain.exposure / film.fps,
@@ -286,7 +297,13 @@ def _longest_gaps(detected: np.ndarray) -> np.ndarray:
 
 
 def _warnings(
-    film: Video, chain: TrackedChain, marks: Marks, depth: tuple[str, ...], t: np.ndarray, offset: int
+    film: Video,
+    chain: TrackedChain,
+    marks: Marks,
+    depth: tuple[str, ...],
+    t: np.ndarray,
+    offset: int,
+    uncertain: int,
 ) -> tuple[str, ...]:
     name, detected, found = film.path.name, chain.detected, []
     if offset:
@@ -294,6 +311,8 @@ def _warnings(
     if chain.straight:
         found.append(f"{name}: no joint bends; the nodes are ordered as they lie on a line")
     found += [f"{name}: {line}" for line in depth]
+    if uncertain:
+        found.append(f"{name}: {uncertain} angles with standard errors above {LARGEST_ERROR:g} rad left empty")
     gaps = _longest_gaps(detected) / film.fps
     for node in np.flatnonzero((~detected).any(axis=0)):
         long = (

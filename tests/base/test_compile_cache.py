@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -88,6 +89,45 @@ def test_a_second_start_takes_the_programs_and_damaged_ones_are_made_again(tmp_p
     assert all(Entries(file.parent).get(file.name) is not None for file in entries(tmp_path))
     assert "persistent" not in second.stderr + third.stderr
     assert "feature" not in second.stderr + third.stderr
+
+
+LOADING_THREADS = """
+import os, sys, threading
+import jax, jax.numpy as jnp
+import dropper_jax as dj
+dj.compile_cache(sys.argv[1])
+x = jnp.arange(3.0)
+
+def load(number):
+    for i in range(6):
+        jax.jit(lambda x: jnp.cos(x * (number + 2)) + i)(x)
+        os.write(2, b"written\\n")
+
+threads = [threading.Thread(target=load, args=(number,)) for number in range(2)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+os.write(2, b"written last\\n")
+"""
+
+
+def test_threads_that_load_programs_keep_what_is_written_to_standard_error(tmp_path):
+    for _ in range(2):  # the second process loads what the first one has compiled
+        call = [sys.executable, "-c", LOADING_THREADS, str(tmp_path)]
+        environment = {**os.environ, "TF_CPP_MIN_LOG_LEVEL": "3"}
+        done = subprocess.run(call, env=environment, capture_output=True, text=True, check=True)
+        assert done.stderr == 12 * "written\n" + "written last\n"
+
+
+def test_no_part_of_this_project_redirects_a_descriptor_of_its_process():
+    # the command line closes its output after its reader has, at the end of the process
+    closing = "dropper_jax/cli/faults.py"
+    packages = Path(__file__).parents[2]
+    sources = [file for name in ("dropper_jax", "fitting") for file in (packages / name).rglob("*.py")]
+    assert len(sources) > 300
+    found = [str(file.relative_to(packages)) for file in sources if "dup2" in file.read_text(encoding="utf-8")]
+    assert found == [closing]
 
 
 def numbers(text):

@@ -187,7 +187,7 @@ def test_run_prints_one_object_and_writes_what_was_asked(tmp_path, capsys):
     assert np.shape(found["final_positions_m"]) == (8, 3)
     assert found["final_positions_m"][-1] == [0.28, 0.0, 0.0]
     assert found["tension_n"].keys() == {"first", "last", "all"}
-    assert found["tension_n"]["all"].keys() == {"min", "mean", "max", "final"}
+    assert found["tension_n"]["all"].keys() == {"min", "mean", "max", "final", "min_s", "max_s"}
     solution = Solution.load(out)
     assert solution.scene.effects["linear_damping"]["b_l"] == 0.01
     np.testing.assert_array_equal(solution.positions[-1], found["final_positions_m"])

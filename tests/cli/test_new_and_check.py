@@ -10,11 +10,12 @@ import sys
 import numpy as np
 import pytest
 
-from dropper_jax import load_scene, simulate
+from dropper_jax import equilibrium, load_scene, simulate
 from dropper_jax.cli import main
 from dropper_jax.cli.new import KINDS
+from dropper_jax.run.growth import end_force_vectors
 from dropper_jax.run.resolution import suggest_step
-from dropper_jax.scene import whole_lines
+from dropper_jax.scene import line_slices, whole_lines
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -31,6 +32,28 @@ def test_a_template_runs_without_warnings_and_every_section_is_commented(tmp_pat
     assert main(["new", kind, str(file)]) == 2
     assert "exists" in capsys.readouterr().err
     assert main(["new", kind, str(file), "--force"]) == 0
+
+
+#: What a user of the lab template uncomments, by what the mass of a link then is.
+LAB = {"points": (), "halves": ("nodes = ",), "bars": ("centre_of_mass = ", "inertia = ")}
+
+
+@pytest.mark.parametrize("kind", LAB)
+def test_the_lab_template_says_where_the_mass_of_a_link_is(tmp_path, kind):
+    file = tmp_path / "lab.toml"
+    assert main(["new", "lab", str(file)]) == 0
+    text = file.read_text()
+    for key in LAB[kind]:
+        assert f"\n# {key}" in text
+        text = text.replace(f"\n# {key}", f"\n{key}")
+    file.write_text(text)
+    scene = load_scene(file).with_values({"start.release_force": [[0.0, 0.0, 0.0]]})
+    pose = equilibrium(scene)
+    forces = end_force_vectors(scene, pose.positions[None], pose.tension[None], line_slices(scene))["dropper"][0]
+    weight = 0.033 * 9.81
+    # of seven points at the far nodes one is on the second hook
+    assert -forces[:, 2] == pytest.approx([3.0 * weight, 4.0 * weight] if kind == "points" else [3.5 * weight] * 2)
+    assert scene.start.release_nodes == (1,)
 
 
 def test_check_shows_masses_weights_and_the_suggested_step(tmp_path, capsys):

@@ -10,8 +10,10 @@ import glob
 import re
 import shlex
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
@@ -171,6 +173,28 @@ def test_python_of_every_page_is_run_somewhere():
     for page, texts in pages.items():
         for text in texts:
             compile(text, page, "exec")
+
+
+def test_the_gradient_of_a_run_in_the_readme_is_that_of_two_runs():
+    (text,) = [text for text in blocks(ROOT / "README.md", "python") if "jax.grad" in text]
+    names = {}
+    exec(compile(text, "README.md", "exec"), names)
+    model, lowest, slope = names["model"], jax.jit(names["lowest"]), names["slope"]
+
+    def difference(change):
+        return (lowest(change(1e-6)) - lowest(change(-1e-6))) / 2e-6
+
+    def with_damping(by):
+        linear = model.effect("linear_damping")
+        effects = [e if e is not linear else replace(linear, b_l=linear.b_l + by) for e in model.effects]
+        return replace(model, effects=tuple(effects))
+
+    def with_mass(by):
+        line = model.lines[0]
+        return replace(model, lines=(replace(line, mass=line.mass.at[4].add(by)),))
+
+    assert float(slope.effect("linear_damping").b_l) == pytest.approx(float(difference(with_damping)), rel=1e-5)
+    assert float(slope.lines[0].mass[4]) == pytest.approx(float(difference(with_mass)), rel=1e-5)
 
 
 @pytest.mark.check

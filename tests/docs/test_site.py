@@ -6,7 +6,6 @@ import importlib.util
 import inspect
 import json
 import re
-import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -24,7 +23,6 @@ from dropper_jax.cli import find_commands
 from dropper_jax.effects import EFFECTS
 
 ROOT = Path(__file__).parents[2]
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 
 
 @pytest.fixture(scope="module")
@@ -161,14 +159,82 @@ def test_the_index_of_the_search_has_every_page(site):
     assert "snap-loads.html" in {entry["location"] for entry in entries if "Snap loads" in entry["title"]}
 
 
+def test_every_word_of_the_glossary_leads_the_search_to_the_section_about_it(site):
+    text = (site / "search" / "search_index.js").read_text(encoding="utf-8")
+    tags = {entry["location"]: entry.get("tags", []) for entry in json.loads(text.partition("=")[2])["docs"]}
+    assert "anchor" in tags["report.html#fixed-points-and-anchors"]
+    glossary = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.*) \| .* \|$", glossary.partition("| word | meaning | page |")[2], re.M)
+    words = [word.strip("` ") for row in rows if "---" not in row for word in row.split(" | ")[0].split(",")]
+    tagged = {tag for found in tags.values() for tag in found}
+    assert [word for word in words if word not in tagged | {"word"}] == []
+
+
+#: What a user types, and the section or page that answers.
+ANSWERS = {
+    "tension": "report.html#tension-utilisation-parts",
+    "anchor": "report.html#fixed-points-and-anchors",
+    "position": "quick-start.html#positions-and-tensions-of-a-run",
+    "current": "water.html#define-a-current",
+    "added mass": "water.html#choose-forces",
+    "growth": "water.html#growth-of-mussels",
+    "snap": "snap-loads.html",
+    "snap load": "snap-loads.html",
+    "damping ratio": "stiffness.html#natural-periods-and-damping-ratios",
+    "gradient": "quick-start.html#gradients-and-batches",
+    "batch": "sweeps-and-sensitivity.html#run-many-cases-in-batches",
+    "MoorDyn": "moordyn.html",
+    "uncertainty": "statistics-of-fits.html",
+}
+#: Types one word after the other; `hits` has the links of the first result of each, its page first.
+TYPES = """<script>const hits = {}, words = WORDS;
+const type = () => {
+  const input = document.querySelector("[data-md-component=search-query]"), word = words[0];
+  const list = document.querySelector(".md-search-result__list");
+  const links = [...list.querySelectorAll("li:first-child a.md-search-result__link")];
+  if (input.value !== word) {
+    list.replaceChildren(); input.focus(); input.value = word;
+    for (const event of ["keyup", "input"]) input.dispatchEvent(new Event(event, { bubbles: true }));
+  } else if (links.length) {
+    hits[word] = links.map((link) => link.getAttribute("href").split("/").pop().replace(/[?]h=[^#]*/, ""));
+    words.shift();
+  }
+  if (words.length) setTimeout(type, 100);
+};
+setTimeout(type, 100);</script></body>"""
+
+
 @pytest.mark.slow
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium")
-def test_the_search_finds_a_page_in_a_browser_without_a_server(site):
-    address = (site / "index.html").as_uri() + "?q=snap%20load"
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000", "--dump-dom"]
-    done = subprocess.run([BROWSER, *options, address], capture_output=True, text=True, timeout=120)
-    assert int(re.search(r"(\d+) matching documents", done.stdout)[1]) >= 3
-    assert re.search(r'<a href="[^"]*snap-loads\.html[^"]*" class="md-search-result__link"', done.stdout)
+def test_the_first_hit_of_the_search_answers_in_a_browser_without_a_server(site, in_browser):
+    page = (site / "index.html").read_text(encoding="utf-8")
+    file = site / "looked-at.html"
+    typing = TYPES.replace("WORDS", json.dumps(list(ANSWERS)))
+    hits = in_browser(page.replace("</body>", typing), "hits", every=500, after=60000, file=file)
+    file.unlink()
+    # the first link of a result is that of its page, the second that of the section which fits best
+    assert {word: links[: 1 + ("#" in ANSWERS[word])][-1] for word, links in hits.items()} == ANSWERS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1280])
+def test_formulas_are_readable_in_a_browser_on_a_phone(site, in_browser, width):
+    probe = """[innerWidth, document.documentElement.scrollWidth, ...[...document.querySelectorAll(".arithmatex")].map(
+      (box) => { const svg = box.querySelector("svg"), size = svg.getBoundingClientRect();
+        return [size.width, size.height, box.clientWidth, svg.viewBox.baseVal.width, svg.viewBox.baseVal.height]; })]"""
+    count = 0
+    for name in ("physics", "water", "water-theory"):
+        file = site / f"{name}-looked-at.html"
+        page = (site / f"{name}.html").read_text(encoding="utf-8")
+        screen, content, *formulas = in_browser(page, probe, every=500, after=2000, width=width, file=file)
+        file.unlink()
+        assert screen == width
+        assert content <= screen  # the page does not scroll sideways
+        for across, high, room, units, units_high in formulas:
+            assert across / units == pytest.approx(high / units_high, rel=0.05)
+            assert 1000 * across / units >= 14.0  # px of the letter's body
+            assert across <= room  # whole, not to be scrolled
+            count += 1
+    assert count >= 12
 
 
 def test_every_page_of_the_documentation_is_in_the_site(site):

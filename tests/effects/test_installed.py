@@ -1,5 +1,6 @@
 """Effects of installed packages reach the command line by their entry points."""
 
+import argparse
 import json
 import os
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import Effect, SceneError, component, register
+from dropper_jax.cli import find_commands, main
 from dropper_jax.effects import EFFECTS
 
 EFFECT = """
@@ -93,6 +95,77 @@ def test_one_that_cannot_be_loaded_is_named(tmp_path):
     done = dropper(tmp_path, "equilibrium", "scene.toml")
     assert done.returncode == 2
     assert "effects.push: 'pushing:Pull' cannot be used" in done.stderr
+
+
+def own_file(folder: Path, text: str = EFFECT) -> Path:
+    """A file `push.py` with an effect, and a scene that uses it."""
+    (folder / "scene.toml").write_text(SCENE)
+    file = folder / "push.py"
+    file.write_text(text)
+    return file
+
+
+def test_an_effect_of_a_file_acts_in_a_scene_and_in_its_saved_run(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = own_file(tmp_path)
+    before = dict(EFFECTS)
+    try:
+        assert main(["equilibrium", "scene.toml", "--effects", str(file), "--json"]) == 0
+        tension = json.loads(capsys.readouterr().out)["tension_n"]
+        assert tension[0] == pytest.approx(2.0**0.5 * 20.0)
+        assert main(["run", "scene.toml", "--effects", str(file), "--out", "a.npz", "--quiet", "--no-step-check"]) == 0
+        EFFECTS.clear()
+        EFFECTS.update(before)  # as in another process
+        assert main(["view", "a.npz", "--out", "a.html"]) == 2
+        assert main(["view", "a.npz", "--out", "a.html", "--effects", str(file)]) == 0
+    finally:
+        EFFECTS.clear()
+        EFFECTS.update(before)
+
+
+def test_the_error_of_an_unknown_effect_names_the_option_and_the_entry_point(tmp_path, capsys):
+    own_file(tmp_path)
+    assert main(["check", str(tmp_path / "scene.toml")]) == 2
+    said = capsys.readouterr().err
+    assert "effects.push: unknown key; " in said
+    assert "--effects FILE.py, or an entry point of the group dropper.effects" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x = 1", "has no effect; needed: a class of dropper_jax.Effect with `name` and @component"),
+        ("x = ", "cannot be used: SyntaxError"),
+        ("import not_there", "cannot be used: ModuleNotFoundError"),
+        (EFFECT.replace("@component\n", ""), "cannot be used: ValueError: Push: is not a component"),
+        (EFFECT.replace('"push"', '"weight"'), "cannot be used: ValueError: Push: the name 'weight' is already used"),
+    ],
+)
+def test_a_file_without_a_usable_effect_is_refused_by_name(tmp_path, capsys, text, words):
+    file = own_file(tmp_path, text)
+    known = dict(EFFECTS)
+    assert main(["check", str(tmp_path / "scene.toml"), "--effects", str(file)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: --effects: ")
+    assert words in line
+    assert known == EFFECTS
+
+
+@pytest.mark.parametrize("name", ["none.py", "scene.toml"])
+def test_a_file_that_is_not_python_is_refused(tmp_path, capsys, name):
+    own_file(tmp_path)
+    assert main(["check", str(tmp_path / "scene.toml"), "--effects", str(tmp_path / name)]) == 2
+    assert "is not a Python file; allowed: an existing FILE.py" in capsys.readouterr().err
+
+
+def test_every_command_that_reads_scenes_or_runs_takes_effects_of_a_file():
+    """Others read no scene of the user, or are those of the sources."""
+    without = {"demo", "doctor", "figure", "growth-table", "library", "new", "stability", "track"}
+    for entry in find_commands():
+        parser = argparse.ArgumentParser()
+        entry.load().add_arguments(parser)
+        options = {option for action in parser._actions for option in action.option_strings}
+        assert ("--effects" in options) == (entry.name not in without), entry.name
 
 
 def returning(**methods):

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+import dropper_jax as dj
 from dropper_jax import Scene, build_model, load_scene, scene_names
 from dropper_jax.load.packaged import DAMPING
 
@@ -30,9 +31,18 @@ EXPECTED |= {*(f"paper-case-{number}-pitching" for number in range(1, 4)), "ball
 EXPECTED |= {"dropper-current", "dropper-regular-wave", "wet-pendulum-wave", "string-in-current"}
 EXPECTED |= {"longline-200", "longline-rows", "dropper-north-sea", "dropper-north-sea-thesis"}
 EXPECTED |= {"dropper-north-sea-thesis-relative", *(f"dropper-release-{_name}-ramp" for _name in "abcde")}
+EXPECTED |= {f"dropper-release-{_name}-ramp-14" for _name in "abc"}
 EXPECTED |= {"measured-single-pendulum", "measured-double-pendulum"}
 for _name in (*"abcde", "3d", "a-compound"):
     EXPECTED |= {f"dropper-release-{_name}", f"dropper-release-{_name}-undamped"}
+
+
+#: Link angles [rad] of the thesis' simulation before the release (Tables E.2 to E.4, signs as those of A).
+MODEL_ANGLES = {
+    "a": (0.1577, 1.4490, 1.3606, 0.8666, -1.1492, -1.3909, -1.4571),
+    "b": (1.3264, 0.2358, 1.3713, 0.8197, -1.2286, -1.4166, -1.4752),
+    "c": (1.4288, 1.2475, -0.8729, 1.3243, -0.1956, -1.3396, -1.4526),
+}
 
 
 def test_packaged_scenes_are_the_promised_ones():
@@ -83,6 +93,16 @@ def test_ramps_rise_from_rest_as_the_thesis_prints_them_until_the_release(letter
     times = [0.0, 3.0, 9.0, 14.999, 15.001]
     lifted = [float(ramp.factor(t) * ramp.force_n[0, 2]) for t in times]
     np.testing.assert_allclose(lifted, [0.0, 0.0, 0.5 * force, force, 0.0], atol=2e-4)
+
+
+@pytest.mark.parametrize(("letter", "difference"), [("a", 0.023), ("b", 0.011), ("c", 0.003)])
+def test_released_at_14_1_s_the_ramp_meets_the_angles_of_the_thesis_model(letter, difference):
+    """RMS over the links before the release to Tables E.2 to E.4; at 15 s it is 0.09 to 0.10 rad."""
+    scene = load_scene(f"dropper-release-{letter}-ramp-14")
+    assert scene.effects["nodal_force"]["release"] == 14.1
+    run = dj.simulate(scene, duration=14.1)
+    before = run.polar[np.searchsorted(run.t, 14.1 - scene.run.dt)]
+    assert np.sqrt(np.mean((before - MODEL_ANGLES[letter]) ** 2)) == pytest.approx(difference, abs=6e-4)
 
 
 def test_the_relative_form_of_the_thesis_force_is_a_scene():

@@ -73,6 +73,7 @@ BAD = [
     ("point", [], "point: missing", "[[point]]"),
     ("effects.linear_damping.b_l", REMOVE, "effects.linear_damping.b_l: missing", ">= 0 kg/s"),
     ("line.0.axial", {"law": "elastic"}, "line.0.axial.EA: missing", "> 0 N"),
+    ("line.0.axial", {"damping": 1.0}, "line.0.axial.EA: missing", "> 0 N"),
     # wrong types; a truth value is not a number
     ("run.dt", "0.01", "run.dt: '0.01' is not a number", "> 0 s"),
     ("run.dt", True, "run.dt: True is not a number", "> 0 s"),
@@ -194,6 +195,12 @@ def test_rigid_lines_make_a_system_in_which_each_keeps_its_length():
     one, other = np.split(pose.positions, 2)
     np.testing.assert_allclose(one, other, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(np.diff(one, axis=0), axis=1), table["line"][0]["length"], rtol=1e-9)
+
+
+def test_a_stiffness_alone_is_that_of_a_rope():
+    """As for a line type."""
+    line = load_scene(changed("line.0.axial", {"EA": 1e5})).line
+    assert (line.axial_law, line.EA.tolist()) == ("rope", [1e5] * 4)
 
 
 def test_a_rigid_line_in_a_system_must_reach_its_ends():

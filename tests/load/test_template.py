@@ -132,6 +132,19 @@ def test_rows_of_units_with_heading_and_shared_anchors():
     np.testing.assert_allclose(scene.point("r1c1-top").position, [*(10 * turned + [0.0, 40.0]), 0.0])
 
 
+@pytest.mark.parametrize(
+    ("repeat", "words"), [("= -6 * 1", "-6 makes -6 copies; allowed: a count >= 0"), ([4, 1], "[4, 1] makes -2 copies")]
+)
+def test_a_negative_repeat_is_refused(repeat, words):
+    point = {"repeat": {"k": repeat}, "name": "end-{k}", "position": [0.0, 0.0, 0.0]}
+    table = {key: FARM[key] for key in ("run", "line_type", "line", "effects")}
+    with pytest.raises(SceneError) as caught:
+        dj.load_scene({**table, "parameters": FARM["parameters"], "point": [*FARM["point"], point]})
+    assert f".repeat.k: {words}" in str(caught.value)
+    with pytest.raises(SceneError, match="makes -4 copies"):
+        dj.load_scene("dropper-farm").with_values({"parameters.droppers": -4})
+
+
 def test_the_packaged_farm_is_such_a_scene():
     found = dj.load_scene("dropper-farm-20")
     assert found.name == "dropper-farm-20"

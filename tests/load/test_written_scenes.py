@@ -107,6 +107,10 @@ def test_a_wrong_path_is_refused_in_one_line(path, value, words):
             lambda t: t["line"][4]["attach"][1].update(at=1e-320),
             "1e-320 is not on the line; allowed: above 0",
         ),
+        (
+            lambda t: [t["line"][4].pop(key, None) for key in ("type", "sections")],
+            "line.4.attach: the line has no type; `attach` needs one",
+        ),
         (lambda t: t["line"][4].update(EA=1.0), "line.4.EA: unknown key; known: attach, axial,"),
         (
             lambda t: t.update(failure=[{"line": "backbone", "load": 1e4}]),

@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError, equilibrium, load_scene, read_moordyn, simulate, write_moordyn
+from dropper_jax.moordyn.writing.outputs import Numbers, channel_values, numbers_of
+from dropper_jax.run.growth import end_forces
+from dropper_jax.scene import LineSlice
 
 DECK = (Path(__file__).parent / "chain.txt").read_text()
 
@@ -301,6 +304,77 @@ def test_a_connector_on_a_body_has_no_mass_and_no_length(tmp_path):
     assert body["mass"] == 4900.0
     assert len(body["cylinders"]) == 1
     assert body["attachments"] == {"point-R2B": [0.0, 0.0, 0.5]}
+
+
+def test_a_deck_with_a_float_has_the_note_on_its_volume_that_writing_gives(tmp_path):
+    file = tmp_path / "deck.txt"
+    fairlead = next(line for line in DECK.splitlines() if line.split()[:1] == ["2"] and len(line.split()) > 4)
+    words = fairlead.split()
+    afloat = " ".join([words[0], "Free", *words[2:5], "30", "0.5", "0.3", "0.5"])
+    file.write_text(DECK.replace(fairlead, afloat))
+    scene = load_scene(file)
+    written = write_moordyn(scene, tmp_path / "again.txt")
+    (note,) = [text for text in written if "full volume" in text]
+    assert f"{file.name}: {note}" in scene.notes
+    assert not any("full volume" in text for text in load_scene(JOINED).notes)
+
+
+JOINED = Path(__file__).parent / "decks" / "joined_by_rods.txt"
+
+
+def test_lines_joined_by_massless_rods_are_one_line_of_sections():
+    found = load_scene(JOINED)
+    one = {"mass": 40.0, "diameter": 0.15, "EA": 2e7, "damping_ratio": 0.9, "cdn": 1.6, "can": 1.0, "cdt": 0.1}
+    parts = [("cable", 54.0, 12), ("floats", 27.0, 6), ("cable", 70.0, 14)]
+    sections = [{"type": kind, "length": length, "links": links} for kind, length, links in parts]
+    table = {
+        "run": {"dt": 0.01, "duration": 60.0},
+        "line_type": [{"name": "cable"} | one, {"name": "floats"} | one | {"mass": 44.0, "diameter": 0.3}],
+        "point": [{"name": "a", "position": [0.0, 0.0, -8.0]}, {"name": "b", "position": [112.0, 0.0, -60.0]}],
+        "line": [{"name": "c", "from": "a", "to": "b", "sections": sections}],
+        "sea": {"depth": 60.0},
+        "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}},
+    }
+    (line,), (same,) = found.lines, load_scene(table).lines
+    for key in ("length", "mass", "diameter", "EA"):
+        np.testing.assert_allclose(getattr(line, key), getattr(same, key), rtol=1e-12)
+    assert [p.name for p in found.points] == ["point-1", "point-2"]
+    assert any("are the sections of line 'line-1'" in note for note in found.notes)
+
+
+def test_a_joint_of_three_lines_is_a_free_point(tmp_path):
+    file = tmp_path / "deck.txt"
+    text = JOINED.read_text().replace("2   Fixed  112.0", "3   Fixed  35.0 20.0 -60.0 0 0 0 0\n2   Fixed  112.0")
+    file.write_text(
+        text.replace("3   cable    R2B ", "4   cable    3       R1B     60.0     10      -\n3   cable    R2B ")
+    )
+    found = load_scene(file)
+    assert {line.name: line.links for line in found.lines} == {"line-1": 12, "line-2": 20, "line-4": 10}
+    assert found.point("point-R1").is_free
+
+
+def test_outputs_and_failures_of_a_joined_line_are_those_of_its_part(tmp_path, made):
+    file = tmp_path / "deck.txt"
+    failure = "--------- FAILURE ---------\nID Point Lines Time Ten\n- - - - -\n1 R1B 2 4.0 0\n"
+    options = "---------------------- OPTIONS"
+    file.write_text(JOINED.read_text().replace(options, f"{failure}{options}"))
+    scene = load_scene(file)
+    assert [(f.line, f.link) for f in scene.failures] == [("line-1", 13)]  # the first link after the joint
+    rng = np.random.default_rng(0)
+    solution = made(scene, rng.normal(size=(3, 33, 3)), rng.uniform(1e3, 2e3, size=(3, 32)))
+    numbers = numbers_of(file)
+    for channel, node in (("L1N12px", 12), ("L2N0px", 18), ("L2N6px", 12), ("L3N14px", 32)):
+        np.testing.assert_array_equal(channel_values(solution, channel, numbers)[0], solution.positions[:, node, 0])
+    whole = Numbers.of_scene(solution)
+    pairs = (("L2N1T", "L1N17T"), ("AnchTen1", "AnchTen1"), ("FairTen3", "FairTen1"), ("L1NAT", "L1N0T"))
+    for part, same in pairs:
+        np.testing.assert_array_equal(
+            channel_values(solution, part, numbers)[0], channel_values(solution, same, whole)[0]
+        )
+    floats = LineSlice("floats", slice(12, 19), slice(12, 18))
+    (both,) = end_forces(scene, solution.positions, solution.tension, [floats], solution.t).values()
+    np.testing.assert_array_equal(channel_values(solution, "FairTen2", numbers)[0], both[:, 0])
+    np.testing.assert_array_equal(channel_values(solution, "AnchTen2", numbers)[0], both[:, 1])
 
 
 def test_friction_of_a_deck_is_moordyns_law(tmp_path):

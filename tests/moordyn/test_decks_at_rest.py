@@ -18,6 +18,8 @@ import pytest
 
 from dropper_jax import equilibrium, load_scene, read_moordyn
 from dropper_jax.load.checks_water import bed_height
+from dropper_jax.moordyn.reading.reader import line_parts
+from dropper_jax.moordyn.reading.sections import read_input, split_file
 
 OTHERS = runpy.run_path(str(Path(__file__).with_name("others.py")))
 DECKS, DEPTH, WHEEL, MOORPY, by_itself = (OTHERS[key] for key in ("DECKS", "DEPTH", "WHEEL", "MOORPY", "by_itself"))
@@ -26,7 +28,7 @@ REST = json.loads((DECKS / "rest.json").read_text())
 LEAST = 1e-3
 #: What is solved in every run of the tests, a deck of each shape; the others have the programs of these, or wait.
 QUICK = ("catenary.txt", "file_ic.txt", "no_depth.txt", "openfast_v1.dat", "slack_on_the_bed.txt", "viscoelastic.txt")
-QUICK += ("clump_and_buoy.txt", "moorpy_catenary.yaml")
+QUICK += ("clump_and_buoy.txt", "joined_by_rods.txt", "moorpy_catenary.yaml")
 
 
 def scene_of(name):
@@ -60,9 +62,20 @@ def each(names):
     return [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.check]) for n in names]
 
 
+def lines_of_the_deck(name):
+    """Tensions and nodes of every line of the deck, from its end A, also of those that are one line of the scene."""
+    found = {line.name: (ours, nodes) for line, ours, nodes in tensions(name)[1]}
+    path = DECKS / name
+    for part in line_parts(split_file(path, read_input(path))).values():
+        ours, nodes = found[part.line]
+        links = slice(part.first, part.first + part.links)
+        step = -1 if part.turned else 1
+        yield ours[links][::step], nodes[links.start : links.stop + 1][::step]
+
+
 @pytest.mark.parametrize("name", each(WHEEL))
 def test_tensions_at_rest_are_those_of_moordyn(name):
-    for (_, ours, places), theirs in zip(tensions(name)[1], REST[name], strict=True):
+    for (ours, places), theirs in zip(lines_of_the_deck(name), REST[name], strict=True):
         links = np.diff(places, axis=0)
         pulls = ours[:, None] * links / np.linalg.norm(links, axis=1, keepdims=True)
         inner = 0.5 * np.linalg.norm(pulls[1:] + pulls[:-1], axis=1)

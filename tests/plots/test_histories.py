@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dropper_jax import plots
+import dropper_jax as dj
+from dropper_jax import load_scene, plots
 from dropper_jax.cli.outputs import draw
-from dropper_jax.plots import motion, panels, style
+from dropper_jax.plots import motion, panels, style, tension
 from dropper_jax.plots.run import chosen_links, readable
 from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import end_tensions, held_points, point_load
@@ -48,6 +49,26 @@ def test_ratio_of_heave_to_surface_is_that_of_their_amplitudes():
     assert motion._heave_ratio([motion._spectra(both[0])]) == []
 
 
+def test_a_zoom_has_the_scale_of_its_envelope_and_a_constant_keeps_it(tmp_path, monkeypatch):
+    t = np.linspace(0.0, 4000.0, 40001)
+    wave = np.sin(2 * np.pi * t / 8.0) * np.exp(-(((t - 3000.0) / 500.0) ** 2))
+    late = np.where(t < 3500.0, 0.0, 0.5)  # constant in the zoom
+    both = [
+        panels.Panel("force [N]", [panels.Curve("", t, wave)]),
+        panels.Panel("tension [N]", [panels.Curve("", t, late)]),
+        panels.Panel("z [m]", [panels.Curve("", t, 0.5 * wave)]),
+    ]
+    drawn = []
+    monkeypatch.setattr(style, "finish", lambda figure, *_: drawn.append(figure))
+    run = SimpleNamespace(t=t)
+    panels.history(run, tmp_path / "history.png", "histories", both)
+    limits = np.array([axes.get_ylim() for axes in drawn[0].axes]).reshape(3, 2, 2)
+    np.testing.assert_array_equal(limits[:, 0], limits[:, 1])
+    np.testing.assert_array_equal(limits[0, 0], limits[1, 0])
+    assert 2.0 < np.ptp(limits[0, 0]) < 2.5
+    assert 1.0 < np.ptp(limits[2, 0]) < 1.25
+
+
 def test_turns_count_waves_and_not_rounding():
     t = np.linspace(0.0, 100.0, 20001)
     assert panels.turns(np.sin(2 * np.pi * t / 8.0)) == 25  # two in each of 12.5 waves
@@ -79,10 +100,17 @@ def test_links_at_rest_have_no_panel(longline):
 
 
 def test_loads_of_a_point_are_the_pull_of_its_lines_along_them():
-    scene = SimpleNamespace(
-        points=[SimpleNamespace(name=n, is_free=free) for n, free in (("a", False), ("b", True), ("c", False))],
-        lines=[SimpleNamespace(name="l", links=1, start="a", end="b", piece_of=None)]
-        + [SimpleNamespace(name="m", links=1, start="b", end="a", piece_of=None)],
+    kind = {"links": 1, "length": 5.0, "mass": 1.0, "axial": {"law": "rope", "EA": 1e4}}
+    scene = load_scene(
+        {
+            "run": {"dt": 0.1, "duration": 1.0},
+            "point": [
+                {"name": "a", "position": [0.0, 0.0, 0.0]},
+                {"name": "b", "kind": "free", "position": [3.0, 0.0, 4.0]},
+            ],
+            "line": [{"name": "l", "from": "a", "to": "b", **kind}, {"name": "m", "from": "b", "to": "a", **kind}],
+            "start": {"kind": "points"},
+        }
     )
     t = np.array([0.0, 1.0])
     r = np.array([[0.0, 0, 0], [3, 0, 4], [3, 0, 4], [0, 0, 0]])
@@ -115,8 +143,31 @@ def test_a_run_in_which_nothing_moves_has_no_pictures_of_motion(longline, tmp_pa
         values[:] = values[0]
     names = {path.stem for path in draw(solution, tmp_path / "plots")}
     assert names.isdisjoint({"motion", "phase", "spectrum", "response"})
-    assert {"snapshot", "tension", "angles", "surface"} <= names
+    assert {"snapshot", "tension", "surface"} <= names
+    assert "angles" not in names  # those of many lines in one picture show nothing
     assert "no motion" in capsys.readouterr().err
+
+
+def test_a_snapshot_shows_the_peak_and_unloaded_anchors_have_no_curve(longline, tmp_path):
+    solution = longline()
+    solution.tension[23, 3] = 5000.0
+    run = readable(solution)
+    assert run.peak == 23
+    names = held_points(solution.scene)
+    lazy = next(line for line in solution.scene.lines if names[0] in (line.start, line.end))
+    others = [line.name for line in solution.scene.lines if line is not lazy and names[0] in (line.start, line.end)]
+    assert not others
+    solution.tension[:, next(w.links for w in solution.lines if w.name == lazy.name)] = 0.0
+    panel = tension._held_points_panel(readable(solution), "N", 1.0)
+    assert names[0] not in [curve.name for curve in panel.curves]
+    assert "1 below 1% of the maximum" in panel.title
+
+
+def test_spectra_of_x_and_y_that_coincide_are_both_visible(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(style, "finish", lambda figure, *_: drawn.append(figure))
+    plots.amplitude_spectrum(dj.simulate("conical-pendulum", dt=0.02, duration=20.0), tmp_path / "spectrum.png")
+    assert [line.get_linestyle() for line in drawn[0].axes[0].get_lines()] == ["-", "--"]
 
 
 def test_of_two_curves_that_coincide_the_later_is_dashed():

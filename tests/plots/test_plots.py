@@ -270,3 +270,44 @@ def test_a_colour_bar_shows_where_it_ends_below_the_largest_tension():
         shown = matplotlib.cm.ScalarMappable(style.tension_norm(values), style.tension_map())
         style.tension_bar(figure, shown, values, ax=figure.subplots())
         assert (shown.colorbar.extend, shown.colorbar.ax.get_ylabel()) == (extend, label)
+
+
+def _ink(figure, shown):
+    """Where (height, width) the picture has ink if only these artists of all texts are visible."""
+    hidden = [text for text in figure.findobj(matplotlib.text.Text) if text.get_visible() and text not in shown]
+    for text in hidden:
+        text.set_visible(False)
+    figure.canvas.draw()
+    for text in hidden:
+        text.set_visible(True)
+    return np.asarray(figure.canvas.buffer_rgba())[..., :3].min(axis=-1)
+
+
+@pytest.mark.parametrize("sides", [(100, 30, 40), (12, 90, 25), (25, 25, 100), (0.13, 0.13, 0.32), (1, 1, 1)])
+def test_names_and_ticks_of_axes_in_space_are_visible_and_apart(sides):
+    figure = style.new_figure(4, 4, layout=None)
+    with style.plot_style():
+        axes = view.space_axes(figure, np.outer(sides, [-0.45, 0.55]))
+        figure.colorbar(matplotlib.cm.ScalarMappable(), cax=view.bar_axes(figure), label="tension [kN]")
+    figure.canvas.draw()
+    kinds = [(axis, [tick.label1 for tick in axis.get_major_ticks()]) for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+    bare = _ink(figure, [])
+    names = [text for text in figure.texts if text.get_text() in ("x [m]", "y [m]", "z [m]")]
+    assert len(names) == 3
+    layers = [_ink(figure, [name]) != bare for name in names] + [_ink(figure, labels) != bare for _, labels in kinds]
+    for layer in layers:
+        assert layer.sum() > 20
+        edges = np.concatenate([layer[0], layer[-1], layer[:, 0], layer[:, -1]])
+        assert not edges.any()  # whole
+        assert bare[layer].min() > 200  # beside lines, edges and the colour bar
+    assert np.sum(layers, axis=0).max() == 1  # none over another
+
+
+def test_envelopes_of_similar_loads_have_one_scale():
+    figure = matplotlib.figure.Figure()
+    panels = list(figure.subplots(5))
+    for axes, top in zip(panels, (19.0, 0.4, 15.0, 1.3, 0.5), strict=True):
+        axes.set_ylim(-0.05 * top, top)
+    style.share_scales(panels)
+    similar = [19.0, 1.3, 19.0, 1.3, 1.3]
+    np.testing.assert_allclose([axes.get_ylim() for axes in panels], np.outer(similar, [-0.05, 1.0]))

@@ -84,9 +84,10 @@ def test_polar_angle_of_a_hanging_link_is_a_right_angle_down():
 
 def test_tension_summary_has_ends_and_all_links():
     found = solution().tension_summary()
-    assert found["first"] == {"min": 18.0, "mean": 20.0, "max": 22.0, "final": 18.0}
-    assert found["last"] == {"min": 9.0, "mean": 10.0, "max": 11.0, "final": 9.0}
-    assert found["all"] == {"min": 9.0, "mean": 15.0, "max": 22.0, "final": 13.5}
+    times = {"min_s": 0.75, "max_s": 0.25}  # of the tensions, in the middle of their steps
+    assert found["first"] == {"min": 18.0, "mean": 20.0, "max": 22.0, "final": 18.0, **times}
+    assert found["last"] == {"min": 9.0, "mean": 10.0, "max": 11.0, "final": 9.0, **times}
+    assert found["all"] == {"min": 9.0, "mean": 15.0, "max": 22.0, "final": 13.5, **times}
 
 
 def test_summary_is_strict_json_with_null_for_nan():

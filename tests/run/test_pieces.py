@@ -60,6 +60,16 @@ def test_steps_that_resist_are_taken_by_the_whole_program(monkeypatch):
     np.testing.assert_array_equal(found.positions, dj.simulate(scene).positions)
 
 
+def test_pieces_of_any_length_give_the_same_numbers_of_steps_that_resist(monkeypatch):
+    scene = dj.load_scene("dropper-release-a").with_values({"run.dt": 0.12, "run.duration": 2.4})
+    whole = dj.simulate(scene)
+    monkeypatch.setattr(chunks, "SECONDS", 0.0)
+    single = dj.simulate(scene)
+    assert 0 < whole.retried_steps == single.retried_steps
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(single, name), getattr(whole, name))
+
+
 def test_a_dropper_at_thirty_times_its_step_is_warned_of():
     run = dj.simulate("dropper-release-a", dt=0.15, duration=4.5, step_check=True)
     assert run.status == "step_too_long"

@@ -11,8 +11,10 @@ import dropper_jax as dj
 from dropper_jax import SceneError, as_toml
 from dropper_jax.cli import main
 from dropper_jax.run.bends import curvature
-from dropper_jax.run.quantities import quantity, static_quantity
-from dropper_jax.scene import held_loads, line_slices
+from dropper_jax.run.growth import fixed_point_loads
+from dropper_jax.run.quantities import quantity, quantity_signals, static_quantity
+from dropper_jax.scene import line_slices
+from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.study.offsets import solve_design
 
 SCENE = {
@@ -51,7 +53,7 @@ def posed():
 def test_names_of_lines_ends_and_points_are_those_of_the_pose(posed):
     scene, model, pose = posed
     west, east = line_slices(scene)
-    loads = held_loads(scene, pose.positions, pose.tension)
+    loads = fixed_point_loads(scene, pose.positions, pose.tension)
     buoy = pose.positions[west.nodes.stop - 1]
     expected = {
         "tension.max": pose.tension.max(),
@@ -128,7 +130,7 @@ def test_a_static_target_needs_no_statistic(posed):
 def test_design_reaches_a_force_on_an_anchor():
     found = solve_design(SCENE, "point.buoy.volume", 0.1, 0.3, "anchor.west.vertical", 600.0)
     pose = dj.equilibrium(found.scene)
-    assert held_loads(found.scene, pose.positions, pose.tension)["west"][2] == pytest.approx(600.0, rel=1e-6)
+    assert fixed_point_loads(found.scene, pose.positions, pose.tension)["west"][2] == pytest.approx(600.0, rel=1e-6)
 
 
 TWO = (["point.buoy.volume", "line.west-leg.length"], [0.1, 9.0], [0.3, 11.0], ["anchor.west.uplift", "depth.buoy"])
@@ -140,7 +142,7 @@ def test_design_reaches_two_targets_with_two_unknowns():
     assert found.solves <= 12  # exact derivatives: Newton's steps, not a search
     assert list(found.values) == TWO[0]
     pose = dj.equilibrium(found.scene)
-    load = held_loads(found.scene, pose.positions, pose.tension)["west"]
+    load = fixed_point_loads(found.scene, pose.positions, pose.tension)["west"]
     assert np.arctan2(load[2], np.hypot(*load[:2])) == pytest.approx(0.65, rel=1e-6)
     west, _ = line_slices(found.scene)
     assert -pose.positions[west.nodes.stop - 1, 2] == pytest.approx(3.6, rel=1e-6)
@@ -180,3 +182,19 @@ def test_the_command_prints_values_targets_and_angles(tmp_path, capsys):
     one = [vary[0], "--target=line.west-leg.anchor.angle", "--value=0.65"]
     assert main(["design", str(file), *one]) == 0
     assert "angles of the line there, upwards" in capsys.readouterr().out
+
+
+def test_extremes_over_steps_are_those_of_the_members_of_each_quantity():
+    model, start = dj.build(SCENE)
+    names = ("tension.west-leg.max", "tension.min", "tension.mean", "z.buoy.max")
+    watch = quantity_signals([quantity(name, model) for name in names], start.r)
+    found, t = watch(model, start, start)
+    tension = np.asarray(start.tension)
+    np.testing.assert_allclose(found[: len(tension)], tension)
+    np.testing.assert_allclose(found[len(tension) :], [tension[:3].max(), tension.min(), start.r[-1, 2]])
+    assert float(t) == float(start.t)
+    rows = Extremes(*(np.stack([found - 1.0, found - 2.0]), np.stack([found + 1.0, found + 2.0]), None, None))
+    by_name = {one.name: np.asarray(values) for one, values in watch.over_steps(rows).items()}
+    assert by_name.keys() == set(names) - {"tension.mean"}  # a mean has no extremes
+    np.testing.assert_allclose(by_name["tension.west-leg.max"], tension[:3].max() + [1.0, 2.0])
+    np.testing.assert_allclose(by_name["tension.min"], tension.min() - [1.0, 2.0])

@@ -23,7 +23,8 @@ from dropper_jax.axial import Rope
 from dropper_jax.effects import LinearDamping, Weight
 from dropper_jax.model import Graph, Member
 from dropper_jax.residual import Unknowns
-from dropper_jax.scene import held_loads, line_offsets
+from dropper_jax.run.growth import fixed_point_loads
+from dropper_jax.scene import line_offsets
 from dropper_jax.solvers import SOLVERS
 
 PLACES = [(0, 0, 0), (6, 0, 0), (3, 5, 0), (3, 1, -1.0), (3, 2, -1.0)]
@@ -146,10 +147,11 @@ def test_held_points_are_pulled_along_the_links_that_end_there():
         }
     )
     nodes = np.array([[0, 0, 0], [3, 0, -4], [6, 0, -8], [12, 0, 0], [12, 0, -5], [6, 0, -8]], float)
-    found = held_loads(scene, nodes, np.array([50.0, 40.0, 70.0, 60.0]))
+    found = fixed_point_loads(scene, nodes, np.array([50.0, 40.0, 70.0, 60.0]))
     assert found.keys() == {"a", "b"}
-    np.testing.assert_allclose(found["a"], [30.0, 0.0, -40.0])
-    np.testing.assert_allclose(found["b"], [0.0, 0.0, -70.0])
+    half_link = 9.81 * 1.0 * 2.5
+    np.testing.assert_allclose(found["a"], [30.0, 0.0, -40.0 - half_link])
+    np.testing.assert_allclose(found["b"], [0.0, 0.0, -70.0 - half_link])
     assert [(row["name"], row["first_node"], row["first_link"]) for row in line_offsets(scene)] == [
         ("left", 0, 0),
         ("right", 3, 2),

@@ -11,6 +11,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import build_model
 from dropper_jax.load.checks_water import sea_warnings
+from dropper_jax.run.growth import wet_weights
 from dropper_jax.sea import Waves
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, sea_names
@@ -91,6 +92,10 @@ BAD = [
     (changed(effects__buoyancy__wet_weight=30.0), "line.0.diameter: 0.05 m of link 1 displaces 0.001963 m^3"),
     (changed(effects__buoyancy__wet_weight=80.0), "effects.buoyancy.wet_weight: 80 N of link 1 is not below"),
     (changed(effects__weight__wet_weight=30.0), "effects.weight.wet_weight: is a weight in water"),
+    (
+        changed(effects__weight__gravity=9.81, sea__gravity=1.62),
+        "effects.weight.gravity: 9.81 m/s^2, but sea.gravity is 1.62 m/s^2; allowed: one value. Remove one of the two",
+    ),
     (changed(sea__wave_current="doppler"), "sea.wave_current: 'doppler' needs waves and a current"),
     (changed(sea__waves={"kind": "spectrum", "hs": 1.0}), "sea.waves.tp: missing"),
     (changed(sea__waves={"kind": "components", "amplitude": [1.0, 1.0], "period": [3.0]}), "sea.waves.period: [3.0]"),
@@ -106,6 +111,26 @@ BAD = [
 @pytest.mark.parametrize(("table", "start"), BAD, ids=[start[:40] for _, start in BAD])
 def test_bad_input_is_one_line_that_names_it(table, start):
     assert refusal(table).startswith(start)
+
+
+def test_a_scene_has_one_gravity_whichever_section_gives_it():
+    plain = dj.load_scene(changed(sea__waves=None))
+    weight = wet_weights(plain)
+    found = [
+        dj.load_scene(changed(sea__waves=None, sea__gravity=1.62)),
+        dj.load_scene(changed(sea__waves=None, effects__weight__gravity=1.62)),
+        plain.with_values({"sea.gravity": 1.62}),
+        plain.with_values({"effects.weight.gravity": 1.62}),
+    ]
+    for scene in found:
+        assert scene.sea.gravity == scene.effects["weight"]["gravity"] == scene.gravity == 1.62
+        np.testing.assert_allclose(wet_weights(scene), weight * 1.62 / 9.81, rtol=1e-12)
+        model = build_model(scene)
+        assert {float(e.gravity) for e in model.effects if hasattr(e, "gravity")} == {float(model.sea.gravity)}
+    assert dj.Scene.from_dict(found[0].to_dict()) == found[0]
+    # weightless lines in waves, which need a gravity
+    waves = dj.load_scene(changed(effects__weight__gravity=0.0, effects__buoyancy=None))
+    assert waves.sea.gravity == 9.81
 
 
 @pytest.mark.parametrize(

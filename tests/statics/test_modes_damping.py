@@ -86,3 +86,25 @@ def test_the_command_prints_damping_ratios_and_refuses_an_amplitude_of_nothing(c
     assert found["amplitude_m"] == 0.1
     assert main([*given, "--amplitude", "0"]) != 0
     assert "allowed: above 0 m" in capsys.readouterr().out
+
+
+def test_modes_of_a_body_come_first_and_shares_are_fractions_of_the_kinetic_energy(capsys):
+    """The spar on its chain: among all modes those of the chain have hardly any of the body's energy."""
+    assert main(["modes", "paper-case-1-pitching", "--of", "spar", "--count", "4", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["number"] == sorted(found["number"])
+    assert found["period_s"] == sorted(found["period_s"], reverse=True)
+    share = np.array(found["body_share"]["spar"])
+    assert np.all((share > 0.0) & (share <= 1.0 + 1e-9))
+    scene = dj.load_scene("paper-case-1-pitching")
+    model = dj.build_model(scene)
+    every = natural_modes(model, dj.equilibrium(model).state)
+    assert share.min() == pytest.approx(np.sort(every.body_share[:, 0])[-4], rel=1e-9)
+    np.testing.assert_allclose(np.asarray(found["period_s"]), every.period[np.array(found["number"]) - 1], rtol=1e-9)
+
+
+def test_modes_of_an_unknown_body_are_refused(capsys):
+    assert main(["modes", "paper-case-1-pitching", "--of", "spar-2"]) == 2
+    assert "--of: 'spar-2' is not a body; " in capsys.readouterr().err
+    assert main(["modes", "conical-pendulum", "--of", "spar"]) == 2
+    assert "the scene has no [[body]]" in capsys.readouterr().err

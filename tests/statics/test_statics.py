@@ -1,8 +1,10 @@
 """Static poses against closed forms, an independent root finder, the measured poses and the minimum of energy."""
 
 import csv
+import importlib
 from dataclasses import replace
 from importlib import resources
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +16,7 @@ import dropper_jax as dj
 from dropper_jax import statics
 
 G = 9.81
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 STATIC = {"kind": "static"}
 SCENARIOS = ("A", "B", "C")
 A, B = (0.1061, 0.0334), (0.1040, 0.0324)
@@ -249,6 +252,48 @@ def test_a_node_pushed_up_on_a_rod_falls_to_a_stable_pose():
         start = (pose + 0.02 * np.random.default_rng(seed).normal(size=pose.shape)).ravel()
         down = minimize(lambda x: -np.sum(force * x.reshape(6, 3)), start, constraints=rods, options={"ftol": 1e-14})
         np.testing.assert_allclose(down.x.reshape(6, 3), pose, atol=1e-5)
+
+
+#: A lifted dropper of five uneven links: angles from the horizontal, downwards [rad], by SciPy's SLSQP in the plane.
+LIFTED = {
+    "run": {"dt": 0.004, "duration": 5.0},
+    "point": [
+        {"name": "a", "position": [0.0, 0.0, 0.0]},
+        {"name": "b", "position": [0.12058556972511826, 0.0, 0.0]},
+    ],
+    "line": [
+        {
+            "name": "d",
+            "from": "a",
+            "to": "b",
+            "links": 5,
+            "length": [0.1508, 0.1056, 0.1127, 0.1022, 0.1206],
+            "mass": [0.0318, 0.0388, 0.0356, 0.0356, 0.0406],
+        }
+    ],
+    "effects": {"weight": {}},
+    "start": {"kind": "static", "release_nodes": [4], "release_force": [[-0.2947, 0.0, 1.2466]]},
+}
+LIFTED_ANGLES = (1.830, -0.120, -1.798, -1.689, 0.705)
+
+
+def test_a_lifted_dropper_with_a_link_in_compression_is_found_in_its_plane():
+    """No path of loads leads there, and out of the plane it is not stable: in the plane it has the least energy."""
+    found = dj.equilibrium(LIFTED)
+    assert found.status == "ok", found.message
+    assert found.tension.min() < 0.0
+    assert np.all(found.positions[:, 1] == 0.0)
+    d = np.diff(found.positions, axis=0)
+    np.testing.assert_allclose(np.arctan2(-d[:, 2], d[:, 0]), LIFTED_ANGLES, atol=1.1e-3)
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("kind", ["of random droppers", "uneven"])
+def test_no_random_start_is_lost(kind, monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))  # its modules import one another, as scripts do
+    starts = importlib.import_module("random_starts")
+    rows = [starts.found_start(kind, seed) for seed in range(300)]
+    assert [row["seed"] for row in rows if row["status"] != "ok"] == []
 
 
 # --- the differentiable pose ------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ import dropper_jax as dj
 from dropper_jax import load_scene
 from dropper_jax.cli import main
 from dropper_jax.study.accuracy import accuracy, advice, euler_claims, numerical_damping
+from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.march import Scheme, link_vectors, parse, rms_angle
 from dropper_jax.study.reference import instant_tension, reference
 from dropper_jax.study.stability.scenes import chain
@@ -79,14 +80,60 @@ def test_the_reference_is_a_hundred_times_better_than_what_it_measures(report) -
     assert found["reference"]["error_estimate_rad"] < 1e-2 * min(resolved)
 
 
-def test_advice_takes_the_cheapest_run_that_is_good_enough(report) -> None:
+def test_advice_takes_the_run_of_least_counted_work_that_is_good_enough(report) -> None:
     rows = [row for row in report[1]["rows"] if row["status"] == "ok"]
     for item in advice(rows, (1e-1, 1e-2, 1e-9)):
         good = [row for row in rows if row["rms_angle_error_rad"] <= item["target_rad"]]
         assert item["found"] == bool(good)
         if good:
-            assert item["ms_per_simulated_s"] == 1e3 * min(row["wall_s_per_simulated_s"] for row in good)
+            least = min(row["operations_per_simulated_s"] for row in good)
+            assert any(row["operations_per_simulated_s"] == least and row["dt"] == item["dt"] for row in good)
             assert item["margin"] >= 1.0
+
+
+def test_advice_does_not_follow_the_load_of_the_machine(report) -> None:
+    """Times up to ten times longer, at random, as on a busy machine or in a first run that compiles."""
+    rng = np.random.default_rng(0)
+    idle = [row for row in report[1]["rows"] if row["status"] == "ok"]
+    busy = [
+        row | {"wall_s_per_simulated_s": row["wall_s_per_simulated_s"] * factor}
+        for row, factor in zip(idle, rng.uniform(1.0, 10.0, len(idle)), strict=True)
+    ]
+    chosen = [[(item["scheme"], item["dt"]) for item in advice(rows, (1e-1, 1e-2, 1e-3))] for rows in (idle, busy)]
+    assert chosen[0] == chosen[1]
+
+
+def test_counted_work_grows_with_steps_and_stages_and_with_a_dense_jacobian() -> None:
+    model, s = dj.build("conical-pendulum")
+    evaluation = evaluation_work(model, s)
+    work = {
+        name: step_work(model, dj.make_stepper(model, name, solver), evaluation)
+        for name, solver in (("energy_momentum", "condensed"), ("energy_momentum_4", "condensed"), ("rattle", "dense"))
+    }
+    assert evaluation > 0.0
+    assert work["energy_momentum_4"] == 5 * work["energy_momentum"]
+    assert work["rattle"] == 4 * work["energy_momentum"]  # a column for each of 4 unknowns
+
+
+def test_an_interrupted_comparison_keeps_its_rows(monkeypatch, capsys) -> None:
+    """Rows are on standard error as they come; after Ctrl-C the exit code and status are those of a stopped run."""
+    row = {"label": "rattle", "solver": "condensed", "dt": 0.01, "status": "ok", "resolved": False} | dict.fromkeys(
+        ("rms_angle_error_rad", "rms_position_error_m", "rms_tension_error_n", "energy_drift_j", "us_per_step"), 1.0
+    )
+    row |= {"integrator": "rattle", "gamma": None, "dtype": "float64", "wall_s_per_simulated_s": 1.0}
+
+    def stop(*_, each, **__):
+        each(row | {"operations_per_simulated_s": 1.0})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dropper_jax.study.accuracy.measure", stop)
+    assert main(["accuracy", SCENE, "--span", "1.0", "--dts", "0.015625", "--integrators", "rattle", "--json"]) == 130
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    assert found["status"] == "interrupted"
+    assert [kept["label"] for kept in found["rows"]] == ["rattle"]
+    assert found["reference"]["horizon_s"] == 1.0
+    assert "rattle" in printed.err
 
 
 def test_failed_runs_have_no_numbers(report) -> None:

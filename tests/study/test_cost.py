@@ -82,5 +82,22 @@ def test_corrections_of_a_step_are_counted() -> None:
     model, s = build(scene)
     never = {"tolerance": 0.0, "extra": 0, "halvings": 0}
     variant = Variant("all", model, make_stepper(model, "energy_momentum", iterations=3, **never), s, scene.run.dt, 5)
-    row = variant.row(30.0, 1.0)
-    assert (row["corrections_per_step"], row["us_per_correction"]) == (3.0, 10.0)
+    variant.times[:] = [5 * 30e-6]
+    variant.count_corrections()
+    row = variant.row(variant)
+    assert row["corrections_per_step"] == 3.0
+    assert row["us_per_correction"] == pytest.approx(10.0)
+
+
+def test_an_interrupted_cost_keeps_the_rows_that_were_printed(monkeypatch, capsys) -> None:
+    def stop(self: Variant) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Variant, "count_corrections", stop)
+    assert main(["cost", "conical-pendulum", "--json"]) == 130
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    assert found["status"] == "interrupted"
+    assert [row["name"] for row in found["rows"]] == ["whole scene", "without weight", "bare scene"]
+    assert all(row["us_per_step"] > 0.0 and row["corrections_per_step"] is None for row in found["rows"])
+    assert [line.split("  ")[0] for line in printed.err.splitlines()[1:4]] == [row["name"] for row in found["rows"]]

@@ -5,8 +5,6 @@ from __future__ import annotations
 import html
 import json
 import re
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -15,8 +13,6 @@ from dropper_jax import build_model
 from dropper_jax.plots.run import readable
 from dropper_jax.view import IN_A_WAVE, choose_samples, pair_page, view_page, wave_period
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
-needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
 #: With WebGL in software, and without any.
 WITH = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 WITHOUT = ("--disable-gpu", "--disable-3d-apis")
@@ -30,26 +26,6 @@ def solution(longline):
 @pytest.fixture(scope="module")
 def page(solution):
     return view_page(solution)
-
-
-def seen_in_browser(page, probe, tmp_path, options, after=500, every=None):
-    """What `probe`, an expression, gives in the page `after` so many ms, or last of those seen `every` so many ms.
-
-    The browser's time runs ahead of messages between frames: what waits for one is looked at again and again.
-    """
-    timer = f"setTimeout(look, {after})" if every is None else f"setInterval(look, {every})"
-    write = f"""<script>{{ const look = () => {{
-      const out = document.getElementById("seen") || document.createElement("pre"); out.id = "seen";
-      out.style.position = "absolute";  // takes no room from the views
-      out.textContent = JSON.stringify({probe}); document.body.append(out); }}; {timer}; }}</script></body>"""
-    file = tmp_path / "page.html"
-    file.write_text(page[: page.rindex("</body>")] + write, encoding="utf-8")
-    common = ["--headless", "--no-sandbox", f"--virtual-time-budget={after + 5500}", "--window-size=900,600"]
-    command = [BROWSER, *common, *options, f"--user-data-dir={tmp_path}/profile", "--dump-dom", file.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=90)
-    found = re.findall(r'<pre id="seen"[^>]*>(.*?)</pre>', done.stdout, re.S)
-    assert found, done.stderr[-500:]
-    return json.loads(html.unescape(found[-1]))
 
 
 def test_waves_are_met_by_enough_frames_and_a_long_run_is_shown_in_part(longline):
@@ -73,9 +49,8 @@ def test_frames_saved_too_far_apart_for_the_waves_are_told(longline):
     assert "saved every 4 s in waves of 6" in told[0]
 
 
-@needs_browser
 @pytest.mark.parametrize("options", [WITH, WITHOUT], ids=["webgl", "canvas"])
-def test_a_click_on_a_rope_shows_its_tension_and_a_trail(page, tmp_path, options):
+def test_a_click_on_a_rope_shows_its_tension_and_a_trail(page, in_browser, options):
     probe = """(() => {
       const j = 5, a = state.points[run.first[j]], b = state.points[run.first[j] + 1];
       const edge = canvas.getBoundingClientRect(), at = { clientX: edge.left + (a[0] + b[0]) / 2 / ratio(),
@@ -93,7 +68,7 @@ def test_a_click_on_a_rope_shows_its_tension_and_a_trail(page, tmp_path, options
           save_curve(); return kept; })(),
         long: [force(12345), force(57.54), plain(0.00123), clock(3.5)] };
     })()"""
-    seen = seen_in_browser(page, probe, tmp_path, options)
+    seen = in_browser(page, probe, options)
     assert seen["solid"] == (options == WITH)
     assert seen["picked"] == "backbone 2"
     assert seen["node"] in (6, 7)
@@ -109,8 +84,7 @@ def test_a_click_on_a_rope_shows_its_tension_and_a_trail(page, tmp_path, options
     assert seen["long"] == ["12.3 kN", "57.5 N", "0.00123", "3.50"]
 
 
-@needs_browser
-def test_a_rope_as_solid_is_as_bright_as_its_tension_says_through_the_water(page, tmp_path):
+def test_a_rope_as_solid_is_as_bright_as_its_tension_says_through_the_water(page, in_browser):
     """Colours between 0.7 of the scale's and the scale's own: nothing washes them out."""
     probe = """(() => {
       byId("names").checked = false; byId("trail").checked = false; eye.zoom = 2; draw();
@@ -119,16 +93,15 @@ def test_a_rope_as_solid_is_as_bright_as_its_tension_says_through_the_water(page
       const want = colour(sample(tension, links, locate(time, state.now))[j]).match(/\\d+/g).map(Number);
       return { got: [...p].slice(0, 3), want };
     })()"""
-    seen = seen_in_browser(page, probe, tmp_path, WITH)
+    seen = in_browser(page, probe, WITH)
     share = np.array(seen["got"]) / np.maximum(seen["want"], 1)
     strong = np.array(seen["want"]) > 60
     assert np.all((share[strong] > 0.65) & (share[strong] < 1.05))
     assert np.ptp(share[strong]) < 0.1
 
 
-@needs_browser
 @pytest.mark.parametrize("options", [WITH, WITHOUT], ids=["webgl", "canvas"])
-def test_a_view_fits_the_lines_is_to_scale_from_the_side_and_pinches(page, tmp_path, options):
+def test_a_view_fits_the_lines_is_to_scale_from_the_side_and_pinches(page, in_browser, options):
     probe = """(() => {
       const extent = (i) => { const all = state.points.map((p) => p[i]); return [Math.min(...all), Math.max(...all)]; };
       const fitted = [extent(0), extent(1)], size = [canvas.width, canvas.height];
@@ -142,7 +115,7 @@ def test_a_view_fits_the_lines_is_to_scale_from_the_side_and_pinches(page, tmp_p
       finger("pointerup", 1, 200); finger("pointerup", 2, 400);
       return { fitted, size, scales, pinched: eye.zoom / before, part: run.parts[5] };
     })()"""
-    seen = seen_in_browser(page, probe, tmp_path, options)
+    seen = in_browser(page, probe, options)
     for (low, high), size in zip(seen["fitted"], seen["size"], strict=True):
         assert 0 < low < high < size
     assert max((high - low) / size for (low, high), size in zip(seen["fitted"], seen["size"], strict=True)) > 0.6
@@ -151,8 +124,7 @@ def test_a_view_fits_the_lines_is_to_scale_from_the_side_and_pinches(page, tmp_p
     assert seen["part"].startswith("backbone, ")
 
 
-@needs_browser
-def test_a_ruler_shows_the_distance_of_two_nodes_and_a_link_gives_the_view_again(page, solution, tmp_path):
+def test_a_ruler_shows_the_distance_of_two_nodes_and_a_link_gives_the_view_again(page, solution, in_browser):
     probe = """(() => {
       const view = (name) => document.querySelector(`[data-view=${name}]`).click();
       byId("ruler").checked = true; state.now = 1; view("front");
@@ -166,7 +138,7 @@ def test_a_ruler_shows_the_distance_of_two_nodes_and_a_link_gives_the_view_again
       view("top"); state.now = 0; pick(null); follow();
       return { nodes, distance, untouched, hash: location.hash, eye, now: state.now, picked: picked.link };
     })()"""
-    seen = seen_in_browser(page, probe, tmp_path, WITHOUT)
+    seen = in_browser(page, probe, WITHOUT)
     one, other = solution.positions[10][seen["nodes"]]
     size, *parts = map(float, re.findall(r"-?[\d.]+", seen["distance"]))
     assert size == pytest.approx(np.linalg.norm(other - one), rel=1e-3)
@@ -178,8 +150,7 @@ def test_a_ruler_shows_the_distance_of_two_nodes_and_a_link_gives_the_view_again
     np.testing.assert_allclose(seen["eye"]["shift"], [30, -20], atol=0.1)
 
 
-@needs_browser
-def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline, tmp_path):
+def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline, in_browser):
     other = longline(0.0)
     other.tension[:] *= 3.0
     both = pair_page(solution, other)
@@ -198,12 +169,12 @@ def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline
     both_moved = {"clocks": ["2.5000", "2.5000"], "turns": ["0.500", "0.500"], "shown": ["visible", "hidden"]}
     # three times 1000 N (1 + 0.3 sin + 0.1 5/17), which is between 729.4 and 1329.4 N
     both_moved["other"] = "other run 2.19 kN to 3.99 kN, up to 2.66 kN apart"
-    assert seen_in_browser(both.replace("</body>", act), probe, tmp_path, WITH, 30000, 200) == both_moved
+    assert in_browser(both.replace("</body>", act), probe, WITH, 30000, 200) == both_moved
     # a view that comes later is shown what was done, and its own beginning moves nothing
     again = """setTimeout(() => {
       const second = document.querySelectorAll("iframe")[1]; second.srcdoc = second.srcdoc; }, 500);"""
     late = act.replace("/* late */", again)
-    assert seen_in_browser(both.replace("</body>", late), probe, tmp_path, WITH, 30000, 200) == both_moved
+    assert in_browser(both.replace("</body>", late), probe, WITH, 30000, 200) == both_moved
 
 
 def test_a_description_with_the_page_s_own_marks_changes_nothing(solution):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
+import itertools
 import json
 import re
 import shutil
@@ -155,6 +157,49 @@ def test_page_plays_scrubs_and_turns_in_a_browser(wet, tmp_path):
     assert seen["playing"] == "true"
     assert seen["paused"] == "false"
     assert float(seen["played"]) > 1.05
+
+
+#: Boxes [px] of what is read or pressed, of the texts in the picture by view, and heights, before and after "more".
+BOXES = """(() => {
+  const box = (one) => { const r = one.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; };
+  const all = (list) => [...document.querySelectorAll(list)].filter((one) => one.checkVisibility()).map(box);
+  const parts = "#name, #how, #about summary, #unit, #bar, #high, #mid, #low, "
+    + "footer button, footer input, footer select";
+  const footer = () => document.querySelector("footer").clientHeight / innerHeight;
+  const found = { page: [innerWidth, innerHeight], closed: footer(), before: all(parts), texts: {} };
+  for (const view of ["free", "front", "side", "top"]) {
+    look(view); found.texts[view] = state.taken.map((b) => b.map((v) => v / ratio())); }
+  if (byId("more").checkVisibility()) byId("more").click();
+  found.opened = footer(); found.after = all(parts);
+  return found; })()"""
+
+
+def overlapping(boxes):
+    """Pairs of boxes (left, top, right, bottom) of which one is over the other by more than a pixel."""
+    found = []
+    for one, other in itertools.combinations(boxes, 2):
+        across = min(one[2], other[2]) - max(one[0], other[0])
+        down = min(one[3], other[3]) - max(one[1], other[1])
+        if min(across, down) > 1.0:
+            found.append((one, other))
+    return found
+
+
+@pytest.mark.parametrize("width", [360, 390, 900])
+def test_nothing_overlaps_and_controls_are_small_on_a_phone_in_a_browser(longline, in_browser, width):
+    solution = longline()
+    named = dataclasses.replace(solution.scene, name="a-longline-with-a-name-of-some-length")
+    seen = in_browser(view_page(dataclasses.replace(solution, scene=named)), BOXES, width=width)
+    assert seen["page"][0] == width
+    assert seen["closed"] < 0.1
+    assert seen["opened"] < 0.25
+    assert len(seen["after"]) >= 8 + 15
+    for boxes in (seen["before"], seen["after"], *seen["texts"].values()):
+        assert overlapping(boxes) == []
+        assert min(min(box[:2]) for box in boxes) >= 0
+        assert max(box[2] for box in boxes) <= width
+        assert max(box[3] for box in boxes) <= seen["page"][1]
+    assert all(len(texts) > 2 for texts in seen["texts"].values())
 
 
 def test_page_of_a_system_has_links_within_lines_buoys_bed_and_names(longline):

@@ -27,7 +27,7 @@ def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> dict[s
     moments = sizes(deck, row, row.words[10], "I")
     parts = [(mass, centre, np.diag(moments if len(moments) == 3 else moments * 3))]
     pairs = [_cylinder(deck, rod) for rod in rods]
-    found = _together(deck, row, [*parts, *(part for _, part in pairs)])
+    found = _together(deck, row, f"body {row.words[0]}", [*parts, *(part for _, part in pairs)])
     found |= {"name": row.name or f"body-{row.words[0]}", "position": where}
     if any(turned):
         found["attitude"] = turned
@@ -40,7 +40,7 @@ def free_rod(deck: Deck, row: Row) -> dict[str, Any]:
     """`[[body]]` of a free rod: its axes are the scene's, its reference point is its end A."""
     cylinder, (mass, centre, inertia) = _cylinder(deck, row)
     start = np.array(cylinder["from"])
-    found = _together(deck, row, [(mass, centre - start, inertia)])
+    found = _together(deck, row, f"rod {row.words[0]}", [(mass, centre - start, inertia)])
     shape = {**cylinder, "from": [0.0, 0.0, 0.0], "to": (np.array(cylinder["to"]) - start).tolist()}
     return {**found, "name": row.name or f"rod-{row.words[0]}", "position": start.tolist(), "cylinders": [shape]}
 
@@ -62,11 +62,11 @@ def _cylinder(deck: Deck, row: Row) -> tuple[dict[str, Any], tuple[float, np.nda
     return shape, (mass, 0.5 * (a + b), inertia)
 
 
-def _together(deck: Deck, row: Row, parts: list[tuple[float, np.ndarray, np.ndarray]]) -> dict[str, Any]:
+def _together(deck: Deck, row: Row, what: str, parts: list[tuple[float, np.ndarray, np.ndarray]]) -> dict[str, Any]:
     """Mass, centre of mass and inertia about it of several parts."""
     mass = sum(m for m, _, _ in parts)
     if not mass > 0.0:
-        deck.refuse(row.number, f"body {row.words[0]}: has no mass, with what is on it; allowed: > 0 kg")
+        deck.refuse(row.number, f"{what}: has no mass, with what is on it; allowed: > 0 kg")
     centre = sum(m * c for m, c, _ in parts) / mass
     inertia = np.zeros((3, 3))
     for m, c, own in parts:

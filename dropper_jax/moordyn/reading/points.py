@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,7 +25,7 @@ class Ends:
 
     Points on bodies are their attachments, and are not in `points`. `leaving` gives, by the name of its point, the
     direction of a line with bending stiffness at each end of a fixed rod. `turning` contains the points on rods that
-    move.
+    move, `joints` those of free rods without length, which have no mass.
     """
 
     points: list[dict[str, Any]] = field(default_factory=list)
@@ -33,6 +34,7 @@ class Ends:
     names: dict[str, str] = field(default_factory=dict)
     leaving: dict[str, list[float]] = field(default_factory=dict)
     turning: list[str] = field(default_factory=list)
+    joints: list[str] = field(default_factory=list)
 
 
 def read_ends(deck: Deck, notes: list[str]) -> Ends:
@@ -59,6 +61,12 @@ def read_ends(deck: Deck, notes: list[str]) -> Ends:
     left = [(key, row.number) for key, row in bodies.items() if key not in taken]
     notes += [f"line {line}: body {key} is not represented: nothing of the scene is on it" for key, line in left]
     return found
+
+
+def wet_floats_note(floats: Sequence[str]) -> str:
+    """What differs for points whose volume lifts them, by name."""
+    names = ", ".join(map(repr, floats[:3])) + (f" and {len(floats) - 3} more" if len(floats) > 3 else "")
+    return f"points that float ({names}): MoorDyn treats their full volume as submerged, also above the surface"
 
 
 def _holder(row: Row) -> str:
@@ -209,8 +217,15 @@ def _body(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
 
 
 def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[str], notes: list[str]) -> str:
-    """A free rod, a fixed one, or a spar buoy and its point; returns its body."""
+    """A free rod, a joint, a fixed rod, or a spar buoy and its point; returns its body."""
     key, holder = row.words[0], row.words[2]
+    if holder.lower() == "free" and _is_connector(deck, row):
+        joint = row.name or f"point-R{key}"
+        position = [number(deck, row, w, "Xa, Ya, Za") for w in row.words[3:6]]
+        found.points.append({"name": joint, "kind": "free", "position": position})
+        found.names.update({word: joint for word in (f"R{key}A", f"R{key}B") if word in used})
+        found.joints.append(joint)
+        return ""
     if holder.lower() in ("free", *PINNED, *PINNED_COUPLED):
         body = free_rod(deck, row) | _pinned_field(row, holder, f"rod {key}", notes)
         found.bodies.append({**body, "attachments": _rod_ends(row, body["cylinders"][0], found, used)})

@@ -11,6 +11,7 @@ from typing import Any
 from dropper_jax.base.errors import LocatedValues, SceneError, nearest
 from dropper_jax.base.files import find_referenced
 from dropper_jax.base.toml_text import parsed_toml
+from dropper_jax.moordyn.reading.joints import Part, join_lines
 from dropper_jax.moordyn.reading.options import (
     Options,
     read_current,
@@ -19,7 +20,7 @@ from dropper_jax.moordyn.reading.options import (
     read_types,
     read_waves,
 )
-from dropper_jax.moordyn.reading.points import Ends, first_version, read_ends
+from dropper_jax.moordyn.reading.points import Ends, first_version, read_ends, wet_floats_note
 from dropper_jax.moordyn.reading.sections import Deck, columns, integer, number, read_input, split_file
 
 #: Values used if the file does not give them; MoorDyn's driver would.
@@ -67,23 +68,35 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
         for line in lines:  # MoorDyn's only stretch; here at least one node must be free
             line["links"] = 2
             notes.append(f"line {line['name']!r}: NumSegs 1 between fixed points: 2 links are used")
+    used = {line["type"] for line in lines}
+    bending = _bending(lines, types, ends, notes)
+    broken = _failures(deck, lines, ends.names, notes)
+    lines, parts = join_lines(lines, ends.joints)
+    for failure in broken:
+        failure |= _link_of(parts[failure["line"]], failure["link"])
+    notes += _joint_notes(lines, parts, options.values["tmaxic"] == 0.0)
     at_ends = {line[key] for line in lines for key in ("from", "to")}
-    left = [point["name"] for point in ends.points if point["name"] not in at_ends]
+    inside = {name for name in ends.joints if name not in at_ends}
+    left = [point["name"] for point in ends.points if point["name"] not in {*at_ends, *inside}]
     notes += [f"point {name!r} is not represented: no line ends there" for name in left]
     scene = {
         "name": path.stem,
         "description": "",
         "run": _run(options, notes),
-        "line_type": [types[name] for name in types if any(line["type"] == name for line in lines)],
+        "line_type": [types[name] for name in types if name in used],
         "point": [point for point in ends.points if point["name"] in at_ends],
         "line": lines,
         **({"buoy": ends.buoys} if ends.buoys else {}),
         **({"body": ends.bodies} if ends.bodies else {}),
-        "effects": _effects(options, path.parent, _bending(lines, types, ends, notes)),
-        **({"failure": broken} if (broken := _failures(deck, lines, ends.names, notes)) else {}),
+        "effects": _effects(options, path.parent, bending),
+        **({"failure": broken} if broken else {}),
         **({"start": {"kind": "points"}} if options.values["tmaxic"] == 0.0 else {}),
         **_sea(deck, options, notes),
     }
+    density = options.values["rho"]
+    floats = [p["name"] for p in scene["point"] if density * p.get("volume", 0.0) > p.get("mass", 0.0)]
+    if floats:
+        notes.append(wet_floats_note(floats))
     without = [section for section in WITHOUT if deck.rows.get(section)]
     notes += [f"line {deck.first[section]}: section {section.upper()} is not represented" for section in without]
     if options.left:
@@ -105,7 +118,8 @@ def _lines_of(deck: Deck, scene: dict[str, Any], ends: Ends, options: Options) -
     found |= {key: options.lines[name] for key, name in OPTION_OF.items() if name in options.lines}
     of = {row.words[0]: row.number for row in deck.rows.get("line types", [])}
     found |= {f"line_type.{i}": of[kind["name"]] for i, kind in enumerate(scene["line_type"])}
-    found |= {f"line.{i}": row.number for i, row in enumerate(deck.rows["lines"])}
+    rows = {row.name or f"line-{row.words[0]}": row.number for row in deck.rows["lines"]}
+    found |= {f"line.{i}": rows[line["name"]] for i, line in enumerate(scene["line"]) if line["name"] in rows}
     at: dict[str, int] = {}
     for section, kinds, suffixes in (("points", (), ("",)), ("bodies", ("body",), ()), ("rods", ("rod", "buoy"), "AB")):
         for row in deck.rows.get(section, []):
@@ -153,6 +167,29 @@ def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list
             "links": integer(deck, row, links, "NumSegs"),
         }
     return list(found.values())
+
+
+def line_parts(deck: Deck) -> dict[str, Part]:
+    """Where each line of a deck is in the lines of its scene, by its name."""
+    ends = read_ends(deck, [])
+    return join_lines(_lines(deck, read_types(deck, []), ends.names, []), ends.joints)[1]
+
+
+def _joint_notes(lines: list[dict[str, Any]], parts: dict[str, Part], as_given: bool) -> list[str]:
+    """A note for each line that is joined of several, whose start may be `as_given` by the positions of points."""
+    joined = [line["name"] for line in lines if "sections" in line]
+    own = {name: [key for key, part in parts.items() if part.line == name] for name in joined}
+    start = "; it starts straight, without the rods' positions" if as_given else ""
+    return [
+        f"lines {', '.join(keys)}, joined by rods without mass and length, are the sections of line {name!r}{start}"
+        for name, keys in own.items()
+    ]
+
+
+def _link_of(part: Part, link: int) -> dict[str, Any]:
+    """Line and link of the scene of a line's link, from 1."""
+    own = part.links + 1 - link if part.turned else link
+    return {"line": part.line, "link": part.first + own}
 
 
 def _check_outputs(deck: Deck) -> None:

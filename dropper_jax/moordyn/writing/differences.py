@@ -10,6 +10,7 @@ import numpy as np
 
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
+from dropper_jax.moordyn.reading.points import wet_floats_note
 from dropper_jax.moordyn.writing.pieces import detachment
 from dropper_jax.scene import BodySpec
 
@@ -157,11 +158,7 @@ def _things(scene: Scene) -> Iterator[Difference]:
         )
         yield line.breaking_load is not None, f"{of}: breaking load is not represented"
     floats = [p.name for p in scene.points if scene.sea and scene.sea.density * (p.volume or 0.0) > (p.mass or 0.0)]
-    names = ", ".join(map(repr, floats[:3])) + (f" and {len(floats) - 3} more" if len(floats) > 3 else "")
-    yield (
-        bool(floats),
-        f"points that float ({names}): MoorDyn treats their full volume as submerged, also above the surface",
-    )
+    yield bool(floats), wet_floats_note(floats)
     for vessel in scene.vessels:
         for name in vessel.attachments:
             yield True, f"vessel {vessel.name!r}: point {name!r} is Coupled; its motion is not in the file"

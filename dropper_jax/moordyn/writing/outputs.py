@@ -11,7 +11,9 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
+from dropper_jax.moordyn.reading.joints import Part
 from dropper_jax.moordyn.reading.points import read_ends
+from dropper_jax.moordyn.reading.reader import line_parts
 from dropper_jax.moordyn.reading.sections import Deck, looks_like_moordyn, split_file
 from dropper_jax.run.growth import end_forces
 from dropper_jax.run.simulate import Solution
@@ -39,16 +41,20 @@ def _deck_of(path: Path) -> Deck | None:
 
 
 class Numbers(NamedTuple):
-    """Numbers by which channels refer to points and lines, and the scene's names for them."""
+    """Numbers by which channels refer to points and lines, and their names.
+
+    `parts` are those of lines of the scene that several lines of a deck make up, by the names of these.
+    """
 
     points: Mapping[int, str]
     lines: Mapping[int, str]
+    parts: Mapping[str, Part]
 
     @classmethod
     def of_scene(cls, solution: Solution) -> Numbers:
         """From 1 in the order of the scene."""
         points = {i + 1: point.name for i, point in enumerate(solution.scene.points)}
-        return cls(points, {i + 1: line.name for i, line in enumerate(solution.lines)})
+        return cls(points, {i + 1: line.name for i, line in enumerate(solution.lines)}, {})
 
 
 def numbers_of(path: str | Path) -> Numbers | None:
@@ -58,7 +64,7 @@ def numbers_of(path: str | Path) -> Numbers | None:
         return None
     points = {int(key): name for key, name in read_ends(deck, []).names.items() if key.isdecimal()}
     lines = {int(row.words[0]): row.name or f"line-{row.words[0]}" for row in deck.require("lines")}
-    return Numbers(points, lines)
+    return Numbers(points, lines, line_parts(deck))
 
 
 def default_channels(solution: Solution) -> list[str]:
@@ -79,7 +85,8 @@ def write_out(
 
     Lines and points have the IDs of the MoorDyn input if there is one (`numbers`), otherwise they count from 1 in the
     scene's order. As in MoorDyn, the tension [N] at an end is the magnitude of the force on the end node: the tension
-    of the link there and half its weight in water. Its drag and inertia, which are small in comparison, are neglected.
+    of the link there and half its weight, less its buoyancy in the water. Its drag and inertia, which are small in
+    comparison, are neglected.
     At an inner node it is the magnitude of the mean of both links' tension vectors. Tensions belong to
     `solution.t_tension`, half a step before the row's time in midpoint schemes.
 
@@ -114,11 +121,11 @@ def channel_values(solution: Solution, channel: str, numbers: Numbers | None = N
     name = channel.upper()
     numbers = numbers or Numbers.of_scene(solution)
     if found := _END.match(name):
-        return _end_tension(solution, _line(solution, channel, found["line"], numbers), found["end"] == "FAIR"), "(N)"
+        return _end_tension(solution, *_line(solution, channel, found["line"], numbers), found["end"] == "FAIR"), "(N)"
     if found := _LINE_END.match(name):
-        return _end_tension(solution, _line(solution, channel, found["line"], numbers), found["end"] == "B"), "(N)"
+        return _end_tension(solution, *_line(solution, channel, found["line"], numbers), found["end"] == "B"), "(N)"
     if found := _LINE.match(name):
-        return _node(solution, channel, _line(solution, channel, found["line"], numbers), found["node"], found["what"])
+        return _node(solution, channel, *_line(solution, channel, found["line"], numbers), found["node"], found["what"])
     if found := _POINT.match(name):
         name = _name_of_number(channel, "points", found["point"], numbers.points)
         return _axis(solution, point_nodes(solution.scene)[name], found["what"])
@@ -135,16 +142,23 @@ def _name_of_number(channel: str, what: str, number: str, names: Mapping[int, st
     return names[int(number)]
 
 
-def _line(solution: Solution, channel: str, number: str, numbers: Numbers) -> LineSlice:
+def _line(solution: Solution, channel: str, number: str, numbers: Numbers) -> tuple[LineSlice, bool]:
+    """The nodes and links of a line by its number, and whether its end A is its last node there."""
     name = _name_of_number(channel, "lines", number, numbers.lines)
+    part = numbers.parts.get(name)
     for line in solution.lines:
+        if part is not None and line.name == part.line:
+            node, link = line.nodes.start + part.first, line.links.start + part.first
+            own = LineSlice(name, slice(node, node + part.links + 1), slice(link, link + part.links))
+            return own, part.turned
         if line.name == name:
-            return line
+            return line, False
     raise _refuse(channel, f"line {name!r} is not in the run")
 
 
-def _end_tension(solution: Solution, line: LineSlice, last: bool) -> np.ndarray:
-    return end_forces(solution.scene, solution.positions, solution.tension, solution.lines)[line.name][:, int(last)]
+def _end_tension(solution: Solution, line: LineSlice, turned: bool, last: bool) -> np.ndarray:
+    forces = end_forces(solution.scene, solution.positions, solution.tension, [line], solution.t)
+    return forces[line.name][:, int(last != turned)]
 
 
 def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:
@@ -152,15 +166,18 @@ def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:
     return array[:, node, "XYZ".index(what[1])], unit
 
 
-def _node(solution: Solution, channel: str, where: LineSlice, text: str, what: str) -> tuple[np.ndarray, str]:
+def _node(
+    solution: Solution, channel: str, where: LineSlice, turned: bool, text: str, what: str
+) -> tuple[np.ndarray, str]:
     links = where.links.stop - where.links.start
     node = {"A": 0, "B": links}.get(text, int(text) if text.isdecimal() else 0)
     if node > links:
         raise _refuse(channel, f"line {where.name!r} has the nodes 0 to {links}")
+    node = links - node if turned else node
     if what[0] != "T":
         return _axis(solution, where.nodes.start + node, what)
     if node in (0, links):
-        return _end_tension(solution, where, node == links), "(N)"
+        return _end_tension(solution, where, False, node == links), "(N)"
     positions = solution.positions[:, where.nodes.start + node - 1 : where.nodes.start + node + 2]
     along = np.diff(positions, axis=1)
     along = along / np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-300)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.files import atomic_write
 from dropper_jax.effects.buoyancy import displaced_diameter
@@ -224,7 +223,7 @@ def _options(scene: Scene, path: Path, dt: float | None, more: Mapping[str, Any]
     values: dict[str, Any] = {
         "dtM": run.dt if dt is None else dt,
         "dtOut": run.dt * run.save_every,
-        "g": scene.effects.get("weight", {}).get("gravity", GRAVITY if sea is None else sea.gravity),
+        "g": scene.gravity,
         "rho": 0.0 if sea is None else sea.density,
         "WtrDpth": depth if depth is not None else _below(scene),
     }

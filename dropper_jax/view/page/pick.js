@@ -30,7 +30,7 @@ function pick(found) {
     let [least, largest, sum] = [Infinity, -Infinity, 0];
     for (let k = 0; k < run.frames; k++) { const v = tension[k * links + found.link]; least = Math.min(least, v); largest = Math.max(largest, v); sum += v; }
     Object.assign(picked, { least, largest });
-    byId("part").style.bottom = `${document.querySelector("footer").offsetHeight + 12}px`;
+    raise_part();
     byId("part-name").textContent = run.parts[found.link];
     byId("part-range").textContent = `${force(least)} to ${force(largest)}, mean ${force(sum / run.frames)}`;
     document.body.dataset.picked = run.labels[found.link];
@@ -38,6 +38,7 @@ function pick(found) {
   } else delete document.body.dataset.picked;
   draw();
 }
+function raise_part() { byId("part").style.bottom = `${document.querySelector("footer").offsetHeight + 12}px`; }
 const tension_of = (link) => Float32Array.from(time, (_, k) => tension[k * links + link]);
 function other_at(t) {  // tension of the picked part in the other run
   const [a, b, w] = locate(picked.other.time, t);
@@ -134,12 +135,15 @@ function save_picture() {  // the canvas with title, time and colour bar, which 
   ["high", "mid", "low"].forEach((id, i) => ink.fillText(byId(id).textContent, w - 40 * u, (48 + 74 * i) * u));
   sheet.toBlob((blob) => save(`${state.now.toFixed(2)}s.png`, blob));
 }
-function names(points) {  // beside the middle of each line, where no other name stands
-  const taken = [], high = 15 * ratio();
+function names(points) {  // beside the middle of each line, on the side where there is room and no other text
+  const { taken } = state, high = 15 * ratio();
   pen.font = `${12 * ratio()}px system-ui, sans-serif`; pen.textBaseline = "middle";
   for (const { name, node } of run.lines) {
-    const [x, y] = points[node], wide = pen.measureText(name).width + 8 * ratio(), box = [x + 8 * ratio(), y - high / 2, x + 8 * ratio() + wide, y + high / 2];
-    if (taken.some((b) => b[0] < box[2] && box[0] < b[2] && b[1] < box[3] && box[1] < b[3])) continue;
+    const [x, y] = points[node], wide = pen.measureText(name).width + 8 * ratio();
+    const boxes = [x + 8 * ratio(), x - 8 * ratio() - wide].map((left) => [left, y - high / 2, left + wide, y + high / 2]);
+    const box = boxes.find((b) => b[0] >= 0 && b[1] >= 0 && b[2] <= canvas.width && b[3] <= canvas.height
+      && !taken.some((t) => t[0] < b[2] && b[0] < t[2] && t[1] < b[3] && b[1] < t[3]));
+    if (!box) continue;
     taken.push(box);
     pen.fillStyle = "rgba(255,255,255,0.78)"; pen.fillRect(box[0], box[1], wide, high);
     pen.fillStyle = "#2b2f33"; pen.fillText(name, box[0] + 4 * ratio(), y);

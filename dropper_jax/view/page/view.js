@@ -30,7 +30,7 @@ const TRAIL = 0.15;  // of the run
 const DISTANCE = 2.6, LENS = 1.9;  // in sizes: how far the eye is, and how long its lens
 const VIEWS = { free: [-0.65, 0.28], front: [0, 0], side: [-Math.PI / 2, 0], top: [0, Math.PI / 2] };
 const eye = { turn: VIEWS.free[0], rise: VIEWS.free[1], zoom: 1, shift: [0, 0], even: false };  // even: without perspective
-const state = { now: start, playing: false, last: 0, mouse: null, fingers: new Map() };
+const state = { now: start, playing: false, last: 0, mouse: null, fingers: new Map(), taken: [] };
 
 // --- samples between frames -----------------------------------------------------------------------------------------
 
@@ -169,24 +169,34 @@ function floor() {
 }
 function label(text, [x, y]) {
   pen.fillStyle = "#6b7076"; pen.font = `${12 * ratio()}px system-ui, sans-serif`; pen.fillText(text, x + 4 * ratio(), y);
+  take(x + 4 * ratio(), y - 6 * ratio(), pen.measureText(text).width);
 }
-function axes() {
-  const corner = [low[0] - 0.12 * size, low[1], low[2] - 0.04 * size];
-  "xyz".split("").forEach((name, i) => {
-    const tip = corner.slice(); tip[i] += 0.14 * size;
-    pen.strokeStyle = "#2b2f33"; pen.lineWidth = 1.5 * ratio();
-    path([project(...corner), project(...tip)]); pen.stroke(); label(name, project(...tip));
+function take(left, middle, wide) {  // where a text stands, so that names stand elsewhere
+  state.taken.push([left, middle - 7.5 * ratio(), left + wide, middle + 7.5 * ratio()]);
+}
+function on_screen([x, y, z]) {  // of a direction: to the right and up, for an eye far away
+  const away = Math.cos(eye.turn) * y - Math.sin(eye.turn) * x;
+  return [Math.cos(eye.turn) * x + Math.sin(eye.turn) * y, Math.sin(eye.rise) * away + Math.cos(eye.rise) * z];
+}
+function axes() {  // in the lower left corner, so that all three are in every view
+  const from = [46 * ratio(), canvas.height - 34 * ratio()], long = 30 * ratio();
+  ["x", "y", "z"].forEach((name, i) => {
+    const [right, up] = on_screen([0, 1, 2].map((k) => Number(k === i)));
+    if (Math.hypot(right, up) < 0.15) return;  // it points at the eye
+    const tip = [from[0] + long * right, from[1] - long * up];
+    pen.strokeStyle = "#2b2f33"; pen.lineWidth = 1.5 * ratio(); path([from, tip]); pen.stroke();
+    label(name, [tip[0] + (8 * right - 7.5) * ratio(), tip[1] + (4 - 8 * up) * ratio()]);
   });
 }
 function flows() {  // arrows of waves and current in the lower right corner, as seen from here
   run.flows.forEach(({ text, direction, colour: ink }, i) => {
     const x = canvas.width - 34 * ratio(), y = canvas.height - (44 + 26 * (run.flows.length - 1 - i)) * ratio(), long = 20 * ratio();
-    const [c, s] = [Math.cos(direction), Math.sin(direction)], right = Math.cos(eye.turn) * c + Math.sin(eye.turn) * s;
-    const up = Math.sin(eye.rise) * (Math.cos(eye.turn) * s - Math.sin(eye.turn) * c), [dx, dy] = [long * right, -long * up];
+    const [right, up] = on_screen([Math.cos(direction), Math.sin(direction), 0]), [dx, dy] = [long * right, -long * up];
     const tip = [x + dx, y + dy], turn = Math.atan2(dy, dx), wing = (a) => [tip[0] - 8 * ratio() * Math.cos(turn + a), tip[1] - 8 * ratio() * Math.sin(turn + a)];
     pen.strokeStyle = pen.fillStyle = ink; pen.lineWidth = 3 * ratio(); path([[x - dx, y - dy], tip]); pen.stroke();
     if (Math.hypot(dx, dy) > 3 * ratio()) { path([tip, wing(0.5), wing(-0.5)], true); pen.fill(); pen.stroke(); }
     pen.font = `${12 * ratio()}px system-ui, sans-serif`; pen.textAlign = "right"; pen.fillText(text, x - 28 * ratio(), y + 4 * ratio()); pen.textAlign = "left";
+    const wide = pen.measureText(text).width; take(x - 28 * ratio() - wide, y, wide + 58 * ratio());
   });
 }
 function surface() {
@@ -268,6 +278,10 @@ function draw() {
   const [w, h] = measure();
   if (!w || !h) return;
   pen.clearRect(0, 0, w, h);
+  state.taken = [...document.querySelectorAll("header, #legend")].map((one) => {
+    const { left, top, right, bottom } = one.getBoundingClientRect();
+    return [left, top, right, bottom].map((v) => v * ratio());
+  });
   const frame = locate(time, state.now), wet = water && byId("water").checked;
   if (solids) {
     if (!run.bed) floor();
@@ -366,7 +380,16 @@ addEventListener("keydown", (e) => {
   if (e.key === "ArrowRight") { state.now = Math.min(end, state.now + step); draw(); }
   if (e.key === "ArrowLeft") { state.now = Math.max(start, state.now - step); draw(); }
 });
-addEventListener("resize", () => { if (JSON.stringify(eye) === state.fitted) fit(); draw(); });
+function resized() {
+  if (JSON.stringify(eye) === state.fitted) fit();
+  raise_part(); draw();
+}
+addEventListener("resize", resized);
+const opened = () => document.querySelector("footer").classList.contains("open");
+function open_options(on) {
+  document.querySelector("footer").classList.toggle("open", on); byId("more").setAttribute("aria-expanded", on); resized();
+}
+byId("more").addEventListener("click", () => open_options(!opened()));
 addEventListener("hashchange", follow);
 
 byId("name").textContent = run.name;

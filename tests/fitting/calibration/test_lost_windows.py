@@ -87,6 +87,15 @@ def test_the_best_determined_combination_is_surer_than_linear_damping_alone(resu
     assert abs(best["value"] - value) < 3.5 * best["std_error"]
 
 
+def test_no_combination_is_best_determined_at_a_speed_at_which_nothing_moves(result):
+    """A covariance that would put it at -3190 or 3190 m/s; the nodes of the dropper move at some metres per second."""
+    assert 0.1 < result.fastest < 100.0
+    for speed in (-3190.0, 3190.0):
+        covariance = np.array([[2.0 * speed**2, -speed], [-speed, 1.0]])
+        uncertainty = replace(result.uncertainty, covariance=covariance)
+        assert replace(result, uncertainty=uncertainty).best_combination is None
+
+
 def test_windows_of_unlike_lengths_run_together_as_each_alone(prepared):
     values, starts, windows = prepared.values, prepared.starts, prepared.windows
     together = prepared.simulator(values, starts, windows)

@@ -12,8 +12,9 @@ import dropper_jax as dj
 from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.cli import main
 from fitting import Camera, Convention, fit, observe, prepare, simulate_truth, write_trace
-from fitting.calibration import wrong_files
-from fitting.calibration.wrong_files import name_wrong_file, refuse_rising_energy, refuse_wrong_file
+from fitting.calibration import short_windows
+from fitting.calibration.short_windows import name_wrong_file
+from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.traces.conventions import settle_convention
 
 pytestmark = pytest.mark.usefixtures("optimised")
@@ -132,13 +133,29 @@ def test_two_links_between_hooks_are_refused_because_they_cannot_move(tmp_path, 
     assert "at least 3 links" in found["error"]
 
 
-def test_the_file_of_another_rig_is_refused_unless_its_geometry_is_free(scene, held):
-    other = scene.with_values({"point.1.position.0": 0.33, "line.0.length": 0.14})
-    model = build_model(dj.load_scene(other))
-    with pytest.raises(SceneError, match="another rig, as it seems"):
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"point.1.position.0": 0.33}, "the second hook is -0.13 m in x and "),
+        ({"line.0.length": [0.12, 0.14, 0.09, 0.11]}, "wrong lengths (0.12"),
+    ],
+)
+def test_frames_that_do_not_close_name_the_cause_and_the_option_that_tries_it(scene, held, changed, words):
+    model = build_model(dj.load_scene(scene.with_values(changed)))
+    with pytest.raises(SceneError) as error:
         refuse_wrong_file(held, model, Convention(), ["effects.linear_damping.b_l"])
-    (note,) = refuse_wrong_file(held, model, Convention(), ["line.0.length", "point.1.position.0"])
+    cause = str(error.value).split("likeliest cause: ")[1]
+    assert words in cause
+    option = cause.split("--free ")[1].split(",")
+    assert option[0] == "b_l"
+    (note,) = refuse_wrong_file(held, model, Convention(), option)
     assert "from the second hook" in note
+
+
+def test_the_file_of_a_line_of_other_links_is_refused(scene, held):
+    other = replace(held, theta=held.theta + np.array([0.0, 1.1, -0.9, 0.4]) * np.sin(np.arange(len(held.t)))[:, None])
+    with pytest.raises(SceneError, match="likeliest cause: a line of other links"):
+        refuse_wrong_file(other, build_model(dj.load_scene(scene)), Convention(), ["effects.linear_damping.b_l"])
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -187,10 +204,10 @@ def test_short_windows_name_a_wrong_file_of_a_free_end(two, ready, motion, spoil
     assert words in found if words else found == ""
 
 
-def test_columns_of_two_different_runs_are_called_another_rig(two, ready, motion):
+def test_columns_of_two_different_runs_are_not_explained_by_a_change_of_the_file(two, ready, motion):
     first, other = two.seen(motion, 6), two.seen(two.swing([0.4, -1.0]), 7)
     prepared = ready(column(first, 1, lambda _: other.theta[:, 1]))
-    assert "another rig, as it seems" in name_wrong_file(prepared)
+    assert "likeliest cause: " in name_wrong_file(prepared)
 
 
 def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_another(two, ready, motion):
@@ -199,9 +216,9 @@ def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_
     error = 1e-3 * np.sin(12 * trace.t)[:, None] * [1.0, -0.7]
     trace = replace(trace, theta=trace.theta + error, se=np.full_like(trace.theta, 2e-5))
     prepared = ready(trace)
-    given, part = wrong_files._misfit(prepared, prepared.traces, wrong_files._moving_pieces(prepared))
-    assert given > wrong_files.WRONG
-    assert part < wrong_files.OTHER_RIG
+    given, part = short_windows._misfit(prepared, prepared.traces, short_windows._moving_pieces(prepared))
+    assert given > short_windows.WRONG
+    assert part < short_windows.OTHER_RIG
     assert name_wrong_file(prepared) == ""
 
 
@@ -212,5 +229,5 @@ def test_a_fit_of_a_wrong_file_is_not_ok_and_says_why(two, rods, ready, motion, 
     result = fit(trace, rods, two.FREE, window=two.WINDOW, method="windows", iterations=3)
     assert result.status != "ok"
     assert "angles are relative to the link before" in result.message
-    assert result.wrong_file in result.warnings
+    assert result.wrong_file not in result.warnings  # it is the error line already
     assert "angles are relative" in result.to_json()["error"]

@@ -146,3 +146,33 @@ def test_what_cannot_be_is_refused_by_name(scene, table, said):
         read_data(table, scene)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def two_files(folder, *channels):
+    for name, shift in (("A", 0.0), ("B", 10.0)):
+        rows = "\n".join(f"{t};{t + shift};{t - shift}" for t in T)
+        (folder / f"{name}.csv").write_text(f"t;x;y\n{rows}\n")
+    where = {"kind": "position", "axes": ["x", "z"], "unit": "m", "line": "leg"}
+    tables = [where | {"name": f"c{i}", "node": i + 1, "columns": names} for i, names in enumerate(channels)]
+    return {"run": [{"file": ["A.csv", "B.csv"]}], "channel": tables}
+
+
+@pytest.mark.parametrize(
+    ("channels", "firsts"),
+    [
+        ((["x", "y"], ["x", "y"]), (0.0, 10.0)),
+        ((["B.x", "B.y"], ["A.x", "A.y"]), (10.0, 0.0)),
+        ((["x", "y"], ["A.x", "y"]), None),
+        ((["x", "y"],), None),
+        ((["B.x", "A.y"],), None),
+    ],
+)
+def test_columns_of_one_name_in_two_files_are_named_per_file_or_taken_in_order(scene, tmp_path, channels, firsts):
+    source = two_files(tmp_path, *channels)
+    if firsts is None:
+        with pytest.raises(SceneError, match=r"occurs in 2 files.*\"A\.x\", \"A\.y\"|in no file with the others"):
+            read_data(source, scene, tmp_path)
+        return
+    values = read_data(source, scene, tmp_path).runs[0].values
+    assert tuple(y[0, 0] for y in values) == firsts
+    np.testing.assert_allclose([y[3, 1] for y in values], [T[3] - shift for shift in firsts])

@@ -178,8 +178,12 @@ def test_a_fit_that_does_not_converge_keeps_its_best_point_and_exits_with_3(file
     found = json.loads(capsys.readouterr().out)
     assert code == 3
     assert found["status"] == "not_converged"
-    assert np.isfinite(found["parameters"]["effects.linear_damping.b_l"]["value"])
-    assert (files / "short" / "report.md").exists()
+    best = found["parameters"]["effects.linear_damping.b_l"]
+    assert np.isfinite(best["value"])
+    assert best["std_error"] is best["low"] is best["high"] is None  # no error of a failed fit
+    assert "best_determined" not in found
+    row = next(row for row in (files / "short" / "report.md").read_text().splitlines() if "b_l" in row)
+    assert row.count("| - ") == 3
 
 
 def test_held_out_spans_are_read_in_order():

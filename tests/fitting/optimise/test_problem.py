@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError, packaged_scene
-from dropper_jax.scene import held_loads, line_slices
+from dropper_jax.run.growth import fixed_point_loads
+from dropper_jax.scene import line_slices
 from fitting.optimise.goals import read_goals
 from fitting.optimise.models import read_variables, still, still_model
 from fitting.optimise.run import read_problem
@@ -123,7 +124,7 @@ def test_a_constraint_may_limit_a_quantity_by_name():
         float(np.linalg.norm(np.asarray(pose.r)[node, :2] - spec["p1"][:2])) / 5.0
     )
     # the utilisation of a tested anchor is |load| times factor over capacity; other kinds have their own
-    load = held_loads(own.scene, np.asarray(model.nodes(pose.r, model.ends(0.0))), np.asarray(pose.tension))
+    load = fixed_point_loads(own.scene, np.asarray(model.nodes(pose.r, model.ends(0.0))), np.asarray(pose.tension))
     x, y, up = load["west-anchor"]
     screw = {"kind": "screw", "plates": [0.3, 0.3], "depths": [2.0, 3.0], "strength": 5e4}  # 9 times that over its area
     expected = {

@@ -9,7 +9,8 @@ import pytest
 
 from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.run.quantities import quantity
-from fitting.parameters.of_scene import find_parameters, scene_parameter
+from fitting import Camera, fit, fitted_scene, observe, simulate_truth
+from fitting.parameters.of_scene import find_parameters, free_of_traces, full_names, scene_parameter
 from fitting.parameters.parameter import apply, resolve
 from fitting.parameters.target import Direction
 from fitting.sensitivity import Study, ranges
@@ -73,3 +74,57 @@ def test_global_studies_refuse_what_a_straight_line_cannot_follow():
         over("line_type.chain.EA")
     ((low, high),) = over("line.chain.length")
     assert (low, high) == pytest.approx((40.0, 60.0))
+
+
+HELD = {
+    "run": {"dt": 0.002, "duration": 3.0},
+    "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [0.2, 0.0, 0.0]}],
+    "line": [{"name": "l", "from": "a", "to": "b", "links": 4, "length": [0.12, 0.1, 0.09, 0.11], "mass": 0.03}],
+    "effects": {"weight": {}, "linear_damping": {"b_l": [0.02, 0.02, 0.02, 0.0]}},
+    "start": {"kind": "static", "release_nodes": [2], "release_force": [[0.1, 0.0, 0.6]]},
+}
+#: The node at the head has one coefficient, both others another one.
+TIED = HELD | {
+    "parameters": {"head": 0.01, "rest": 0.03},
+    "effects": {"weight": {}, "linear_damping": {"b_l": ["= head", "= rest", "= rest", 0.0]}},
+}
+
+
+@pytest.mark.parametrize("path", ["effects.linear_damping.b_l", "line.0.mass"])
+def test_a_list_of_a_line_between_fixed_points_frees_the_nodes_that_move(path):
+    model = build_model(load_scene(HELD))
+    assert [p.name for p in resolve(model, [path])] == [f"{path}.{i}" for i in range(3)]
+    with pytest.raises(SceneError, match="unknown entry; allowed: 0 to 2"):
+        resolve(model, [f"{path}.3"])
+    # of a free end, the last one moves too
+    loose = HELD | {"point": [HELD["point"][0], HELD["point"][1] | {"kind": "free"}]}
+    loose["start"] = {"kind": "angles", "polar": [0.1, 0.2, 0.3, 0.4], "zero": "down"}
+    assert len(resolve(build_model(load_scene(loose)), [path])) == 4
+
+
+def test_a_number_of_parameters_ties_the_values_computed_from_it():
+    scene = load_scene(TIED)
+    model = build_model(scene)
+    names = full_names(scene, ["rest", "parameters.head"])
+    assert names == ["parameters.rest", "parameters.head"]
+    found = free_of_traces(scene, model, names)
+    assert [(p.value, p.unit, p.low) for p in found] == [(0.03, "kg/s", 0.0), (0.01, "kg/s", 0.0)]
+    values = np.array([0.05, 0.002])
+    moved = apply(model, found, jnp.array(values))
+    other = fitted_scene(scene, moved, found, values)
+    for a, b in zip(jax.tree.leaves(moved), jax.tree.leaves(build_model(other)), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-10)
+    squared = TIED | {"effects": {"weight": {}, "linear_damping": {"b_l": "= 10 * rest ** 2"}}}
+    bent = load_scene(squared)
+    with pytest.raises(SceneError, match="'parameters.rest' changes the model non-linearly"):
+        free_of_traces(bent, build_model(bent), ["parameters.rest"])
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(("free", "truth"), [(["b_l"], [0.01, 0.03, 0.03]), (["head", "rest"], [0.01, 0.03])])
+def test_values_of_nodes_between_fixed_points_are_fitted_each_or_tied(free, truth):
+    trace = observe(simulate_truth(load_scene(TIED), 3.0, 60.0, 20, "rattle_4"), Camera(angle_noise=0.003), 0, "run")
+    result = fit(trace, load_scene(TIED).with_values({"parameters.head": 0.02, "parameters.rest": 0.02}), free)
+    assert result.status == "ok"
+    assert np.all(np.abs(result.values - truth) < 3.5 * result.uncertainty.std_error)
+    np.testing.assert_allclose(result.values, truth, rtol=0.15)

@@ -78,12 +78,12 @@ def test_units_with_a_mass_are_told(unit, power):
     [
         ({"of": "line.0.length", "sigma": 1, "unit": "g"}, "'g' is not a unit of 'line.0.length.0'; allowed: m, %"),
         ({"of": "line.0.lenght", "sigma": 1, "unit": "%"}, "did you mean 'line.0.length'"),
-        ({"of": "effects.joint_friction.dry.2", "sigma": 1, "unit": "%"}, "is 0, which has no relative error"),
+        ({"of": "point.0.position.0", "sigma": 1, "unit": "%"}, "is 0, which has no relative error"),
     ],
 )
 def test_a_prior_of_nothing_is_named(prior, words):
     with pytest.raises(SceneError, match="fit.prior.0") as error:
-        found([prior], ["line.0.length", "effects.joint_friction.dry.2"])
+        found([prior], ["line.0.length", "point.0.position.0"])
     assert words in str(error.value)
 
 

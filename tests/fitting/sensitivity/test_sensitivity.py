@@ -17,7 +17,8 @@ from dropper_jax.study.stability.rope_cases import slack_rope
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import global_indices, local, ranges, study, windows
-from fitting.sensitivity.derivatives import global_text
+from fitting.sensitivity.derivatives import global_text, local_text
+from fitting.sensitivity.problem import central_differences, difference_sizes, run_members
 from fitting.sensitivity.tornado import path_label
 
 SCENE = {
@@ -41,6 +42,12 @@ def loop():
 @pytest.fixture(scope="module")
 def found(loop):
     return local(loop, check=True)
+
+
+def test_an_extreme_is_that_of_all_steps_whatever_is_saved(loop):
+    thinned = {**SCENE, "run": {**SCENE["run"], "save_every": 5}}
+    assert study(thinned, "tension.1.max", ["b_l", "line.0.mass.1"]).scene == loop.scene  # the same run
+    assert study(thinned, "tension.1.mean", ["b_l"]).scene.run.save_every == 5
 
 
 def differences(function, at: np.ndarray) -> np.ndarray:
@@ -95,6 +102,49 @@ def test_snapping_rope_warns_that_its_exact_derivative_is_linear_over_a_small_ra
     assert found.linear_range < 1e-3
     (warning,) = found.warnings
     assert f"predict {0.01 * abs(found.forward[0]) * gravity.value:.3g} N" in warning
+
+
+def test_slopes_of_a_rope_whose_tangent_grows_are_differences_with_an_error():
+    """A mass that falls into a rope, for 1 s: its tangent grows by e^21, so that exact derivatives mean nothing."""
+    problem = study(slack_rope().with_values({"run.duration": 1.0}), "tension.mean", ["effects.point_bodies.gravity"])
+    (gravity,) = problem.parameters
+    told = []
+    found = local(problem, lambda share, text: told.append(text))
+    assert (found.method, found.reverse, found.horizon) == ("differences", None, 1.0)
+    assert 10.0 < found.growth < 100.0
+    slopes = []
+    for size in (0.01, 0.003):
+        ends = [replace(gravity, value=gravity.value * (1 + sign * size)) for sign in (-1, 1)]
+        low, high = (local(replace(problem, parameters=(end,))).value for end in ends)
+        slopes.append((high - low) / (2 * size * gravity.value))
+    np.testing.assert_allclose(found.forward[0], slopes[0], rtol=1e-4)
+    np.testing.assert_allclose(found.error[0], abs(slopes[0] - slopes[1]), rtol=1e-4)
+    assert sum(text.startswith("differences") for text in told) == 4
+    (warning,) = found.warnings  # the error is larger than a third of the slope
+    assert "its differences by 1 % and 0.3 % of effects.point_bodies.gravity" in warning
+    assert not found.trusted
+    assert "error of dQ/dp" in local_text(found)
+    assert f"the tangent grows by e^{found.growth:.2g}" in local_text(found)
+
+
+def test_differences_of_lengths_are_smaller_and_end_at_bounds(loop):
+    from_bound = replace(loop.parameters[0], value=1.0, low=1.0)
+    length = replace(loop.parameters[1], name="line.leg.length")
+    assert [difference_sizes(p) for p in (from_bound, length)] == [(0.01, 0.003), (0.003, 0.001)]
+    problem = replace(loop, parameters=(from_bound,))
+    found = central_differences(problem)
+    one_sided = np.diff(run_members(problem, np.array([[1.0], [1.01]])))[0] / 0.01
+    assert found.slopes[0] == pytest.approx(one_sided, rel=1e-12)
+
+
+@pytest.mark.check
+def test_slope_of_a_packaged_longline_predicts_its_runs():
+    """Its tangent predicts 3.85e16 N for 1 % of a leg; the runs differ by -206 N."""
+    scene = load_scene("edulis-longline").with_values({"run.duration": 30.0})
+    found = local(study(scene, "tension.west-leg.max", ["line.west-leg.length"]))
+    change, error = (0.01 * 44.0 * x[0] for x in (found.forward, found.error))
+    assert abs(change + 206.0) < 2.0 * error
+    assert error < 50.0
 
 
 def test_growth_of_the_derivatives_finds_a_chaotic_motion():
@@ -192,7 +242,8 @@ def test_labels_name_links_and_effects():
 
 def test_command_prints_a_table_and_draws(tmp_path, capsys, monkeypatch, found):
     picture = tmp_path / "tornado.png"
-    argv = ["sensitivity", "double-pendulum-chaotic", "--of", "tension.1.max", "--quiet", "--to", "line.0.mass"]
+    argv = ["sensitivity", "double-pendulum-chaotic", "--duration", "1", "--of", "tension.1.max", "--quiet"]
+    argv += ["--to", "line.0.mass"]
     with monkeypatch.context() as patch:
         patch.setattr(sensitivity, "local", lambda problem, say, check: found)
         assert main([*argv, "--picture", str(picture)]) == 0
@@ -202,8 +253,20 @@ def test_command_prints_a_table_and_draws(tmp_path, capsys, monkeypatch, found):
     printed = json.loads(capsys.readouterr().out)
     assert printed["forward"] == found.forward.tolist()
     assert printed["trusted"] is True
+    assert (printed["method"], printed["error"]) == ("tangent", None)
     assert main([*argv[:-1], "line.0.mas", "--json"]) == 2
     assert "to: 'line.0.mas' does not exist" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_command_has_the_verdict_of_a_run_on_its_step(capsys, monkeypatch, found):
+    """A derivative through steps that `dropper run` calls unusable is not ok."""
+    argv = ["conical-pendulum-damped", "--dt", "0.3", "--duration", "15", "--quiet"]
+    monkeypatch.setattr(sensitivity, "local", lambda problem, say, check: found)
+    assert main(["sensitivity", *argv, "--of", "tension.max", "--to", "b_l", "--json"]) == 3
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["status"] == "step_too_long"
+    assert any(text.startswith("the run: time step: 0.3 s is too long") for text in printed["warnings"])
+    assert main(["run", *argv]) == 3
 
 
 def test_command_screens_globally(tmp_path, capsys):

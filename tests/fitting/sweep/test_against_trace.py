@@ -119,6 +119,13 @@ def test_the_command_prints_scores_and_draws_them(scene, truth, scored, tmp_path
     assert {path.stem for path in (tmp_path / "p").iterdir()} == {"scores", "curves", "spectra"}
 
 
+#: A trace with other names of columns, and one more.
+RENAMED = "when,a,b,c,d,more\n" + "".join(
+    f"{i / 60:.6f},{np.sin(i / 9):.6f},{np.sin(i / 8):.6f},{np.cos(i / 7):.6f},{np.cos(i / 6):.6f},x\n"
+    for i in range(181)
+)
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
@@ -127,7 +134,13 @@ def test_the_command_prints_scores_and_draws_them(scene, truth, scored, tmp_path
             [],
             "other.csv: has 2 columns theta_1..n, but the scene has 4 links; allowed: 4",
         ),
-        ("t,angle\n0,1\n", [], "other.csv: has 0 columns theta_1..n, but the scene has 4 links"),
+        ("t,angle\n0,1\n", [], "rename to t, theta_1 ... theta_4, or --columns theta_1=angle,..."),
+        (
+            RENAMED,
+            ["--columns=time=when,theta_1=a,theta_2=b,theta_3=c,theta_4=d", "--parts=2,1"],
+            "parts: 2,1: allowed",
+        ),
+        (RENAMED, ["--columns=time=when,theta_1=z"], "columns: 'z' is not in other.csv; known: a, b, c, d, more, when"),
         (None, ["--vary=b_l="], "--vary: 'b_l=' is not NAME=LO:HI:N; allowed"),
         (None, ["--parts=2,1"], "parts: 2,1: allowed: two increasing times within the trace's 3 s"),
         (None, ["--parts=1"], "parts: 1: allowed: two increasing times"),

@@ -23,6 +23,7 @@ zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
 
 from fitting.sweep import SweepStopped, open_sweep, sweep  # noqa: E402
+from fitting.sweep.plan import make_plan  # noqa: E402
 from fitting.sweep.store import SweepStore as Store  # noqa: E402
 
 SCENE = {
@@ -61,6 +62,36 @@ def whole(tmp_path_factory):
     return path
 
 
+@pytest.mark.parametrize("dt", [0.01, 0.1])
+def test_the_step_of_a_sweep_has_the_verdict_of_runs_of_its_extreme_cases(tmp_path, dt):
+    scene = dj.load_scene(SCENE).with_values({"run.dt": dt, "run.duration": 2.0})
+    vary = {"b_l": [0.0, 0.2, 0.8]}
+    cases = [scene.with_values({"effects.linear_damping.b_l": b_l}) for b_l in (0.0, 0.8)]
+    runs = [dj.simulate(case, step_check=True, **QUICK) for case in cases]
+    verdict = sweep(scene, vary, tmp_path / "swept.zarr", **QUICK).verdict
+    too_long = any(run.status == "step_too_long" for run in runs)
+    assert verdict.status == ("step_too_long" if too_long else "ok")
+    assert too_long == (dt > 0.01)
+    for b_l, run in zip((0, 0.8), runs, strict=True):
+        for text in (text for text in run.warnings if text.startswith("time step")):
+            assert f"effects.linear_damping.b_l = {b_l}: {text}" in verdict.warnings
+    with open_sweep(tmp_path / "swept.zarr") as found:
+        assert found.attrs["step_check"]["status"] == verdict.status
+    assert sweep(scene, vary, tmp_path / "swept.zarr", **QUICK).verdict == verdict  # resumed, nothing runs
+
+
+def test_corners_of_a_grid_and_outermost_rows_of_a_list_are_extreme():
+    grid = make_plan(SCENE, {"b_l": [0.1, 0.2, 0.4], "start.polar.0": [0.5, 1.0, 0.7]})
+    values = [
+        (scene.value("effects.linear_damping.b_l"), scene.value("start.polar.0"))
+        for scene in grid.extreme_cases().values()
+    ]
+    assert sorted(values) == [(0.1, 0.5), (0.1, 1.0), (0.4, 0.5), (0.4, 1.0)]
+    rows = make_plan(SCENE, {"b_l": [0.1, 0.4, 0.2], "start.polar.0": [0.5, 1.0, 0.7]}, listed=True)
+    values = [scene.value("effects.linear_damping.b_l") for scene in rows.extreme_cases().values()]
+    assert {0.1, 0.4} <= set(values)
+
+
 def test_sweep_gives_the_numbers_of_single_runs(whole):
     found = open_sweep(whole)
     for b_l, polar in ((0.0, 0.5), (0.4, 1.0)):
@@ -96,6 +127,17 @@ def test_quantities_by_name_are_those_of_single_runs(tmp_path):
     assert case["tension.l.fairlead.max"].attrs["units"] == "N"
 
 
+def test_extremes_are_those_of_all_steps_whatever_is_saved(tmp_path):
+    names = ["tension_max", "tension_min", "tension.l.fairlead.max", "tension.l.first.min", "z.bob.final"]
+    thinned = {**SCENE, "run": {**SCENE["run"], "save_every": 8}}
+    found = sweep(thinned, {"b_l": [0.1, 0.4]}, tmp_path / "thinned.zarr", quantities=names, **QUICK).path
+    run = dj.simulate(dj.load_scene(SCENE).with_values({"effects.linear_damping.b_l": 0.4}), **QUICK)
+    case, tension = open_sweep(found).sel({"b_l": 0.4}), run.tension[1:]
+    assert tension[7::8].max() < 0.999 * tension.max()
+    expected = (tension.max(), tension.min(), tension[:, 1].max(), tension[:, 0].min(), run.positions[-1, 2, 2])
+    np.testing.assert_allclose([float(case[name]) for name in names], expected, rtol=1e-9)
+
+
 @pytest.mark.parametrize(("backend", "chunk"), [("cpu", 1), pytest.param("gpu", 6, marks=pytest.mark.check)])
 def test_cases_of_a_system_run_one_by_one_or_on_a_gpu_together_and_are_those_of_single_runs(
     tmp_path, monkeypatch, backend, chunk
@@ -122,6 +164,69 @@ def test_cases_of_a_system_run_one_by_one_or_on_a_gpu_together_and_are_those_of_
             one = found.sel({"b_l": case[0], found.tension_max.dims[1]: case[1]})
             np.testing.assert_allclose(one.tension_max, run.tension[1:].max(), rtol=1e-9)
             np.testing.assert_allclose(one.energy_final, run.kinetic[-1] + run.potential[-1], rtol=1e-9)
+
+
+#: A chain of `count` links, drawn aside at its first node and released.
+CHAIN = {
+    **{key: SCENE[key] for key in ("name", "run", "effects")},
+    "parameters": {"count": 2, "size": 0.5},
+    "point": [SCENE["point"][0], {"name": "bob", "kind": "free", "position": [0.0, 0.0, -1.0]}],
+    "line": [{**SCENE["line"][0], "links": "= count", "length": "= size"}],
+    "start": {"release_nodes": [1], "release_force": [[5.0, 0.0, 0.0]]},
+}
+
+
+def test_each_shape_of_the_model_gets_its_program_and_the_numbers_of_single_runs(tmp_path):
+    """One chunk holds both shapes; arrays over links have those of the larger one."""
+    counts, dampings = [2, 3], [0.1, 0.4]
+    vary = {"parameters.count": counts, "b_l": dampings}
+    result = sweep(CHAIN, vary, tmp_path / "shapes.zarr", chunk=4, quantities=["tension_max", "angle_max"], **QUICK)
+    assert result.counts["ok"] == 4
+    with open_sweep(result.path) as found:
+        assert found.angle_max.shape == (2, 2, 3)
+        for count, b_l in itertools.product(counts, dampings):
+            values = {"parameters.count": count, "effects.linear_damping.b_l": b_l}
+            run = dj.simulate(dj.load_scene(CHAIN).with_values(values))
+            one = found.sel(count=count, b_l=b_l)
+            np.testing.assert_allclose(one.tension_max, run.tension[1:].max(), rtol=1e-9)
+            down = -np.diff(run.positions, axis=1)[1:, :, 2] / 0.5
+            np.testing.assert_allclose(one.angle_max[:count], np.arccos(down.min(axis=0)), rtol=1e-6)
+            assert np.isnan(one.angle_max[count:]).all()
+
+
+@pytest.mark.parametrize("scene", ["dropper-farm-2", "farm"])
+def test_parameters_of_a_template_survive_the_identity_of_a_sweep(tmp_path, capsys, scene):
+    """Workers make the plan from its identity."""
+    from fitting.sweep.plan import from_identity, make_plan
+
+    name = {"dropper-farm-2": "parameters.droppers", "farm": "parameters.loops"}[scene]
+    if scene == "farm":
+        assert main(["new", "farm", str(tmp_path / "farm.toml")]) == 0
+        scene = tmp_path / "farm.toml"
+    plan = make_plan(scene, {name: [2, 3], "parameters.current": [0.1, 0.2]}, quantities=["tension_max"])
+    again = from_identity(json.loads(json.dumps(plan.identity())))
+    assert again.identity() == plan.identity()
+    assert [axis.resizes for axis in again.axes] == [True, False]
+    assert again.links == dj.load_scene(scene).with_values({name: 3}).line.links
+
+
+def test_evenly_spaced_values_of_a_parameter_are_whole_where_they_can_be():
+    """A count takes whole numbers only."""
+    from fitting.cli.sweep import _values
+
+    assert [type(x) for x in _values("parameters.droppers=2:8:4")[1].tolist()] == [int] * 4
+    assert _values("parameters.leg=38:40:5")[1].tolist() == [38.0, 38.5, 39.0, 39.5, 40.0]
+    assert _values("b_l=0:1:2")[1].dtype == float
+
+
+def test_a_start_that_fails_leaves_nothing(tmp_path, monkeypatch):
+    def fail(*_):
+        raise SceneError("no equilibrium")
+
+    monkeypatch.setattr("fitting.sweep.program.Program.compile", fail)
+    with pytest.raises(SceneError, match="no equilibrium"):
+        sweep(SCENE, {"b_l": [0.3]}, tmp_path / "failed.zarr", quantities=["tension_max"], **QUICK)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_plain_xarray_reads_inputs_as_coordinates(whole):
@@ -228,6 +333,8 @@ def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypa
         ({"b_l": [0.1]}, {"quantities": ["tension.m.max"]}, "quantities: 'tension.m.max': 'm' is not a line; known: l"),
         ({"b_l": [0.1]}, {"seeds": 2}, "seeds: nothing in this scene is random"),
         ({"b_l": [0.1, 0.2], "start.polar.0": [1.0]}, {"listed": True}, "lists of different lengths (b_l 2, start"),
+        ({"b_l": [0.1]}, {"duratoin": 0.2}, "duratoin: unknown setting; did you mean 'duration'?"),
+        ({"b_l": [0.1]}, {"duration": -0.2}, "run.duration: -0.2"),
         ({"b_l": [0.1]}, {"listed": True, "seeds": 2}, "listed: seeds, which rows cannot have separately"),
     ],
 )
@@ -239,8 +346,14 @@ def test_mistakes_are_one_line(tmp_path, vary, more, message):
     assert not (tmp_path / "s.zarr").exists()
 
 
+def test_settings_are_keys_of_run_or_of_the_stepper():
+    plan = make_plan(SCENE, {"b_l": [0.0, 0.1]}, duration=0.2, integrator="theta", gamma=0.8, halvings=0)
+    run = plan.scene.run
+    assert (run.duration, run.integrator, run.options) == (0.2, "theta", {"gamma": 0.8})
+    assert dict(plan.settings) == {"halvings": 0}
+
+
 def test_seeds_are_realisations_of_the_sea():
-    from fitting.sweep.plan import make_plan
 
     waves = {"kind": "spectrum", "hs": 1.0, "tp": 6.0, "count": 8, "seed": 5}
     line = [{**SCENE["line"][0], "diameter": 0.05}]

@@ -58,7 +58,7 @@ def test_a_trace_survives_writing_and_reading(tmp_path):
     ("text", "words"),
     [
         (rows(names="time,theta_1"), "no column 't'"),
-        (rows(names="t,angle_1"), "unknown column 'angle_1'"),
+        (rows(names="t,angle_1"), "has no column 'theta_1'"),
         (rows(names="t,theta_2"), "unknown column .theta_2."),
         ("t,theta_1\n", "no samples"),
         (rows(value=lambda i: "x"), "not a number"),
@@ -211,3 +211,43 @@ def test_too_few_samples_per_oscillation_are_refused(dropper):
 def test_a_wrong_name_is_called_after_the_option_that_gave_it(dropper, option, names):
     with pytest.raises(SceneError, match=f"^{option}: '{names[0]}'"):
         resolve(dropper[0], full_names(dj.load_scene("dropper-release-a"), names, option), option=option)
+
+
+NAMES = {"time": "stamp [s]", "theta_1": "alpha", "theta_2": "beta"}
+
+
+def test_columns_of_other_names_are_read_by_name_and_others_left_out(tmp_path):
+    lines = [f"{i},{i * 0.01:.3f},{np.sin(i):.6f},text,{np.cos(i):.6f}" for i in range(20)]
+    path = write(tmp_path, "t,stamp [s],alpha,note,beta\n" + "\n".join(lines) + "\n")
+    trace = read_trace(path, 2, NAMES)
+    np.testing.assert_allclose(trace.t, np.arange(20) * 0.01)
+    np.testing.assert_allclose(trace.theta, np.stack([np.sin(np.arange(20)), np.cos(np.arange(20))], axis=1), atol=1e-6)
+    with pytest.raises(SceneError, match="columns: 'alhpa' is not in run.csv; did you mean 'alpha'"):
+        read_trace(path, 2, NAMES | {"theta_1": "alhpa"})
+    with pytest.raises(SceneError, match="columns: 'phi_1' is unknown; allowed: time, theta_1..n"):
+        read_trace(path, 2, {"phi_1": "alpha"})
+
+
+@pytest.mark.parametrize(
+    ("header", "links", "words"),
+    [
+        (
+            "timestamp,angle",
+            1,
+            "found: timestamp, angle; rename to t, theta_1, or --columns time=timestamp,theta_1=angle",
+        ),
+        ("t,angle", 1, "has no column 'theta_1'; found: t, angle; rename to t, theta_1, or --columns theta_1=angle"),
+        (
+            "frame,time [s],a,b,c,d,e,long_name_of_a_column,another_long_name_of_a_column,last",
+            5,
+            "found: frame, time [s], a, b, c, d, e, long_name_of_a_column and 2 more; "
+            "rename to t, theta_1 ... theta_5, or --columns 'time=time [s],theta_1=frame',...",
+        ),
+        ("time,theta_1", None, "rename to t, theta_1 ... theta_n, or --columns time=time,..."),
+    ],
+)
+def test_a_file_without_a_time_names_whole_columns_and_what_to_do(tmp_path, header, links, words):
+    path = write(tmp_path, header + "\n" + ",".join("1" * (header.count(",") + 1)) + "\n")
+    with pytest.raises(SceneError) as error:
+        read_trace(path, links)
+    assert words in str(error.value)

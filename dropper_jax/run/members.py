@@ -1,0 +1,51 @@
+"""Verdict on the step of several runs that differ in values: that of `dropper run` on their extreme members."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.samples import TOO_LONG
+from dropper_jax.run.simulate import simulate
+
+#: Status of a run whose energy balance does not close.
+DRIFT = "energy_drift"
+
+
+class StepVerdict(NamedTuple):
+    """Status, `ok`, `step_too_long` or `energy_drift`, and the warnings of members, each with the member's name."""
+
+    status: str = "ok"
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def failure(self) -> tuple[str, str] | None:
+        """Status and line of the error of a command; None if the step is usable."""
+        if self.status == "ok":
+            return None
+        return (
+            self.status,
+            f"{self.status}: the step is too long for the runs of the warnings, which have the step to take",
+        )
+
+
+def check_steps(members: Mapping[str, Scene], say: Progress = silent, **settings: Any) -> StepVerdict:
+    """Run members by name with their step check. Members that fail are left to the runs of all.
+
+    Args:
+        settings: of the runs, as for `simulate`.
+    """
+    status, warnings = "ok", []
+    for name, scene in members.items():
+        say(1.0, f"checking the step: {name}")
+        try:
+            solution = simulate(scene, step_check=True, **settings)
+        except SceneError:
+            continue
+        if solution.status in (TOO_LONG, DRIFT):
+            status = solution.status
+        about_step = [text for text in solution.warnings if text.startswith(("time step", "energy balance error"))]
+        warnings += [f"{name}: {text}" for text in about_step]
+    return StepVerdict(status, tuple(warnings))

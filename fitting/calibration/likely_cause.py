@@ -1,0 +1,153 @@
+"""The likeliest cause of a misfit that no change of the file removes, with the command that tries it.
+
+Checked in this order, by short windows whose starts and damping are free:
+
+1. Samples interpolated between others, as by clicking every few frames: their second differences vanish.
+2. A number of the scene that is wrong: lengths, clock, gravity, masses, ends and markers, each free in turn.
+3. A beginning that a hand or a drive moves: windows before some time miss the angles, all later ones do not.
+4. Smoothed or hand-clicked samples: neighbours share their errors, so that differences show little of them. They are a
+   small part of the motion.
+5. Otherwise the line has other links than the scene, or forces that the scene lacks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from fitting.calibration.advice import candidates, wide
+from fitting.calibration.freeing import with_freed
+from fitting.calibration.prepared import Prepared
+from fitting.estimate.release import TIME
+from fitting.parameters.of_scene import free_option
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.target import NODE
+from fitting.traces.trace import Trace
+
+#: Fraction of chi-square that a right cause may leave, and chi-square per sample of a window that is explained.
+LEAVES, EXPLAINED = 0.1, 9.0
+#: Fraction of samples on the line through their neighbours, above which they are interpolated.
+INTERPOLATED = 0.4
+#: Fraction of the motion by which short windows miss smoothed samples at most; wrong models miss more.
+SMALL = 0.04
+#: Short windows in the order of time that find a driven beginning.
+PIECES = 12
+
+
+class Misfit(NamedTuple):
+    """Chi-square per sample of short windows (K,), the fraction of the motion missed, and the parameters (k,)."""
+
+    chi2: np.ndarray
+    part: float
+    values: np.ndarray
+
+
+class ShortFit(Protocol):
+    """Fits short windows `pieces` with damping and the parameters at `paths` free."""
+
+    def __call__(
+        self, prepared: Prepared, pieces: Sequence[tuple[int, float, float]], paths: Sequence[str] = ()
+    ) -> Misfit: ...
+
+
+class Cause(NamedTuple):
+    """A cause in words, and what to try."""
+
+    words: str
+    remedy: str
+
+
+def likely_cause(prepared: Prepared, pieces: Sequence[tuple[int, float, float]], misfit: ShortFit) -> Cause:
+    """The likeliest cause.
+
+    Args:
+        pieces: run, start and end [s] of short windows that move.
+        misfit: fits them.
+    """
+    trace = prepared.traces[0]
+    if _interpolated(trace) > INTERPOLATED:
+        return Cause(
+            "angles interpolated between frames, as clicked by hand",
+            "leave the cells of frames that were not measured empty",
+        )
+    given = misfit(prepared, pieces)
+    return (
+        _wrong_number(prepared, pieces, misfit, float(np.median(given.chi2)))
+        or _driven_beginning(prepared, misfit, pieces[0][2] - pieces[0][1])
+        or _shared_errors(prepared, given.part)
+        or Cause(
+            "a line of other links than the scene's, or a force that the scene lacks",
+            f"check `links` ({prepared.simulator.model.line.links} in the scene), masses and effects",
+        )
+    )
+
+
+def _wrong_number(
+    prepared: Prepared, pieces: Sequence[tuple[int, float, float]], misfit: ShortFit, given: float
+) -> Cause | None:
+    """The number of the scene that explains most if it is free."""
+    free = [p.name for p in prepared.parameters]
+    simulator = wide(prepared)
+    best, cause = max(LEAVES * given, EXPLAINED), None
+    for name, paths, _ in candidates(prepared.simulator.model, prepared.simulator.release):
+        if any(path.startswith((NODE, TIME)) for path in paths) or any(one.startswith(tuple(paths)) for one in free):
+            continue
+        tried = with_freed(prepared, paths, None, simulator)
+        found = misfit(tried, pieces, paths)
+        left = float(np.median(found.chi2))
+        # another candidate that explains as much is less common than those before it
+        if left < (0.5 if cause else 1.0) * best and _plausible(tried.parameters, found.values):
+            best, cause = left, Cause(f"wrong {name}", free_too(prepared, paths))
+    return cause
+
+
+def _plausible(parameters: Sequence[Parameter], values: np.ndarray) -> bool:
+    """Whether no number outside the effects is changed by more than half of it."""
+    rig = [(p.value, v) for p, v in zip(parameters, values, strict=True) if not p.name.startswith("effects.")]
+    return all(abs(v - start) <= 0.5 * abs(start) for start, v in rig if start)
+
+
+def free_too(prepared: Prepared, paths: Sequence[str]) -> str:
+    """The option that also frees these paths."""
+    return f"free them: {free_option([p.name for p in prepared.parameters], paths)}"
+
+
+def _driven_beginning(prepared: Prepared, misfit: ShortFit, length: float) -> Cause | None:
+    """Windows that miss the angles until some time, and none later."""
+    windows = prepared.windows
+    low, high = float(windows.begin.min()), float(windows.ends.max())
+    starts = np.linspace(low, high - length, PIECES)
+    mine = np.unique(windows.run)
+    if len(mine) > 1 or length >= (high - low) / PIECES:
+        return None
+    chi2 = misfit(prepared, [(int(mine[0]), float(t), float(t) + length) for t in starts]).chi2
+    missed = np.flatnonzero(chi2 > EXPLAINED)
+    if len(chi2) != PIECES or not len(missed) or missed[-1] > PIECES // 2 or len(missed) < 0.5 * (missed[-1] + 1):
+        return None
+    until = starts[min(missed[-1] + 1, PIECES - 1)]
+    return Cause(
+        f"a hand or a drive that moves the line in the first {until:.3g} s",
+        f"leave them out: --held-out {low:.3g}:{until:.3g}",
+    )
+
+
+def _shared_errors(prepared: Prepared, part: float) -> Cause | None:
+    """Errors of the angles above their noise, a small part of the motion."""
+    if part > SMALL:
+        return None
+    trace, sigma = prepared.traces[0], float(np.median(prepared.sigma[0]))
+    error = max(part * float(np.median(np.nanstd(trace.theta, axis=0))), sigma)
+    return Cause(
+        f"smoothed or hand-clicked angles, whose errors exceed the noise between neighbours, {sigma:.2g} rad",
+        f"use angles that are not smoothed, or state their error: # model_error={error:.1g} in the file",
+    )
+
+
+def _interpolated(trace: Trace) -> float:
+    """Fraction of the samples that lie on the line through their neighbours in time."""
+    slope = np.diff(trace.theta, axis=0) / np.diff(trace.t)[:, None]
+    bend, size = np.abs(np.diff(slope, axis=0)), np.nanmedian(np.abs(slope), axis=0)
+    known = np.isfinite(bend)
+    return float(np.sum((bend < 1e-6 * size) & known) / max(known.sum(), 1))

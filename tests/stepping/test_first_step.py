@@ -1,0 +1,73 @@
+"""One step from a state as `build` makes it, without what a scheme adds to a state at the start of a run."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+
+ROPE = {
+    "run": {"dt": 0.005, "duration": 1.0},
+    "point": [
+        {"name": "a", "position": [0.0, 0.0, 0.0]},
+        {"name": "b", "kind": "free", "position": [0.6, 0.0, 0.0]},
+    ],
+    "line": [
+        {"name": "d", "from": "a", "to": "b", "links": 2, "length": 0.3, "mass": 0.03}
+        | {"axial": {"law": "rope", "EA": 50.0}}
+    ],
+    "effects": {"weight": {}},
+    "start": {"kind": "positions", "positions": [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.6, 0.0, 0.0]]},
+}
+STEP = 0.002
+
+
+def two_steps(stepper, model, s):
+    """Two steps by `dj.step` in a loop of the user, and by `dj.integrate`."""
+    own = jax.jit(lambda s: jax.lax.fori_loop(0, 2, lambda _, s: dj.step(stepper, model, s, STEP)[0], s))(s)
+    return own, dj.integrate(stepper, model, s, STEP, 2)[0]
+
+
+def test_thesis_angles_steps_from_a_built_state():
+    model, s = dj.build("dropper-release-a")
+    own, run = two_steps(dj.make_stepper(model, "thesis_angles", gamma=0.51), model, s)
+    np.testing.assert_allclose(own.r, run.r, atol=1e-12)
+    np.testing.assert_allclose(own.v, run.v, atol=1e-10)
+
+
+def test_generalized_alpha_steps_from_a_built_state_with_its_acceleration():
+    """A horizontal rope that is released falls freely: v = -g t, exactly, until its links turn."""
+    model, s = dj.build(ROPE)
+    stepper = dj.make_stepper(model, "generalized_alpha")
+    one, _ = dj.step(stepper, model, s, STEP)
+    run, _ = dj.integrate(stepper, model, s, STEP, 1)
+    np.testing.assert_allclose(one.v, run.v, atol=1e-12)
+    np.testing.assert_allclose(one.v[:, 2], -9.81 * STEP, rtol=1e-3)
+
+
+def test_the_weight_of_a_state_replaces_that_of_the_scheme():
+    model, s = dj.build("dropper-release-a")
+    common = dj.make_stepper(model, "energy_momentum")
+    own = dj.make_stepper(model, "theta_midpoint", gamma=0.8)
+
+    @jax.jit
+    def end(weight):
+        weighted = jax.tree.map(lambda x: x, s)
+        return dj.integrate(common, model, dj.State(**{**vars(weighted), "weight": weight}), 0.01, 3)[0].r
+
+    for weight, stepper in ((0.5, common), (0.8, own)):
+        expected = dj.integrate(stepper, model, s, 0.01, 3)[0].r
+        np.testing.assert_allclose(end(jnp.asarray(weight)), expected, atol=1e-12)
+
+
+def test_iterations_of_an_explicit_scheme_are_refused_in_one_line():
+    with pytest.raises(dj.SceneError, match="^iterations: are given, but integrator 'rk4' solves nothing"):
+        dj.make_stepper(dj.build_model(ROPE), "rk4", iterations=3)
+
+
+@pytest.mark.parametrize("call", [dj.make_stepper, dj.simulate])
+def test_a_setting_that_does_not_exist_is_refused_in_one_line(call):
+    scene = dj.build_model("dropper-release-a") if call is dj.make_stepper else "dropper-release-a"
+    with pytest.raises(dj.SceneError, match="^iteration: unknown setting; did you mean 'iterations'\\?$"):
+        call(scene, iteration=3)

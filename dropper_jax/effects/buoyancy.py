@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ from dropper_jax.model import Effect, Kinematics, ModelView, Part
 from dropper_jax.scene import LineSpec, SceneData
 
 #: A NumPy or JAX array.
-Array = TypeVar("Array", np.ndarray, jax.Array)
+Array = Any
 
 # --- submerged fraction of a part ---
 

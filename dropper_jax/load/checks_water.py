@@ -269,14 +269,12 @@ class Surface:
     waves: bool = True
 
     @cached_property
-    def _sea(self) -> Sea:
+    def _sea(self) -> Sea | None:
+        """The water; None where its surface is at z = 0."""
         spec = self.scene.sea
+        if spec is None or (spec.level is None and (spec.waves is None or not self.waves)):
+            return None
         return make_sea(spec if self.waves else replace(spec, waves=None), line_reach(self.scene))
-
-    @property
-    def _still(self) -> bool:
-        spec = self.scene.sea
-        return spec is None or (spec.level is None and (spec.waves is None or not self.waves))
 
     @cached_property
     def lowest(self) -> float:
@@ -292,7 +290,7 @@ class Surface:
 
     def over(self, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Height (k, m) [m] over positions (k, m, 3) [m] at times (k,) [s]."""
-        if self._still:
+        if self._sea is None:
             return np.zeros(positions.shape[:2])
         return np.asarray(_elevations(self._sea, jnp.asarray(positions), jnp.asarray(times)))
 

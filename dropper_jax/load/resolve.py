@@ -66,8 +66,10 @@ def with_one_gravity(table: Mapping[str, Any]) -> dict[str, Any]:
         SceneError: two values.
     """
     effects, sea = table.get("effects"), table.get("sea")
-    weight = effects.get("weight") if isinstance(effects, Mapping) else None
-    if not isinstance(weight, Mapping) or not isinstance(sea, Mapping):
+    if not isinstance(effects, Mapping) or not isinstance(sea, Mapping):
+        return dict(table)
+    weight = effects.get("weight")
+    if not isinstance(weight, Mapping):
         return dict(table)
     given, water = weight.get("gravity"), sea.get("gravity")
     if given is None and water is not None:

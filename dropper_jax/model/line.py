@@ -103,7 +103,9 @@ class Line:
     @property
     def near_share(self) -> jax.Array | np.ndarray | float:
         """Fraction of each link's weight (n,) at its first node; one number if all are the same."""
-        return 1.0 - self.centre_of_mass / self.length if self.compound else self.geometry.near_share
+        if self.centre_of_mass is None:
+            return self.geometry.near_share
+        return 1.0 - self.centre_of_mass / self.length
 
     def node_share(self, per_link: jax.Array) -> jax.Array:
         """Values acting at the links' centres of mass, distributed to the free nodes (free,)."""

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from types import ModuleType
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,7 @@ from dropper_jax.model import Model
 from dropper_jax.scene import line_slices
 
 #: A NumPy or JAX array.
-Array = TypeVar("Array", np.ndarray, jax.Array)
+Array = Any
 #: Height over the seabed below which a point lies on it [m]: anchors are at its height.
 ON_BED = 1e-3
 
@@ -101,16 +101,17 @@ class EndLinks:
         return line.mass * self.scene.gravity
 
     @cached_property
-    def diameter(self) -> np.ndarray | None:
-        """Diameter (n,) [m] of the displaced volume of each link; None without buoyancy."""
-        return displaced_diameter(self.scene.line, self.scene) if "buoyancy" in self.scene.effects else None
+    def diameter(self) -> np.ndarray:
+        """Diameter (n,) [m] of the volume of each link that has buoyancy; zero without buoyancy."""
+        diameter = displaced_diameter(self.scene.line, self.scene) if "buoyancy" in self.scene.effects else None
+        return np.zeros_like(self.weight) if diameter is None else np.broadcast_to(diameter, self.weight.shape)
 
     @cached_property
     def lift(self) -> np.ndarray:
         """Buoyancy (n,) [N] of each link under water."""
-        if self.diameter is None:
-            return np.zeros_like(self.weight)
         sea = self.scene.sea
+        if sea is None:
+            return np.zeros_like(self.weight)
         return sea.density * sea.gravity * 0.25 * np.pi * self.diameter**2 * self.scene.line.length
 
     @cached_property
@@ -184,12 +185,12 @@ def end_forces_of_model(
     at, inner = nodes[np.where(starts, *ends)], nodes[np.where(starts, *reversed(ends))]
     along = inner - at
     direction = along / safe_norm(along)[:, None]
-    near = jnp.broadcast_to(line.near_share, line.length.shape)[links]
-    effects = {effect.name: effect for effect in model.effects}
+    near = jnp.broadcast_to(jnp.asarray(line.near_share, nodes.dtype), line.length.shape)[links]
     share = jnp.where(starts, near, 1.0 - near)
+    effects: dict[str, Any] = {effect.name: effect for effect in model.effects}
     weight = share * effects["weight"].per_link(line)[links] if "weight" in effects else jnp.zeros_like(share)
-    if "buoyancy" in effects:
-        diameter = (line.diameter * jnp.ones_like(line.length))[links]
+    if "buoyancy" in effects and model.sea is not None and line.diameter is not None:
+        diameter = jnp.broadcast_to(line.diameter, line.length.shape)[links]
         wet = wet_fraction(model.sea.elevation(at, t), at, direction, share * line.length[links], diameter)
         weight = weight - share * effects["buoyancy"].per_link(model)[links] * wet
     lies = at[:, 2] < effects["seabed"].bed_height(at, rounded=0.0) + ON_BED if "seabed" in effects else False

@@ -210,7 +210,7 @@ class Quantity:
 
     def _anchor_load(self, model: Model, r: jax.Array, tension: jax.Array, t: jax.Array) -> jax.Array:
         """Force of the lines on a fixed point [N], or its angle [rad]."""
-        force = load_on_fixed_point(model, self.members, self.signs, r, tension, t)
+        force = load_on_fixed_point(model, self.members or (), self.signs, r, tension, t)
         across, up = horizontal_norm(force), force[2]
         if self.direction == "uplift":
             return jnp.arctan2(up, across)

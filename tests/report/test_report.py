@@ -140,15 +140,15 @@ def test_anchor_of_a_catenary_takes_its_horizontal_force_and_the_weight_above_it
     nodes = np.stack([x, np.zeros_like(x), a * np.cosh(x / a)], axis=1)
     chord = np.diff(nodes, axis=0)
     tension = level * np.linalg.norm(chord, axis=1) / chord[:, 0]  # the horizontal force is the same everywhere
-    scene = rope([("anchor", nodes[0], "fixed"), ("top", nodes[-1], "fixed")], links, length=100.0)
+    mass = level * np.diff(np.sinh(x / a)) / 9.81
+    scene = rope([("anchor", nodes[0], "fixed"), ("top", nodes[-1], "fixed")], links, length=100.0, mass=mass.tolist())
     found = report_run(made(scene, np.tile(nodes, (4, 1, 1)), np.tile(tension, (4, 1))))["anchors"]
     anchor, top = found
-    # catenary: V = H sinh(x/a); a chord stands for its middle, half a link from the anchor
-    half = 0.5 * (1.5 - start) / links
+    # catenary: V = H sinh(x/a)
     assert anchor["horizontal_n"]["mean"] == pytest.approx(level, rel=1e-12)
-    assert anchor["vertical_n"]["max"] == pytest.approx(level * np.sinh(start + half), rel=1e-5)
-    assert anchor["uplift_rad"]["mean"] == pytest.approx(np.arctan(np.sinh(start + half)), rel=1e-5)
-    assert top["vertical_n"]["mean"] == pytest.approx(-level * np.sinh(1.5 - half), rel=1e-5)
+    assert anchor["vertical_n"]["max"] == pytest.approx(level * np.sinh(start), rel=1e-5)
+    assert anchor["uplift_rad"]["mean"] == pytest.approx(np.arctan(np.sinh(start)), rel=1e-5)
+    assert top["vertical_n"]["mean"] == pytest.approx(-level * np.sinh(1.5), rel=1e-5)
 
 
 def test_opposite_lines_at_one_anchor_cancel_and_leave_their_lift(made):
@@ -157,14 +157,15 @@ def test_opposite_lines_at_one_anchor_cancel_and_leave_their_lift(made):
     table["line"].append({**table["line"][0], "name": "other", "from": "anchor", "to": "right"})
     nodes = np.tile(np.array([[-8.0, 0, 6], [0, 0, 0], [0, 0, 0], [8, 0, 6]]), (4, 1, 1))
     (anchor,) = report_run(made(table, nodes, np.full((4, 2), 50.0)))["anchors"]
-    assert anchor["vertical_n"]["mean"] == pytest.approx(2 * 50.0 * 0.6)
+    # less half a link of 1 kg of either line
+    assert anchor["vertical_n"]["mean"] == pytest.approx(2 * (50.0 * 0.6 - 0.5 * 9.81))
     assert anchor["horizontal_n"]["max"] == pytest.approx(0.0, abs=1e-12)
     assert anchor["uplift_rad"]["mean"] == pytest.approx(np.pi / 2)
 
 
 def test_an_anchor_without_load_has_no_angle_rather_than_a_wrong_one(made):
     nodes = np.tile(np.array([[0.0, 0, 0], [0, 0, -10]]), (4, 1, 1))
-    (anchor,) = report_run(made(rope(HANGING, 1), nodes, np.zeros((4, 1))))["anchors"]
+    (anchor,) = report_run(made(rope(HANGING, 1, effects={}), nodes, np.zeros((4, 1))))["anchors"]
     assert anchor["uplift_rad"] is None
     assert anchor["share_without_angle"] == 1.0
 

@@ -191,7 +191,8 @@ def paper() -> Iterator[Row]:
         "A1 irregular sea",
         "29 components",
         f"{len(waves.amplitude)} components, Hs {height:.2f} m",
-        "periods are used: the rounded frequencies drift by 0.16 rad in 100 s, weighted by energy, and 0.31 rad at most",
+        "periods are used: the rounded frequencies drift by 0.16 rad in 100 s, weighted by energy, and 0.31 rad at "
+        "most",
     )
     yield (
         "(20)-(21) OrcaFlex's tension with inner and outer pressure and Poisson's ratio",

@@ -1,10 +1,11 @@
-"""The thesis' releases of the lab dropper as the thesis ran them: 0.0065 s, 65 s, gamma 0.51, a force until 15 or 14.1 s.
+"""The thesis' releases of the lab dropper as the thesis ran them: 0.0065 s, 65 s, gamma 0.51, a force until 15 s.
 
     python benchmarks/thesis_release.py
 
-Three tables: the thesis' equations (C.32)-(C.41) in the plane, in NumPy, corrected and with the sign of the centripetal
-x-term as printed; scenario A with the dampings of the thesis' Table E.1; the scenes `dropper-release-X-ramp` and
-`-ramp-14`, and those that start from measured poses, by the default scheme and by the thesis' own. Writes `results/thesis_release.json`.
+Three tables: the thesis' equations (C.32)-(C.41) in the plane, in NumPy, corrected and with the sign of the
+centripetal x-term as printed; scenario A with the dampings of Table E.1; the scenes `dropper-release-X-ramp`, those
+with `-ramp-14`, and those from measured poses, by the default scheme and by the thesis' own. Writes
+`results/thesis_release.json`.
 """
 
 import numpy as np

@@ -61,7 +61,11 @@ def name_wrong_file(prepared: Prepared) -> str:
             )
     if not part > OTHER_RIG:
         return ""
-    cause = likely_cause(prepared, pieces, lambda at, some, paths=(): _misfits(at, at.traces, some, paths))
+
+    def misfit(prepared: Prepared, pieces: Sequence[tuple[int, float, float]], paths: Sequence[str] = ()) -> Misfit:
+        return _misfits(prepared, prepared.traces, pieces, paths)
+
+    cause = likely_cause(prepared, pieces, misfit)
     return f"{name}: {size}; likeliest cause: {cause.words}; {cause.remedy}"
 
 

@@ -82,7 +82,7 @@ class Columns(NamedTuple):
 
     def read(self, columns: Sequence[str], unit: str) -> tuple[np.ndarray, np.ndarray]:
         """Times (k,) [s] and values (k, m) [SI] of columns that are in this file."""
-        found = [self.values[self.name_of(column)] for column in columns]
+        found = [self.values[self.name_of(column) or column] for column in columns]
         return self.t, in_si(1.0, unit)[0] * np.stack(found, axis=1)
 
 

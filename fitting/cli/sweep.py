@@ -183,7 +183,7 @@ def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedS
     from fitting.calibration.fit import fit
     from fitting.sweep.against_trace import FittedScore
 
-    asked = {"zero": args.zero, "sign": args.sign, "unit": args.unit, "until": args.duration}
+    asked: dict[str, Any] = {"zero": args.zero, "sign": args.sign, "unit": args.unit, "until": args.duration}
     asked["columns"] = column_names(args.columns)
     result = fit(args.trace, scene, list(scores.paths), **asked, progress=progress(args.quiet))
     print_warnings(result.warnings)

@@ -124,7 +124,7 @@ def free_of_traces(
             found += resolve(model, [name], release=release)
             continue
         tied = scene_parameter(scene, model, name)
-        if not tied.where.linear:
+        if isinstance(tied.where, Direction) and not tied.where.linear:
             raise SceneError(
                 f"free: {name!r} changes the model non-linearly, which fits to angles do not follow; allowed: numbers "
                 'whose values are proportional to them, such as b_l = ["= head", "= head", "= tail"]'

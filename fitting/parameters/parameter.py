@@ -232,7 +232,7 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     if value.ndim == 0 and not entries:
         return [_parameter(name, ModelPlace(section, index, field.name), float(value), field.metadata)]
     flat = value.reshape(-1)
-    count = min(len(flat), _entries(model, section, field))
+    count = min(len(flat), _entries(model, section, field, len(flat)))
     if entries and entries[0] >= count:
         raise SceneError(f"{option}: {name!r}: unknown entry; allowed: 0 to {count - 1}")
     entries = entries or range(count)
@@ -249,7 +249,7 @@ def _observers(model: Model) -> list[Parameter]:
     return [camera, Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s"), *links, *nodes]
 
 
-def _entries(model: Model, section: str, field: dataclasses.Field) -> float:
+def _entries(model: Model, section: str, field: dataclasses.Field, size: int) -> int:
     """Number of entries of a field that act: a free end has no joint, a fixed end no moving node."""
     shape = field.metadata["shape"]
     if section == "effects" and shape == "joint":
@@ -257,7 +257,7 @@ def _entries(model: Model, section: str, field: dataclasses.Field) -> float:
     of_nodes = (section == "effects" and shape == "node") or (
         section == "lines" and field.name == "mass" and not model.line.compound and not model.geometry.branched
     )
-    return model.free_nodes if of_nodes else np.inf
+    return model.free_nodes if of_nodes else size
 
 
 def _joints(model: Model) -> int:

@@ -222,7 +222,8 @@ def newton(method: Newton, problem: Problem, tolerance: jax.Array | float) -> tu
         return (c.count < method.least) | wanted
 
     def correct(matrix: Linear, c: Corrections) -> Corrections:
-        u = subtract(c.u, matrix.apply(c.rows), 0.5**c.halved if method.shortened else 1.0)
+        fraction = jnp.asarray(0.5, c.now.dtype) ** c.halved if method.shortened else 1.0
+        u = subtract(c.u, matrix.apply(c.rows), fraction)
         rows = problem.residual(u)
         after = Corrections(u, rows, largest_row(rows, scale), c.now, c.count + 1, jnp.zeros_like(c.halved))
         if not method.shortened:

@@ -366,7 +366,8 @@ def _along_accepted_steps(
     ) -> tuple[tuple[State, jax.Array | None], State]:
         s, meter = carry
         h, measured = row
-        s = jax.lax.cond(h > 0.0, lambda s: step(stepper, model, s, h)[0], lambda s: s, s)
+        # zero after the last step; a length that is not a number makes a state of such numbers
+        s = jax.lax.cond(h != 0.0, lambda s: step(stepper, model, s, h)[0], lambda s: s, s)
         s, meter = _watch_growth(s, meter, measured)
         return (s, meter), s
 

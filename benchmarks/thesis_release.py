@@ -3,8 +3,8 @@
     python benchmarks/thesis_release.py
 
 Three tables: the thesis' equations (C.32)-(C.41) in the plane, in NumPy, corrected and with the sign of the
-centripetal x-term as printed; scenario A with the dampings of Table E.1; the scenes `dropper-release-X-ramp`, those
-with `-ramp-14`, and those from measured poses, by the default scheme and by the thesis' own. Writes
+centripetal x-term as printed; scenario A with the dampings of Table E.1; the scenes `dropper-release-X-ramp`, with
+`-ramp-14`, and those from measured poses, by the default scheme and by the thesis' own. Writes
 `results/thesis_release.json`.
 """
 

@@ -81,7 +81,7 @@ def examine(scene: Scene) -> dict[str, Any]:
         "suggested_dt_s": suggest_step(scene),
         "compiled": {
             "integrator": scene.run.integrator,
-            "solver": stepper.solver,
+            "solver": stepper.solver_name,
             "dtype": str(model.dtype),
             "links": model.line.links,
             "free_nodes": model.free_nodes,

@@ -61,7 +61,7 @@ def cost(
     model, s = build(scene)
     run = scene.run
     first = stepper_of(model, run)
-    found: dict[str, Any] = {"scene": scene.name, "integrator": first.integrator.name, "solver": first.solver}
+    found: dict[str, Any] = {"scene": scene.name, "integrator": first.integrator.name, "solver": first.solver_name}
     variants: list[Variant] = []
     try:
         for name, shrunk in model_variants(model):

@@ -29,5 +29,5 @@ def unknowns(model: Model) -> int:
 
 def step_work(model: Model, stepper: Stepper, evaluation: float) -> float:
     """Operations of a step: its evaluations, each with a solve; a dense Jacobian takes one per unknown."""
-    columns = unknowns(model) if stepper.solver == "dense" else 1
+    columns = unknowns(model) if stepper.solver_name == "dense" else 1
     return columns * stepper.integrator.evaluations * evaluation

@@ -49,17 +49,6 @@ def test_a_piece_keeps_within_its_bytes(monkeypatch):
     assert 1 <= chunks._chunk_size(s) < 20
 
 
-def test_steps_that_resist_are_taken_by_the_whole_program(monkeypatch):
-    """A step so long that plain Newton does not end: the same run as by the whole program alone."""
-    scene = dj.load_scene("dropper-release-a").with_values({"run.dt": 0.12, "run.duration": 2.4})
-    found = dj.simulate(scene)
-    assert found.retried_steps > 0
-    assert found.run_s < found.compile_s  # compiling the whole program meanwhile is no part of the run's time
-    plain = property(lambda self: self)
-    monkeypatch.setattr(dj.Stepper, "plain", plain)
-    np.testing.assert_array_equal(found.positions, dj.simulate(scene).positions)
-
-
 def test_pieces_of_any_length_give_the_same_numbers_of_steps_that_resist(monkeypatch):
     scene = dj.load_scene("dropper-release-a").with_values({"run.dt": 0.12, "run.duration": 2.4})
     whole = dj.simulate(scene)

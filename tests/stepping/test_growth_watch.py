@@ -18,7 +18,7 @@ from dropper_jax.stepping import growth_watch
 def slope():
     """The derivative of the last position of a chaotic double pendulum by its first velocities."""
     model, s = dj.build("double-pendulum-chaotic")
-    stepper = dj.make_stepper(model, "rattle", extra=0, halvings=0, track_work=False)
+    stepper = dj.make_stepper(model, "rattle", halvings=0, track_work=False)
 
     def of(steps, **settings):
         def last(v):

@@ -125,6 +125,11 @@ def is_inside() -> bool | None:
     return _INSIDE.value
 
 
+def forbids_callbacks() -> bool:
+    """Whether calls of Python would prevent that what is being traced becomes one kernel."""
+    return bool(is_inside()) or in_force()
+
+
 @contextmanager
 def inside(enabled: bool | None) -> Iterator[None]:
     """Trace for one kernel, or not; None leaves it as it is."""

@@ -37,8 +37,9 @@ class AxialLaw(ABC):
         """Which of the links (n,) are inextensible."""
         return np.full(links, not self.elastic)
 
-    def springs(self, EA: jax.Array) -> AxialLaw:
-        """The same law where it stretches, and ropes of stiffness EA (n,) [N] in place of rigid links."""
+    def springs(self, EA: jax.Array, pushes: bool = False) -> AxialLaw:
+        """The same law where it stretches; ropes, or springs that also push, of stiffness EA (n,) [N] in place of rigid
+        links."""
         return self
 
     def soften(self, share: float) -> AxialLaw:
@@ -132,8 +133,8 @@ class Groups(AxialLaw):
             found[m] = law.rigid(len(m))
         return found
 
-    def springs(self, EA: jax.Array) -> AxialLaw:
-        return self._change_each(lambda law, m: law.springs(EA[m]))
+    def springs(self, EA: jax.Array, pushes: bool = False) -> AxialLaw:
+        return self._change_each(lambda law, m: law.springs(EA[m], pushes))
 
     def soften(self, share: float) -> AxialLaw:
         return self._change_each(lambda law, _: law.soften(share))

@@ -7,6 +7,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.axial.elastic import Elastic
 from dropper_jax.axial.law import AxialLaw, LinkStart
 from dropper_jax.axial.rope import Rope
 from dropper_jax.base.fields import component
@@ -19,8 +20,9 @@ class Rigid(AxialLaw):
 
     elastic: ClassVar[bool] = False
 
-    def springs(self, EA: jax.Array) -> AxialLaw:
-        return Rope(EA=EA)  # springs that push would keep a line straight between points that are close together
+    def springs(self, EA: jax.Array, pushes: bool = False) -> AxialLaw:
+        # springs that push would keep a line straight between points that are close together
+        return Elastic(EA=EA) if pushes else Rope(EA=EA)
 
     def with_broken_links(self, intact: jax.Array) -> AxialLaw:
         return self  # scenes do not allow rigid links to break

@@ -119,6 +119,11 @@ def tags_enabled() -> bool:
     return jax.default_backend() == "cpu" and jax.config.jax_enable_x64 and _tagged_call() is not None
 
 
+def forbids_callbacks() -> bool:
+    """Whether calls of Python would prevent that what is being traced becomes one kernel."""
+    return _INSIDE.value or in_force()
+
+
 def separate_call(f: Callable[P, R]) -> Callable[P, R]:
     """`f` as a function of its own in the compiled program, so that its results are stored and not computed again by
     each of their readers; `f` itself if this JAX has no such calls."""

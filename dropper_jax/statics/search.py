@@ -108,9 +108,32 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float, near: Sta
         return _result(full, s, residual, describe_unbalance(model, s, loads, residual, f"in {ROUNDS} rounds"))
     if model.line is rigid:
         return _result(full, s, residual)
-    s, residual = solve_statics(replace(model, lines=(rigid,)), s, loads)
+    model = replace(model, lines=(rigid,))
+    s, residual = _find_rigid(model, s, loads, tolerance)
     lost = f"no equilibrium of the rigid links found: maximum scaled row {residual:.1e}"
     return _result(full, s, residual, "" if residual <= tolerance else lost)
+
+
+def _find_rigid(model: Model, near: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+    """The equilibrium of rigid links next to that of ropes in their place; a link that is slack there pushes here.
+
+    If it is not found, or a small displacement ends it, the links also push during a further descent.
+    """
+    s, residual = solve_statics(model, near, loads)
+    if residual <= tolerance and holds(model, s):
+        return s, residual
+    bars = springy(model, pushes=True)
+
+    def fall(at: State, _: float = 0.0) -> tuple[State, float]:
+        fallen, _ = find_rest(bars, at, loads, system_tolerance(bars))
+        return solve_statics(model, fallen, loads)
+
+    fallen, left = fall(near)
+    if not left <= tolerance:
+        return s, residual
+    if holds(model, fallen):
+        return fallen, left
+    return escape(model, fallen, left, tolerance, fall)
 
 
 def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[State, float]:

@@ -278,11 +278,11 @@ def with_axial(model: Model, axial: AxialLaw) -> Model:
     return replace(model, lines=(replace(model.line, axial=axial),))
 
 
-def springy(model: Model) -> Model:
-    """The model with stiff springs instead of rigid links, which stretch by about 0.01 % of their length."""
+def springy(model: Model, pushes: bool = False) -> Model:
+    """The model with stiff ropes, or springs that also push, instead of rigid links; they stretch by about 0.01 %."""
     # stretch of the springs that replace rigid links
     weight = force_scale(model) * model.line.links / 1e-4
-    return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape)))
+    return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape), pushes))
 
 
 def describe_unbalance(model: Model, s: State, loads: jax.Array, residual: float, extent: str) -> str:

@@ -147,7 +147,8 @@ def advance_controlled(
             here = _state_at(model, y, t)
             extremes = with_step(extremes, watch, model, here, here)
         row = y, carry.now.t - carry.knots[-2].t, extremes
-        rows = jax.tree.map(lambda a, x: a.at[carry.saved - first].set(x.astype(a.dtype)), now.rows, row)
+        put = partial(jax.lax.dynamic_update_index_in_dim, index=carry.saved - first, axis=0)  # `.at[].set` scatters
+        rows = jax.tree.map(lambda a, x: put(a, x.astype(a.dtype)), now.rows, row)
         full = now.part + 1 == every  # before that the row is written again
         extremes = jax.tree.map(partial(jnp.where, full), blank, extremes)
         return _Rows(carry._replace(saved=carry.saved + full), jnp.where(full, 0, now.part + 1), extremes, rows)

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.one_kernel import forbids_callbacks
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.consistent import consistent
 from dropper_jax.model import Frozen, Model, Parted, State, as_parted, state
@@ -306,7 +307,8 @@ def integrate(
         checkpoint: for long reverse-mode runs: store states at about sqrt(steps) times only and repeat the steps from
             there in the backward pass (one more forward run, memory ~ sqrt(steps)). Not needed in forward mode.
         warn: whether a derivative in reverse mode that has grown by more than e^10 gives a `RuntimeWarning`, once. It
-            takes a call of Python per gradient, so JAX does not cache the compiled gradient between processes.
+            takes a call of Python per gradient, so JAX does not cache the compiled gradient between processes, and
+            is left out of what `dj.one_kernel` compiles.
 
     Returns:
         The last state, and the saved ones.
@@ -315,7 +317,7 @@ def integrate(
         raise ValueError(f"steps: {steps} is not a multiple of save_every = {save_every}")
     dt = jnp.asarray(dt, model.dtype)
     meter = None
-    if warn:
+    if warn and not forbids_callbacks():
         floats = [x for x in jax.tree.leaves((model, s, dt)) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
         meter = start_meter([jnp.asarray(x) for x in floats])
     if stepper.halvings and stepper.integrator.implicit:

@@ -168,7 +168,9 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
         growth=None if run is None else _tangent_growth(problem, start, run),
     )
     if np.isfinite(value):
-        if found.growth is not None and found.growth > TANGENT_GROWTH and problem.model.line.axial.elastic:
+        follows = all(np.isfinite(x).all() for x in start.slopes)  # the start, by all parameters
+        grows = found.growth is not None and found.growth > TANGENT_GROWTH
+        if follows and grows and problem.model.line.axial.elastic:
             found = _by_differences(problem, found, say)
         else:
             problem.check_derivatives(forward)

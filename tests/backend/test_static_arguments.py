@@ -31,6 +31,7 @@ WRITTEN = {
     "dropper_jax/run/growth.py",  # an equilibrium of a scene, which follows from the scene
     "fitting/channels/problem.py",
     "fitting/estimate/windows.py",
+    "fitting/sweep/program.py",  # an equilibrium of a case, which follows from its scene
 }
 #: Fields that do not count in a comparison, of classes that are no static argument.
 UNCOMPARED = {"fitting/estimate/gradient.py"}  # the callback of a descent

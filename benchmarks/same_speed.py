@@ -6,8 +6,8 @@
 Each checkout runs in a process of its own, one thread, on the same processor; the two take turns, so that a machine
 which slows down slows both. One that can make a run one kernel does (`--plain`: neither does). A row per case:
 microseconds per step of the other checkout and of this one, their ratio (median of the pairs' ratios, and the range of
-the middle half), and the same of compilation. Only public names are used, so that the other may be old. Without another
-checkout rows are stored in results/one_kernel.json, compiled once.
+the middle half), and the same of compilation. The loop of a run is that of `simulate`, which halves steps that do not
+converge. Without another checkout rows are stored in results/one_kernel.json, compiled once.
 """
 
 import os
@@ -63,6 +63,7 @@ def serve(case: dict[str, Any]) -> None:
     import jax.numpy as jnp
 
     import dropper_jax as dj
+    from dropper_jax.stepping.integrate import advance, begin
 
     model, start = dj.build(case.get("scene") or dropper(case["links"], case["dt"]))
     if "links" in case:  # thrown out of its plane with 1 m/s in the middle
@@ -73,7 +74,9 @@ def serve(case: dict[str, Any]) -> None:
         start = stepper.integrator.begin(model, start)
 
     def run(model: Any, s: Any) -> Any:
-        return dj.integrate(stepper, model, s, case["dt"], case["steps"])[1].r[-1].sum()
+        if case.get("gradient"):
+            return dj.integrate(stepper.plain, model, s, case["dt"], case["steps"])[1].r[-1].sum()
+        return advance(stepper, model, begin(stepper, model, s), jnp.asarray(case["dt"]), case["steps"])[1].r[-1].sum()
 
     compiled: Callable[..., Any] = None
     for word in sys.stdin:

@@ -16,6 +16,7 @@ from dropper_jax.residual.step import (
     solution,
     solve,
     step,
+    subtract,
 )
 
 __all__ = [
@@ -41,4 +42,5 @@ __all__ = [
     "solution",
     "solve",
     "step",
+    "subtract",
 ]

@@ -27,7 +27,16 @@ from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm, scatter_add
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, Law, Model, State, state
-from dropper_jax.residual import GRAVITY_SCALE, Newton, Solver, StepProblem, Unknowns, newton
+from dropper_jax.residual import (
+    GRAVITY_SCALE,
+    Newton,
+    Solver,
+    StepProblem,
+    Unknowns,
+    largest_row,
+    newton,
+    subtract,
+)
 from dropper_jax.solvers import SOLVERS
 
 
@@ -208,11 +217,46 @@ def polish(
     Tensions are unknowns, which rigid links require. kappa [N/m] stiffens the corrections: a small value fixes free
     motions (rotation of a line with its ends on one vertical), a large value gives small steps of a descent.
     """
-    method = Newton(rest_solver(model), iterations)
+    problem = RestProblem(model, s, loads, kappa)
     if damped:
-        method = replace(method, iterations=2 * iterations, enough=0.0, shortened=4)
-    u, residual = newton(method, RestProblem(model, s, loads, kappa), rest_tolerance(model))
+        u, residual = _search_along_corrections(problem, rest_solver(model), iterations)
+    else:
+        u, residual = newton(Newton(rest_solver(model), iterations), problem, rest_tolerance(model))
     return state(model, s.r + u.x, tension=u.y, t=s.t), residual
+
+
+#: Fractions of a correction that are tried.
+FRACTIONS = (1.0, 0.5, 0.2, 0.05)
+
+
+def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: int) -> tuple[Unknowns, jax.Array]:
+    """The unknowns after corrections of which each is as long as makes the rows smallest, and their largest scaled row.
+
+    A start may be far from the equilibrium, and the fraction with the smallest rows is taken even if they grow: the
+    corrections of `newton`, which are halved until the rows fall, end in other equilibria of lifted droppers.
+    """
+    guess, scale = problem.guess(), problem.row_scale()
+    fractions, never = jnp.asarray(FRACTIONS, guess.x.dtype), jnp.full((), jnp.inf, guess.x.dtype)
+
+    def correct(now: tuple[Unknowns, Unknowns], _: None) -> tuple[tuple[Unknowns, Unknowns], None]:
+        u, rows = now
+        du = solver.linearise(problem, u).apply(rows)
+
+        def try_fraction(
+            k: jax.Array, best: tuple[Unknowns, Unknowns, jax.Array]
+        ) -> tuple[Unknowns, Unknowns, jax.Array]:
+            moved = subtract(u, du, fractions[k])
+            rows = problem.residual(moved)
+            size = largest_row(rows, scale)
+            better = size < best[-1]  # false where they are not finite
+            return jax.tree.map(partial(jnp.where, better), (moved, rows, size), best)
+
+        # a loop, not a batch: one more copy of the rows in the program instead of three
+        u, rows, _ = jax.lax.fori_loop(0, len(FRACTIONS), try_fraction, (u, rows, never))
+        return (u, rows), None
+
+    (u, rows), _ = jax.lax.scan(correct, (guess, problem.residual(guess)), None, length=iterations)
+    return u, largest_row(rows, scale)
 
 
 # a short line is solved in a millisecond: it compiles in 0.2 instead of 0.4 s without optimisation

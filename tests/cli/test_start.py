@@ -258,7 +258,7 @@ def test_rooms_are_attributes_of_the_package_and_step_stays_a_function():
     code = """
 import dropper_jax as dj
 print(dj.plots.snapshot.__name__, dj.statics.catenary.__name__, dj.step.__name__)
-import dropper_jax.stepping.step
+import dropper_jax.residual.step
 from dropper_jax import plots, step
 print(dj.step is step, hasattr(dj, "setp"), hasattr(dj, "_step"))
 """

@@ -60,7 +60,7 @@ def test_the_thesis_scheme_in_angles_books_the_work_of_the_water(hanging):
     waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0, "direction": 0.5}
     scene = hanging({"weight": {}, "thesis_wave_force": {}}, {"waves": waves})
     scene["start"] = {"kind": "angles", "zero": "down", "polar": [0.8]}
-    plain = {"integrator": "thesis_angles", "halvings": 0, "extra": 0}
+    plain = {"integrator": "thesis_angles", "halvings": 0}
     runs = [dj.simulate(scene, dt=dt, **plain) for dt in (0.004, 0.002)]
     assert np.ptp(runs[1].work) > 0.05 * runs[1].energy_scale
     drift = [run.energy_drift / run.energy_scale for run in runs]

@@ -70,8 +70,8 @@ def ladder(rungs: int) -> tuple[Model, np.random.Generator]:
 
 
 @pytest.mark.parametrize("make", [star, lambda: ladder(20)], ids=["star", "ladder"])
-@pytest.mark.parametrize("way", ["apply", "apply_transposed"])
-def test_network_solve_and_its_transpose_are_those_of_the_dense_jacobian(make, way):
+@pytest.mark.parametrize("transposed", [False, True])
+def test_network_solve_and_its_transpose_are_those_of_the_dense_jacobian(make, transposed):
     model, rng = make()
     r = rng.standard_normal((model.free_nodes, 3))
     s = state(model, r, 0.1 * rng.standard_normal(r.shape), tension=rng.random(model.line.links))
@@ -80,8 +80,11 @@ def test_network_solve_and_its_transpose_are_those_of_the_dense_jacobian(make, w
     rows = Unknowns(rng.standard_normal(r.shape), rng.standard_normal(model.line.links))
 
     def solved(name):
-        solver = SOLVERS[name]
-        return jax.jit(lambda rows: getattr(solver, way)(solver.factor(problem, u), rows))(rows)
+        def solve(rows):
+            factored = SOLVERS[name].linearise(problem, u)
+            return (factored.transpose() if transposed else factored).apply(rows)
+
+        return jax.jit(solve)(rows)
 
     for ours, dense in zip(jax.tree.leaves(solved("network")), jax.tree.leaves(solved("dense")), strict=True):
         np.testing.assert_allclose(ours, dense, rtol=0, atol=1e-11 * float(jnp.max(jnp.abs(dense))))

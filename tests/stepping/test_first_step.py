@@ -1,7 +1,6 @@
 """One step from a state as `build` makes it, without what a scheme adds to a state at the start of a run."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -44,21 +43,6 @@ def test_generalized_alpha_steps_from_a_built_state_with_its_acceleration():
     run, _ = dj.integrate(stepper, model, s, STEP, 1)
     np.testing.assert_allclose(one.v, run.v, atol=1e-12)
     np.testing.assert_allclose(one.v[:, 2], -9.81 * STEP, rtol=1e-3)
-
-
-def test_the_weight_of_a_state_replaces_that_of_the_scheme():
-    model, s = dj.build("dropper-release-a")
-    common = dj.make_stepper(model, "energy_momentum")
-    own = dj.make_stepper(model, "theta_midpoint", gamma=0.8)
-
-    @jax.jit
-    def end(weight):
-        weighted = jax.tree.map(lambda x: x, s)
-        return dj.integrate(common, model, dj.State(**{**vars(weighted), "weight": weight}), 0.01, 3)[0].r
-
-    for weight, stepper in ((0.5, common), (0.8, own)):
-        expected = dj.integrate(stepper, model, s, 0.01, 3)[0].r
-        np.testing.assert_allclose(end(jnp.asarray(weight)), expected, atol=1e-12)
 
 
 def test_iterations_of_an_explicit_scheme_are_refused_in_one_line():

@@ -29,6 +29,7 @@ class Rattle(Implicit):
     name: ClassVar[str] = "rattle"
     order: ClassVar[int] = 2
     condensable: ClassVar[bool] = True
+    enough: ClassVar[float] = 1.0  # its energy is bounded by the scheme, not conserved to rounding
 
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)

@@ -81,6 +81,8 @@ class Implicit(Integrator, ABC):
     condensable: ClassVar[bool] = False
     #: Whether the pieces of the network solver exist, and so whether systems of lines can be run.
     networkable: ClassVar[bool] = False
+    #: Fraction of the tolerance at which corrections of a line end: rounding, so that energy is conserved.
+    enough: ClassVar[float] = 1e-5
     #: Whether every row involves neighbouring nodes only.
     local_rows: ClassVar[bool] = True
     #: Whether effects with their own unknowns (dry friction) are supported.

@@ -17,7 +17,7 @@ from dropper_jax.solvers import SOLVERS
 FEW_UNKNOWNS = 16
 #: Settings of Newton's method for one line: corrections down to rounding, so that energy is conserved. Most steps need
 #: four to six.
-OF_A_LINE = {"iterations": 40, "enough": 1e-5, "renew": 0.3}
+OF_A_LINE = {"iterations": 40, "renew": 0.3}
 #: For systems of lines, whose ropes go slack and touch the seabed: most steps need three corrections, each with a
 #: matrix of its own, those with a switch up to a dozen. A kept matrix diverges there.
 OF_A_SYSTEM = {"iterations": 24, "enough": 1.0, "least": 0, "renew": 0.0, "shortened": 3}
@@ -60,11 +60,11 @@ def make_stepper(
     if solver != "auto" and (reason := SOLVERS[solver].refuse(model, scheme)):
         raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
     chosen = choose_solver(model, scheme) if solver == "auto" else SOLVERS[solver]
-    return Stepper(integrator=scheme, solver=chosen, **{**newton_settings(model), **settings})
+    return Stepper(integrator=scheme, solver=chosen, **{**newton_settings(model, scheme), **settings})
 
 
-def newton_settings(model: Model) -> dict[str, Any]:
-    """How corrections of a step are counted for a model, as fields of `Stepper`."""
+def newton_settings(model: Model, scheme: Implicit) -> dict[str, Any]:
+    """How corrections of a step are counted for a model and a scheme, as fields of `Stepper`."""
     if model.geometry.branched:
         found = dict(OF_A_SYSTEM)
         if str(model.dtype) == "float32":  # a guess may be within the tolerance, and a line would not move
@@ -72,7 +72,7 @@ def newton_settings(model: Model) -> dict[str, Any]:
     elif model.laws:
         found = dict(OF_LAWS)
     else:
-        found = dict(OF_A_LINE)
+        found = {**OF_A_LINE, "enough": scheme.enough}
     found["easing"] = any(not law.node_local for law in model.laws)
     found["halvings"] = HALVINGS
     return found

@@ -5,7 +5,6 @@ import subprocess
 import sys
 from importlib.metadata import entry_points
 
-import numpy as np
 import pytest
 
 #: The shortest example of each command, in a folder with the files of `workshop`.
@@ -38,7 +37,7 @@ EXAMPLES = {
     "stability": "--cases dry-friction-two-joints gradient-dry-friction",
     "stiffness": "paper-case-4",
     "sweep": "dropper-release-a --vary b_l=0.001:0.01:2 --duration 0.1 --out sweep.zarr",
-    "track": "film.avi --nodes 3 --out traces.csv",
+    "track": "film.avi --nodes 8 --out traces.csv",
     "view": "run.npz --out view.html",
 }
 
@@ -48,7 +47,7 @@ def workshop(tmp_path_factory):
     """Films, traces and runs that commands read."""
     import dropper_jax as dj
     from dropper_jax.cli.new import template
-    from fitting import Camera, Motion, View, film, observe, simulate_truth, write_trace, write_video
+    from fitting import Camera, View, film, observe, simulate_truth, write_trace, write_video
 
     folder = tmp_path_factory.mktemp("workshop")
     lab = dj.load_scene("dropper-release-a")
@@ -57,9 +56,7 @@ def workshop(tmp_path_factory):
     (folder / "mussels.toml").write_text(template("mussels"))
     run = dj.simulate("conical-pendulum", duration=0.5, dt=1 / 60)
     run.save(folder / "run.npz")
-    two = dj.simulate("double-pendulum-periodic", duration=1.0, dt=1 / 60)
-    view = View(centre=tuple(np.mean(two.positions[..., [0, 2]], axis=(0, 1))), distance=4.0, noise=4.0)
-    write_video(folder / "film.avi", film(Motion(two.t, two.positions), view, fps=60.0), 60.0)
+    write_video(folder / "film.avi", film(simulate_truth(lab, 1.0, 60.0), View(noise=4.0), fps=60.0), 60.0)
     return folder
 
 

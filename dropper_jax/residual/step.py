@@ -203,8 +203,8 @@ class Corrections(NamedTuple):
 def newton(method: Newton, problem: Problem, tolerance: jax.Array | float) -> tuple[Unknowns, jax.Array]:
     """The unknowns after the corrections `u <- u - P^-1 R(u)`, and their largest scaled row.
 
-    With `enough` None it is a scan of corrections. Otherwise corrections end at rounding,
-    and the matrix of one correction serves the next ones as long as the rows fall fast.
+    With `enough` None it is a scan of a fixed number of corrections, each with a matrix of its own. Otherwise the
+    corrections end by `enough`, and a matrix serves the next ones as long as the rows fall fast (`renew`).
     """
     guess, scale = problem.guess(), problem.row_scale()
     if method.enough is None:

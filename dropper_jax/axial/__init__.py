@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dropper_jax.axial.damped_rope import DampedRope
-from dropper_jax.axial.elastic import Elastic
+from dropper_jax.axial.elastic import AXIAL_RINGING, Elastic
 from dropper_jax.axial.law import AxialLaw, Groups, LinkStart
 from dropper_jax.axial.rigid import Rigid
 from dropper_jax.axial.rope import Rope
@@ -11,4 +11,4 @@ from dropper_jax.axial.tabulated import Tabulated
 
 LAWS = {"rigid": Rigid, "elastic": Elastic, "rope": Rope, "damped_rope": DampedRope, "tabulated": Tabulated}
 
-__all__ = ["LAWS", "AxialLaw", "DampedRope", "Elastic", "Groups", "LinkStart", "Rigid", "Rope", "Tabulated"]
+__all__ = ["AXIAL_RINGING", "LAWS", "AxialLaw", "DampedRope", "Elastic", "Groups", "LinkStart", "Rigid", "Rope", "Tabulated"]

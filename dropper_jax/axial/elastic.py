@@ -10,9 +10,14 @@ import jax.numpy as jnp
 
 from dropper_jax.axial.law import AxialLaw, LinkStart
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.base.numerics import REST, dot, lag, safe_norm
+from dropper_jax.base.numerics import dot, safe_norm
 
 INTERNAL_DAMPING, AXIAL_RINGING = "internal_damping", "axial_ringing"
+#: Inertia of a link against stretching, over `EA/L h^2`: it bounds the frequency of what a step cannot resolve.
+RINGING_INERTIA = 1 / 16
+#: Weight of the acceleration of the last step where no vibration of the link is resolved. Over a step infinitely stiff
+#: vibrations have the factors of `(y + 1/3) (y^2 + y + 2/5)`: they shrink by sqrt(2/5).
+RINGING_MEMORY = 1 / 24
 
 
 @component
@@ -52,10 +57,9 @@ class Elastic(AxialLaw):
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
     ) -> jax.Array:
-        """`L/EA (S + D - T)` (n,) [m]: the spring's mean force over the step with its `lag`, and the damper's force.
+        """`L/EA (S + R + D - T)` (n,) [m]: mean force of the spring over the step, ringing force, and damper force.
 
-        `S (|d1| - |d0|)` is the change of the stored energy; the lag only takes energy (see `springs`). The rigid limit
-        is EA -> infinity.
+        `S (|d1| - |d0|)` is the change of the stored energy. The rigid limit is EA -> infinity.
         """
         step = _Step.of(self, start, length, h)
         size = safe_norm(self.unstretch_broken(d1, length))
@@ -71,8 +75,20 @@ class Elastic(AxialLaw):
 
     def _spring_over(self, step: _Step, size: jax.Array) -> jax.Array:
         """Spring tension (n,) [N] over a step that ends with links of length `size` (n,) [m]."""
-        before, after, expected = (self.spring(x, step.length) for x in (step.size, size, step.expected))
-        return self._mean(step, size) + lag(before, after, expected, REST * self.EA)
+        return self._mean(step, size) + self._ringing(step, size)
+
+    def _stiffness(self, step: _Step) -> jax.Array:
+        """Stiffness (n,) [N/m] at the start of a step."""
+        return self.EA / step.length
+
+    def _ringing(self, step: _Step, size: jax.Array) -> jax.Array:
+        """Ringing force `R = EA/L h^2 (a1/16 + w a0/24)` (n,) [N], a1 and a0 the accelerations of the length in this
+        step and in the last one.
+
+        Each axial vibration of angular frequency omega has the damping ratio `w (omega h)^3/48` if the step resolves
+        it, and shrinks by sqrt(2/5) per step if not. w is 0 if the step resolves all vibrations of the link.
+        """
+        return self._stiffness(step) * (2.0 * RINGING_INERTIA * (size - step.expected) + step.memory)
 
     def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:
         """Damper tension (n,) [N] over a step, in addition to the spring tension."""
@@ -111,8 +127,8 @@ class Elastic(AxialLaw):
         return 0.5 * self.EA / length * (size - length) ** 2
 
     def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
-        """Work over a step by name, scalars [J], never positive: of the damper, and the energy that the spring's lag
-        takes."""
+        """Work over a step by name, scalars [J]: of the damper, never positive, and of the ringing force, which also
+        stores and returns energy."""
         step, size = _Step.of(self, start, length, h), safe_norm(self.unstretch_broken(d1, length))
         spring, longer = self._spring_over(step, size), size - step.size
         found = {AXIAL_RINGING: -jnp.sum((spring - self._mean(step, size)) * longer)}
@@ -132,15 +148,27 @@ class Elastic(AxialLaw):
 
 
 class _Step(NamedTuple):
-    """Links at the start of a step: length [m], length expected at its end, unstretched length; step [s]."""
+    """Links at the start of a step: length [m], length expected at its end, unstretched length; step [s].
+
+    `memory` [m] is the part of the ringing force that the last step determines, over the stiffness.
+    """
 
     size: jax.Array
     expected: jax.Array
     length: jax.Array
     h: jax.Array
+    memory: jax.Array | float
 
     @classmethod
     def of(cls, law: Elastic, start: LinkStart, length: jax.Array, h: jax.Array) -> _Step:
         d, stretching = law._stretching(start.d, start.rate, length)
         size = safe_norm(d)
-        return cls(size, size + h * stretching, length, h)
+        memory = 0.0
+        if start.acceleration is not None:
+            turning = dot(start.rate, start.rate) - stretching**2
+            acceleration = law.zero_broken((dot(d, start.acceleration) + turning) / size)
+            # (2/(omega h))^2, omega = 2 sqrt(EA/(L m)) the highest frequency of a line of such links
+            resolved = start.mass * length / (law.EA * h**2)
+            weight = jnp.maximum(1.0 - resolved, 0.0) ** 2
+            memory = RINGING_MEMORY * weight * acceleration * h**2
+        return cls(size, size + h * stretching, length, h, memory)

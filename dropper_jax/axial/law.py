@@ -15,10 +15,19 @@ from dropper_jax.base.fields import component, option
 
 
 class LinkStart(NamedTuple):
-    """Links at the start of a step: vectors (n, 3) [m] and their rates (n, 3) [m/s], None if no link stretches."""
+    """Links at the start of a step.
+
+    Attributes:
+        d: link vectors (n, 3) [m].
+        rate: their rates (n, 3) [m/s]; None if no link stretches.
+        acceleration: their mean second derivatives over the last step (n, 3) [m/s^2]; None if no memory is kept.
+        mass: of the links (n,) [kg]; None without `acceleration`.
+    """
 
     d: jax.Array
     rate: jax.Array | None
+    acceleration: jax.Array | None = None
+    mass: jax.Array | None = None
 
 
 class AxialLaw(ABC):
@@ -75,7 +84,7 @@ class AxialLaw(ABC):
         return jnp.zeros((), d.dtype)
 
     def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
-        """Work over a step by name, scalars [J], never positive."""
+        """Work over a step by name, scalars [J]; of a damper never positive."""
         return {}
 
     def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
@@ -179,4 +188,4 @@ class Groups(AxialLaw):
 
 
 def _of(start: LinkStart, members: np.ndarray) -> LinkStart:
-    return LinkStart(start.d[members], start.rate[members])
+    return LinkStart(*(None if values is None else values[members] for values in start))

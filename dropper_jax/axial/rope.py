@@ -101,8 +101,9 @@ class Rope(Elastic):
         return self.EA / step.length * mean_positive_part(step.size - step.length, size - step.length)
 
     def _unclipped_spring(self, step: _Step, size: jax.Array) -> jax.Array:
-        """Spring tension over a step; when a link goes slack its lag may make it negative."""
-        return super()._spring_over(step, size)
+        """Spring tension over a step; when a link goes slack the ringing force may make it negative."""
+        mean = self._mean(step, size)
+        return mean + jnp.minimum(self._ringing(step, size), mean)
 
     def _spring_over(self, step: _Step, size: jax.Array) -> jax.Array:
         return jnp.maximum(self._unclipped_spring(step, size), 0.0)

@@ -171,6 +171,11 @@ class Tabulated(Rope):
     def _slack(self, length: jax.Array) -> jax.Array:
         return length * (1.0 + self.strain[:, 0])
 
+    def _stiffness(self, step: _Step) -> jax.Array:
+        # slack links are just beyond the first row
+        at = jnp.maximum(step.size, self._slack(step.length) + 1e-6 * step.length)
+        return jax.jvp(lambda size: self.spring(size, step.length), (at,), (jnp.ones_like(at),))[1]
+
     def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
         length, longer = step.length, size - step.size
         # relative change of length below which the mean tension is that in the middle of the change: exact to second

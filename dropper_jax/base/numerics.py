@@ -1,6 +1,6 @@
 """Small linear algebra, smooth springs and trigonometry, written out so that they fuse.
 
-Springs over a step: resolved motion conserves their energy, unresolved motion is damped.
+The spring of the seabed over a step: resolved motion conserves its energy, unresolved motion is damped.
 
 A spring with the mean force over the step, `(psi1 - psi0)/(s1 - s0)`, conserves all energy, including that of
 vibrations that the step does not resolve. A spring with its force at the end of the step takes (h omega)^2/4 of all of

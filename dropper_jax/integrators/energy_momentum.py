@@ -67,8 +67,6 @@ class MidpointProblem(StepProblem):
         self.ends0 = ends0 = model.ends(s.t)
         self.ends1 = ends1 = model.ends(s.t + h)
         self.links0 = model.links(s.r, ends0)
-        rigid = model.line.axial.rigid(model.line.links).all()
-        self.start = LinkStart(self.links0, None if rigid else model.rates(s.v, ends0))
         self.ends = ends1
         self.end_acceleration = None
         if model.moving:
@@ -76,7 +74,18 @@ class MidpointProblem(StepProblem):
             self.ends = Ends(middle, moved / h)
             self.end_acceleration = (ends1.velocities - ends0.velocities) / h
             self.end_mean_velocity = 0.5 * (ends0.velocities + ends1.velocities)
+        self.start = self._link_start()
         self.prepared = model.prepare(model.kinematics(s.r + gamma * h * s.v, s.v, self.t_mid, self.ends))
+
+    def _link_start(self) -> LinkStart:
+        model, s = self.model, self.s
+        if model.line.axial.rigid(model.line.links).all():
+            return LinkStart(self.links0, None)
+        rate = model.rates(s.v, self.ends0)
+        if not self.alone:  # the last step has another length, and may go backwards
+            return LinkStart(self.links0, rate)
+        acceleration = model.geometry.differences(s.acceleration, self.end_acceleration)
+        return LinkStart(self.links0, rate, acceleration, model.line.mass)
 
     def guess(self) -> Unknowns:
         s = self.s
@@ -134,7 +143,7 @@ class MidpointProblem(StepProblem):
             r=r1,
             v=v1,
             tension=u.y if impulse is None else u.y + impulse / h,
-            acceleration=jax.lax.stop_gradient(u.x / (self.gamma * h**2)),
+            acceleration=u.x / (self.gamma * h**2),
             law=jax.lax.stop_gradient(u.z),
             work=lambda: self._work(u, stopped, struck),
         )

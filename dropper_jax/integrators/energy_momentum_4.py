@@ -14,12 +14,10 @@ _P = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
 @dataclass(frozen=True)
 class EnergyMomentum4(EnergyMomentum):
     """Five energy-momentum steps per step, the middle one backwards; fourth order, with the same conserved
-    quantities. Second order on lines that stretch: the damping of their unresolved vibrations is not symmetric."""
+    quantities. Axial vibrations that its steps do not resolve are not damped."""
 
     name: ClassVar[str] = "energy_momentum_4"
     order: ClassVar[int] = 4
-    #: `base.springs.lag` also takes energy in the backward step.
-    elastic_order: ClassVar[int] = 2
     #: Backwards, friction solved as a law would drive the motion: a dry pendulum lost 2.3 times the correct energy.
     takes_laws: ClassVar[bool] = False
     stages: ClassVar[tuple[float, ...]] = (_P, _P, 1.0 - 4.0 * _P, _P, _P)

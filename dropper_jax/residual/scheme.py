@@ -25,8 +25,6 @@ class Integrator:
     name: ClassVar[str]
     #: Design order of convergence in positions.
     order: ClassVar[int]
-    #: The same for lines that stretch, if it differs.
-    elastic_order: ClassVar[int | None] = None
     #: Whether rigid links keep their lengths by construction; schemes with drift are stopped at `DRIFT_LIMIT`.
     holds_length: ClassVar[bool] = True
     #: Time of the reported tension within the step: 0.5 for step averages, 1.0 for values at the new time.

@@ -12,6 +12,7 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from dropper_jax.analysis.angles import link_angles
+from dropper_jax.axial import AXIAL_RINGING
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.load.scene import Scene
@@ -143,6 +144,15 @@ class Samples:
         """Maximum change of the energy balance since the start [J]."""
         with np.errstate(invalid="ignore"):  # a run that failed may contain infinite values
             return float(np.max(np.abs(self.balance - self.balance[0])))
+
+    @property
+    def axial_ringing_share(self) -> float:
+        """Fraction of all dissipated work that the scheme takes from axial vibrations which its steps do not resolve."""
+        if AXIAL_RINGING not in self.work_names:
+            return 0.0
+        dissipated = np.maximum(-self.work[-1], 0.0)
+        total = float(np.sum(dissipated))
+        return float(dissipated[self.work_names.index(AXIAL_RINGING)]) / total if total else 0.0
 
     @property
     def energy_scale(self) -> float:

@@ -279,10 +279,7 @@ def _error(solution: Samples, change: float) -> float:
 
 
 def _order(solution: Samples) -> int:
-    """Order of the scheme on the lines of the scene."""
-    scheme = INTEGRATORS[solution.settings["integrator"]]
-    rigid = all(line.rigid for line in solution.scene.lines)
-    return scheme.order if rigid or scheme.elastic_order is None else scheme.elastic_order
+    return INTEGRATORS[solution.settings["integrator"]].order
 
 
 def _advise_step(solution: Samples, found: dict[str, Any]) -> float:

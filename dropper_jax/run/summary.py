@@ -54,6 +54,7 @@ def summary(run: Samples) -> dict[str, Any]:
         "energy_drift_j": run.energy_drift,
         "energy_scale_j": run.energy_scale,
         "work_j": dict(zip(run.work_names, run.work[-1], strict=True)),
+        "axial_ringing_share": run.axial_ringing_share,
         "max_speed_m_per_s": run.max_speed,
         "compile_s": run.compile_s,
         "run_s": run.run_s,

@@ -81,7 +81,7 @@ def test_two_rows_are_a_rope_of_that_stiffness_with_its_damper():
         np.testing.assert_allclose(getattr(table, name)(*given), getattr(rope, name)(*given), rtol=1e-9, err_msg=name)
     works = [axial.works(start, d1, length, h) for axial in (table, rope)]
     for name in ("internal_damping", "axial_ringing"):
-        assert float(works[1][name]) < 0.0
+        assert float(works[1][name]) != 0.0
         np.testing.assert_allclose(works[0][name], works[1][name], rtol=1e-6, err_msg=name)
 
 
@@ -120,8 +120,8 @@ def test_a_weight_dropped_on_a_tabulated_line_keeps_its_energy_balance():
     assert np.max(path.tension) > 2000.0
     seen = jax.jit(jax.vmap(partial(observe, model)))(path.r, path.v, 0.02 * jnp.arange(1, 201))
     work = dict(zip(work_names(model), np.asarray(path.work).T, strict=True))
-    for name in ("internal_damping", "axial_ringing"):
-        assert np.all(np.diff(work[name]) <= 1e-9), name
+    assert np.all(np.diff(work["internal_damping"]) <= 1e-9)
+    assert np.max(np.abs(work["axial_ringing"])) < 0.02 * np.max(seen.kinetic)
     balance = np.asarray(seen.kinetic + seen.potential) - np.sum(path.work, axis=1)
     assert np.ptp(balance) < 1e-6 * np.max(seen.kinetic)
 

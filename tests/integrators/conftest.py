@@ -6,6 +6,7 @@ lines: Newton's second law. All by SciPy's DOP853.
 
 from functools import cache
 
+import jax
 import numpy as np
 import pytest
 import sympy as sp
@@ -265,3 +266,25 @@ def elastic_order(march, elastic):
         return -np.polyfit(np.log(steps), np.log(error), 1)[0], error[-1]
 
     return find
+
+
+#: The mass [kg] that rings on a vertical elastic link of this length [m].
+RING_LENGTH, RING_MASS = 0.5, 0.4
+
+
+@pytest.fixture(scope="session")
+def ring(chain):
+    """Tensions over steps of a mass that rings on a vertical elastic link, over the weight, per unit of the first."""
+
+    def make(integrator, EA, dt, steps, **weights):
+        rest = -RING_LENGTH * (1 + RING_MASS * G / EA)
+        nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, rest * (1 + 1e-8)]]
+        axial = {"law": "elastic", "EA": EA}
+        scene = chain([RING_LENGTH], [RING_MASS], {"kind": "positions", "positions": nodes}, axial=axial)
+        model, s = dj.build(scene)
+        stepper = dj.make_stepper(model, integrator, **weights).plain
+        _, path = jax.jit(lambda m, s: dj.integrate(stepper, m, s, dt, steps))(model, s)
+        swing = np.asarray(path.tension[:, 0]) - RING_MASS * G
+        return swing / (EA * 1e-8)
+
+    return make

@@ -63,3 +63,30 @@ def test_loss_of_energy_is_the_work_of_the_damping():
     assert solution.energy_drift < 1e-9
     assert np.all(np.diff(solution.work, axis=0) <= 0)
     assert np.all(np.diff(solution.energy) <= 1e-12)
+
+
+# --- axial vibrations: a mass on one link, h omega over its steps; the link's own limit is Omega = 2 omega ---
+
+RING_STEP = 1e-2
+
+
+def ring_stiffness(turn):
+    """EA [N] of the link of `ring` on which its mass turns by `turn` [rad] per step."""
+    return 0.5 * 0.4 * (turn / RING_STEP) ** 2
+
+
+def test_unresolved_axial_vibrations_shrink_by_the_root_of_two_fifths_per_step(ring):
+    # EA -> infinity: elongation, rate and acceleration grow by the roots of (y + 1/3) (y^2 + y + 2/5) per step
+    swing = np.abs(ring("energy_momentum", ring_stiffness(100.0), RING_STEP, 24))
+    first, last = np.max(swing[3:8]), np.max(swing[19:24])
+    assert (last / first) ** (1 / 16) == pytest.approx(np.sqrt(0.4), rel=0.05)
+
+
+def test_a_resolved_axial_vibration_is_not_damped_and_has_the_frequency_of_second_order(ring):
+    turn, steps = 0.2, 1000
+    swing = ring("energy_momentum", ring_stiffness(turn), RING_STEP, steps)
+    # the midpoint scheme turns by 2 atan(omega h/2) per step, here with the inertia of the ringing force
+    scheme = 2.0 * np.arctan(0.5 * turn / np.sqrt(1.0 + turn**2 / 16.0))
+    assert scheme == pytest.approx(turn * (1.0 - turn**2 / 12.0 - turn**2 / 32.0), abs=0.02 * turn**3)
+    expected = np.cos(scheme * (np.arange(steps) + 0.5))
+    np.testing.assert_allclose(swing / np.max(swing), expected, atol=2e-3)

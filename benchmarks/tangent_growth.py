@@ -2,8 +2,8 @@
 
     python benchmarks/tangent_growth.py edulis-longline bay.toml --dt 0.1 0.03 0.01 --seconds 20
 
-A run whose tangent grows has no usable derivatives, and its rounding errors grow as fast. The tangent starts in a random
-direction. It is measured by `|dr|^2 + (0.1 s |dv|)^2`, from a sixth of the time on.
+A run whose tangent grows has no usable derivatives, and its rounding errors grow as fast. The tangent starts in a
+random direction. It is measured by `|dr|^2 + (0.1 s |dv|)^2`, from a sixth of the time on.
 """
 
 from __future__ import annotations

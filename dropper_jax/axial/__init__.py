@@ -11,4 +11,15 @@ from dropper_jax.axial.tabulated import Tabulated
 
 LAWS = {"rigid": Rigid, "elastic": Elastic, "rope": Rope, "damped_rope": DampedRope, "tabulated": Tabulated}
 
-__all__ = ["AXIAL_RINGING", "LAWS", "AxialLaw", "DampedRope", "Elastic", "Groups", "LinkStart", "Rigid", "Rope", "Tabulated"]
+__all__ = [
+    "AXIAL_RINGING",
+    "LAWS",
+    "AxialLaw",
+    "DampedRope",
+    "Elastic",
+    "Groups",
+    "LinkStart",
+    "Rigid",
+    "Rope",
+    "Tabulated",
+]

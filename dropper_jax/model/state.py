@@ -93,8 +93,8 @@ class State:
         r, v: free nodes (nodes, 3) [m], [m/s].
         tension: (n,) [N], that of the last step, and the first guess of the next one.
         t: time [s].
-        acceleration: change of velocity per time over the last step (nodes, 3) [m/s^2]; a first guess, except in
-            generalized_alpha, which carries it as part of its state.
+        acceleration: change of velocity per time over the last step (nodes, 3) [m/s^2]: a first guess, and part of the
+            state in energy_momentum, for lines that stretch, and in generalized_alpha.
         law: unknowns of effects with their own laws; a first guess only.
         work: work done since the start by each non-conservative contribution, see `work_names` (k,) [J].
         angles: polar and azimuth angles and rates, each (n,), for schemes that use these instead (else None).

@@ -147,7 +147,7 @@ class Samples:
 
     @property
     def axial_ringing_share(self) -> float:
-        """Fraction of all dissipated work that the scheme takes from axial vibrations which its steps do not resolve."""
+        """Fraction of all dissipated work that the scheme takes from unresolved axial vibrations."""
         if AXIAL_RINGING not in self.work_names:
             return 0.0
         dissipated = np.maximum(-self.work[-1], 0.0)

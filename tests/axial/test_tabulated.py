@@ -115,7 +115,7 @@ def test_a_weight_dropped_on_a_tabulated_line_keeps_its_energy_balance():
     model = build_model(load_scene(hanging(TABLE | {"damping": 200.0}, 1000.0)))
     node = model.geometry.point_node[1]
     s = state(model, np.where(np.arange(2)[:, None] == node, [0.0, 0.0, -10.0], [0.0, 0.0, -5.0]))
-    path = jax.jit(partial(integrate, make_stepper(model).plain, steps=200))(model, s, 0.02)[1]
+    path = jax.jit(partial(integrate, make_stepper(model), steps=200))(model, s, 0.02)[1]
     assert np.max(path.failed) == 0
     assert np.max(path.tension) > 2000.0
     seen = jax.jit(jax.vmap(partial(observe, model)))(path.r, path.v, 0.02 * jnp.arange(1, 201))

@@ -95,7 +95,7 @@ def first_and_second(line: str, package: Path, folder: Path) -> tuple[float, flo
     """Processor times [s] of a command with an empty folder of compiled programs, and of the same command after it."""
     cache = folder / "-".join(line.split()[:2])
     words = [str(folder / "traces.csv") if word == "TRACES" else word for word in line.split()]
-    paths = {"PYTHONPATH": str(package), "DROPPER_COMPILE_CACHE": str(cache)}
+    paths = {"PYTHONPATH": str(package), "XDG_CACHE_HOME": str(cache)}
     first, second = (timed(["-m", "dropper_jax", *words], folder, **paths) for _ in range(2))
     if first[1].returncode:
         sys.exit(f"{line}: {first[1].stderr}")

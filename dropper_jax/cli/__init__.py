@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from typing import NoReturn, Protocol
 
+from dropper_jax import backend
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.renamed import new_option
 from dropper_jax.cli.faults import (
@@ -27,27 +28,17 @@ from dropper_jax.cli.faults import (
 )
 from dropper_jax.cli.options import OK
 
-#: `off` in one of these disables it; other values of the first are the folder, `on` is that of the user.
-COMPILE_CACHE, KEEP_TRACES, QUICK, ON = (
-    "DROPPER_COMPILE_CACHE",
-    "DROPPER_KEEP_TRACES",
-    "DROPPER_QUICK_COMPILATION",
-    "on",
-)
 #: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
 XLA_LOG, FATAL = "TF_CPP_MIN_LOG_LEVEL", "3"
 
 
 def prepare() -> None:
-    """Cache programs for the next start, and compile short runs quickly, unless the user disables it."""
+    """Settings of a process that only runs commands, before JAX is imported."""
     # allocations between two garbage collections: tracing makes millions of lasting objects, and with Python's default
     # (700) the collector takes 10 % of the time
     gc.set_threshold(100_000, 50, 100)
     os.environ.setdefault(XLA_LOG, FATAL)
-    os.environ.setdefault(COMPILE_CACHE, ON)
-    os.environ.setdefault(KEEP_TRACES, ON)
-    os.environ.setdefault(QUICK, ON)
-    os.environ.setdefault("DROPPER_SOURCE_LINES", "off")  # `on` keeps the lines of Python in programs
+    backend.stores_programs = True
 
 
 GROUP = "dropper.commands"

@@ -42,14 +42,11 @@ class TimeOrigin(NamedTuple):
     saves: int = 0
 
 
-def _observe_all(
+@cached_jit()
+def _observe(
     model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, internal: dict[str, Frozen]
 ) -> Observed:
     return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, internal)
-
-
-_observe = cached_jit(brief=True)(_observe_all)
-_observe_once = cached_jit(brief=True, quick=np.inf)(_observe_all)
 
 
 def build_solution(
@@ -179,7 +176,7 @@ def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _O
     count = len(states[2])
     if count <= BLOCK_STATES:
         states = jax.tree.map(jnp.asarray, states)
-        return _Observed(jax.tree.map(np.asarray, _observe_once(model, *states)), body_motion(model, *states[:2]))
+        return _Observed(jax.tree.map(np.asarray, _observe(model, *states)), body_motion(model, *states[:2]))
     found = None
     for first in range(0, count, BLOCK_STATES):
         at = np.arange(first, first + BLOCK_STATES).clip(max=count - 1)
@@ -319,7 +316,7 @@ def _rate(model: Model, effect: Force, r: jax.Array, v: jax.Array, t: jax.Array)
     return jnp.maximum(jnp.max(jnp.linalg.eigvalsh(even)), 0.0)
 
 
-_rates = cached_jit(brief=True)(damping_rates)
+_rates = cached_jit()(damping_rates)
 
 
 def stiffness_remarks(

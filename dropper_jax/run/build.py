@@ -125,7 +125,7 @@ def _state_of_spec(model: Model, start: StartSpec, near: State | None, there: bo
     return state(model, start.positions[free], None if start.velocities is None else start.velocities[free])
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _under_tension(model: Model, s: State) -> State:
     """The state with the tensions of its first instant."""
     acting = model.with_internal_state(s.own)

@@ -274,7 +274,7 @@ def simulate(
     started = time.perf_counter()
     before = 0 if start is None else int(start.settings["steps"])
     watch = step_signals(scene, stepper.integrator.tension_time)
-    compiled = compile_run(stepper, model, first.carry, run, before, watch)
+    compiled = compile_run(stepper, model, first.carry, run, watch)
     compile_s = time.perf_counter() - started
     outcome = run_chunks(compiled, run.saves, say, rows, stretch_starts(scene) if step_check else ())
     solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)

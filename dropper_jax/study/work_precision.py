@@ -224,7 +224,7 @@ def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarr
         return start - (energies - np.sum(np.asarray(run.work, float), axis=1))
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _energies(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
     """Energies (k,) [J] of states (k, nodes, 3) at times (k,)."""
 

@@ -340,5 +340,5 @@ def _differentiate(
     return shown, slopes, s, bad
 
 
-_differentiate_line = cached_jit(static=("plan",))(_differentiate)
-_differentiate_system = cached_jit(static=("plan",), brief=True)(_differentiate)
+_differentiate_line = cached_jit(static=("plan",), kernel=True)(_differentiate)
+_differentiate_system = cached_jit(static=("plan",))(_differentiate)

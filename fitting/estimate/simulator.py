@@ -15,8 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.backend.export_cache import Constants
-from dropper_jax.backend.programs import BRIEFLY, compiler_options, lower_cached
+from dropper_jax.backend.programs import compile_program
 from dropper_jax.model import Model
 from dropper_jax.residual import Stepper
 from fitting.estimate.marching import at_samples, choose_stepper, march
@@ -256,12 +255,13 @@ class Simulator:
             (self.tangents, self.freedoms + len(self.compiled)), jax.dtypes.canonicalize_dtype(float)
         )
         known_by = {
-            **{"key": tuple(key), "stepper": stepper, "model": Constants(self.model), "release": self.release},
+            **{"key": tuple(key), "stepper": stepper, "model": self.model, "release": self.release},
             **{"parameters": self.compiled, "freedoms": self.freedoms, "tangents": self.tangents},
         }
-        program = lower_cached(Simulator.window, known_by, (values, seeds, count, count, *like), batched)
-        # in a batch, windows run equally fast this way and compile in half the time; one by one 1.2 to 1.4 times slower
-        self._programs[key] = program.compile(compiler_options(BRIEFLY) if key.size > 1 else None)
+        arguments = (values, seeds, count, count, *like)
+        # several windows in one batch run as fast without the kernel and compile in half of the time
+        kernel = key.size == 1
+        self._programs[key] = compile_program(Simulator.window, known_by, arguments, batched, kernel)
         self.compile_s += time.perf_counter() - started
         return key, self._programs[key]
 

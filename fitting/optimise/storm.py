@@ -36,9 +36,8 @@ from fitting.site import Case, Site
 #: Time [s] in which the waves of a window rise; it is not counted.
 WINDOW_RAMP = 10.0
 
-# 2 % of the time of a window: the kernel that is slower by a tenth compiles in less than half the time
-_record = cached_jit(static=("stepper", "steps"), brief=True)(record)
-_backward_pass = cached_jit(static=("stepper", "moving"))(backward_pass)
+_record = cached_jit(static=("stepper", "steps"))(record)
+_backward_pass = cached_jit(static=("stepper", "moving"), kernel=True)(backward_pass)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -206,13 +206,13 @@ def vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
     return Varied(found.tree, [x[-count:].at[unsolved].set(jnp.nan) for x in found.slopes])
 
 
-@cached_jit(static=("plan",), brief=True)
+@cached_jit(static=("plan",))
 def _vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
     """The same for any initial state."""
     return _vary(lambda changed: initial_state(changed, plan.start, s, there=True), plan.parameters, model, values)
 
 
-@cached_jit(static=("plan",), brief=True)
+@cached_jit(static=("plan",))
 def _slopes_at_rest(
     plan: Plan, model: Model, s: State, values: jax.Array, by_value: jax.Array, by_position: jax.Array
 ) -> tuple[jax.Array, Varied]:
@@ -234,7 +234,7 @@ def _slopes_at_rest(
     return jax.vmap(along, out_axes=(0, Varied(None, 0)))(*directions)
 
 
-@cached_jit(static=("stepper", "parameters", "every", "capacity"), brief=True)
+@cached_jit(static=("stepper", "parameters", "every", "capacity"))
 def _vary_run(
     stepper: Stepper,
     parameters: tuple[Parameter, ...],
@@ -262,7 +262,7 @@ def _vary_run(
     return Varied(run.tree, [jnp.swapaxes(x, 0, 1) for x in run.slopes])
 
 
-@cached_jit(static=("plan",), brief=True)
+@cached_jit(static=("plan",))
 def _vary_quantity(plan: Plan, model: Model, values: jax.Array, start: Varied, run: Varied | None) -> Varied:
     """The quantity of a run from `start`, or of the start alone."""
     if run is None:
@@ -319,7 +319,7 @@ def central_differences(problem: Study, say: Progress = silent) -> Differences:
     return Differences(slopes[:, 0], np.abs(slopes[:, 0] - slopes[:, 1]))
 
 
-@cached_jit(static=("plan",), brief=True)
+@cached_jit(static=("plan",))
 def _measure(plan: Plan, model: Model, s: State, run: Trajectory) -> jax.Array:
     return plan.measure(model, s, run)
 

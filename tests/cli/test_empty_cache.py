@@ -68,7 +68,7 @@ def test_every_command_has_an_example():
 @pytest.mark.parametrize("command", EXAMPLES)
 def test_the_command_ends_well_without_any_kept_program(command, workshop, tmp_path):
     environment = {key: x for key, x in os.environ.items() if not key.startswith(("DROPPER_", "XLA_FLAGS"))}
-    environment |= {"XDG_CACHE_HOME": str(tmp_path / "cache"), "DROPPER_TRACEBACK": "1"}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONDEVMODE": "1"}
     call = [sys.executable, "-m", "dropper_jax", command, *EXAMPLES[command].split()]
     done = subprocess.run(call, cwd=workshop, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{done.stdout[-1000:]}\n{done.stderr[-2000:]}"

@@ -375,9 +375,8 @@ def test_an_expression_that_python_warns_of_is_refused_without_its_warning():
 
 
 def test_messages_of_the_compiler_for_its_developers_are_not_shown_by_commands(monkeypatch):
-    for name in (cli.XLA_LOG, cli.COMPILE_CACHE, cli.KEEP_TRACES, cli.QUICK):
-        monkeypatch.setenv(name, "")
-        monkeypatch.delenv(name)
+    monkeypatch.setenv(cli.XLA_LOG, "")
+    monkeypatch.delenv(cli.XLA_LOG)
     threshold = gc.get_threshold()
     try:
         cli.prepare()

@@ -97,61 +97,16 @@ def test_the_program_itself_takes_what_is_not_static(traced):
     assert len(shapes) == 1
 
 
-def test_one_compiler_option_that_is_no_longer_known_does_not_drop_the_others(monkeypatch):
-    known = dict(programs.BRIEFLY)
-    monkeypatch.setattr(programs, "BRIEFLY", {"xla_cpu_is_not_an_option": True, **known})
-    programs.supported_options.cache_clear()
-    try:
-        assert programs.supported_options() == known | programs.QUICKLY | programs.WIDELY
-        brief = programs.cached_jit(brief=True)(lambda x: 2.0 * x)
-        assert float(brief(3.0)) == 6.0
-    finally:
-        programs.supported_options.cache_clear()
+def test_a_compiler_without_an_option_compiles_without_all_of_them(monkeypatch):
+    monkeypatch.setattr(programs, "OPTIONS", {"xla_cpu_is_not_an_option": True})
+    for kernel in (False, True):
+        double = cached_jit(store=Store(), kernel=kernel)(lambda x: 2.0 * x)
+        assert float(double(jnp.asarray(3.0))) == 6.0
 
 
-def test_known_compiler_options_are_tried_once_for_all_processes(monkeypatch, tmp_path):
-    monkeypatch.setattr(programs, "FOLDER", tmp_path)
-    monkeypatch.setattr(programs, "BRIEFLY", {"xla_cpu_is_not_an_option": True, **programs.BRIEFLY})
-    programs.supported_options.cache_clear()
-    try:
-        first = programs.supported_options()
-        programs.supported_options.cache_clear()  # as another process has it
-        monkeypatch.setattr(programs.jax, "jit", None)  # nothing is tried again
-        assert programs.supported_options() == first
-        assert "xla_cpu_is_not_an_option" not in first
-        (file,) = tmp_path.iterdir()
-        assert file.name.startswith("compiler-options-")
-        monkeypatch.undo()
-        monkeypatch.setattr(programs, "FOLDER", tmp_path)
-        file.write_bytes(b"damaged")
-        programs.supported_options.cache_clear()
-        # others are asked for by another name
-        assert programs.supported_options() == programs.BRIEFLY | programs.QUICKLY | programs.WIDELY
-    finally:
-        programs.supported_options.cache_clear()
-
-
-def test_doctor_reports_an_option_that_the_compiler_no_longer_knows(monkeypatch, capsys):
-    monkeypatch.setattr("dropper_jax.study.doctor.BRIEFLY", {"xla_cpu_is_not_an_option": True, **programs.BRIEFLY})
+def test_doctor_reports_an_option_that_the_compiler_does_not_know(monkeypatch, capsys):
+    monkeypatch.setattr("dropper_jax.study.doctor.OPTIONS", {"xla_cpu_is_not_an_option": True, **programs.OPTIONS})
     main(["doctor", "--repeats", "2"])
     shown = capsys.readouterr().out
     assert "xla_cpu_is_not_an_option UNKNOWN" in shown
-    assert all(f"{name} known" in shown for name in programs.BRIEFLY)
-
-
-def test_first_calls_run_without_optimisation_where_the_command_line_asks_for_it(monkeypatch):
-    monkeypatch.setenv(programs.QUICK, programs.ON)
-    store, compiled = programs.Store(), []
-    options = programs.CachedJit._compiler_options
-    monkeypatch.setattr(
-        programs.CachedJit, "_compiler_options", lambda f, quick: compiled.append(quick) or options(f, quick)
-    )
-    double = programs.cached_jit(store=store, brief=True, quick=2)(lambda x: 2.0 * x)
-    assert [float(double(jnp.asarray(x))) for x in (1.0, 2.0, 3.0, 4.0)] == [2.0, 4.0, 6.0, 8.0]
-    assert compiled == [True, False]
-    double(jnp.ones(3))
-    assert compiled == [True, False, True]
-    monkeypatch.delenv(programs.QUICK)
-    for _ in range(4):
-        double(jnp.ones(2))
-    assert compiled == [True, False, True, False]
+    assert all(f"{name} known" in shown for name in programs.OPTIONS)

@@ -22,7 +22,6 @@ import dropper_jax as dj
 from dropper_jax.report.record import record
 from dropper_jax.study.load_errors import line_loads, load_errors, twice_the_links
 
-
 LOADS = ("mean", "deviation", "window_maximum", "maximum")
 #: Relative error that counts as none.
 EXACT = 1e-6

@@ -81,15 +81,47 @@ def one_kernel(f: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(f)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        if _INSIDE.value or not tags_enabled():
-            return f(*args, **kwargs)
-        leaves, tree = jax.tree.flatten((args, kwargs))
-        traced = _trace(lambda *leaves: _apply(f, tree, leaves), [jnp.asarray(leaf) for leaf in leaves])
-        if not _can_be_tagged(traced):
-            return f(*args, **kwargs)
-        return jax.tree.unflatten(traced.results, _kernel.bind(*traced.values, program=traced.program))
+        return _call_kernel(f, args, kwargs)[0]
 
     return jax.jit(call)
+
+
+def lower_kernel(f: Callable[..., object], values: Sequence[object], largest: int) -> tuple[jax.stages.Lowered, bool]:
+    """`f` lowered for values like these, as one kernel where possible, and whether it is one.
+
+    Args:
+        largest: number of operations above which it does not become one.
+    """
+    is_kernel = False
+
+    @functools.wraps(f)
+    def call(*args: object) -> object:
+        nonlocal is_kernel
+        result, is_kernel = _call_kernel(f, args, {}, largest)
+        return result
+
+    return jax.jit(call).lower(*values), is_kernel
+
+
+def _call_kernel(
+    f: Callable[..., R], args: Sequence[object], kwargs: dict[str, object], largest: float = math.inf
+) -> tuple[R, bool]:
+    """The result of `f`, by a tagged call if it can be one, and whether it is."""
+    if _INSIDE.value or not tags_enabled():
+        return f(*args, **kwargs), False
+    leaves, tree = jax.tree.flatten((args, kwargs))
+    traced = _trace(lambda *leaves: _apply(f, tree, leaves), [jnp.asarray(leaf) for leaf in leaves])
+    if not _can_be_tagged(traced):
+        return f(*args, **kwargs), False
+    if operations(traced.program.jaxpr) > largest:  # tracing it again takes 2 s for `edulis-longline`
+        results = _call_plain(*traced.values, program=traced.program)
+        return jax.tree.unflatten(traced.results, results), False
+    return jax.tree.unflatten(traced.results, _kernel.bind(*traced.values, program=traced.program)), True
+
+
+def operations(jaxpr: core.Jaxpr) -> int:
+    """Number of operations of a traced function, those of its loops and calls among them."""
+    return sum(1 + sum(map(operations, _inner_jaxprs(eqn))) for eqn in jaxpr.eqns)
 
 
 def tags_enabled() -> bool:

@@ -163,7 +163,7 @@ class StoredPrograms:
             if calls_lapack:
                 _start_lapack()
             program = serialize_executable.deserialize_and_load(*parts)
-        except Exception:  # noqa: BLE001 - of XLA and of pickle: whatever does not load is compiled
+        except Exception:  # of XLA or of pickle: what cannot be loaded is compiled
             self.folder.remove(key)
             return None
         self.loaded += 1

@@ -87,11 +87,7 @@ Beside = Within | jax.Array | None
 GoOn = Callable[[Any, int], tuple[Any, tuple[Trajectory, Beside]]]
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
-# A single line becomes one kernel: its steps take half of the time, and it compiles as fast. The step of a system of
-# lines takes half of the time too (edulis-longline: 0.6 instead of 1.2 ms), but compiles twice as long (50 instead of
-# 24 s), which only 40 000 steps would repay.
-_advance_line = cached_jit(static=("stepper", "capacity", "save_every"), kernel=True)(advance_some)
-_advance_system = cached_jit(static=("stepper", "capacity", "save_every"))(advance_some)
+_advance = cached_jit(static=("stepper", "capacity", "save_every"), kernel=True)(advance_some)
 _advance_adaptively = cached_jit(static=("stepper", "saves"), kernel=True)(advance_adaptively)
 _advance_controlled = cached_jit(static=("stepper", "saves", "every"), kernel=True)(advance_controlled)
 _start_controlled = cached_jit(static=("stepper",))(start_controlled)
@@ -127,9 +123,7 @@ def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> C
     return adaptive_start(progress, jnp.asarray(run.dt, model.dtype))
 
 
-def compile_run(
-    stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watch: Watch | None = None
-) -> Program:
+def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watch: Watch | None = None) -> Program:
     """The compiled program of a run from a carry.
 
     Args:
@@ -158,17 +152,14 @@ def compile_run(
 class _EqualSteps:
     """Equal steps; one that does not converge is halved."""
 
-    def __init__(
-        self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, watch: Watch | None
-    ) -> None:
+    def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, watch: Watch | None) -> None:
         self.stepper, self.model, self.dt, self.watch = stepper, model, run.dt, watch
         self.settings = {"capacity": _chunk_size(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // MIN_CHUNKS)
         self.count = 1
-        advance = _advance_system if model.geometry.branched else _advance_line
         dt = jnp.asarray(self.dt, self.model.dtype)
         none = jnp.zeros((), jnp.int32)
-        self.program = advance.program(stepper, model, progress, dt, none, watch=watch, **self.settings)
+        self.program = _advance.program(stepper, model, progress, dt, none, watch=watch, **self.settings)
 
     def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
         count = min(self.count, self.longest, left, self.settings["capacity"])

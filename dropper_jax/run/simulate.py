@@ -272,7 +272,6 @@ def simulate(
     about = {"scene": scene.as_written(), "settings": settings, "since": list(since)}
     rows = InMemory() if folder is None else OnDisk(folder, about, name_leaves(first))
     started = time.perf_counter()
-    before = 0 if start is None else int(start.settings["steps"])
     watch = step_signals(scene, stepper.integrator.tension_time)
     compiled = compile_run(stepper, model, first.carry, run, watch)
     compile_s = time.perf_counter() - started

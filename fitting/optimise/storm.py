@@ -36,7 +36,7 @@ from fitting.site import Case, Site
 #: Time [s] in which the waves of a window rise; it is not counted.
 WINDOW_RAMP = 10.0
 
-_record = cached_jit(static=("stepper", "steps"))(record)
+_record = cached_jit(static=("stepper", "steps"), kernel=True)(record)
 _backward_pass = cached_jit(static=("stepper", "moving"), kernel=True)(backward_pass)
 
 

@@ -234,7 +234,7 @@ def _slopes_at_rest(
     return jax.vmap(along, out_axes=(0, Varied(None, 0)))(*directions)
 
 
-@cached_jit(static=("stepper", "parameters", "every", "capacity"))
+@cached_jit(static=("stepper", "parameters", "every", "capacity"), kernel=True)
 def _vary_run(
     stepper: Stepper,
     parameters: tuple[Parameter, ...],

@@ -22,11 +22,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
+from importlib import metadata
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import jaxlib
 import numpy as np
 from jax.experimental import serialize_executable
 
@@ -300,7 +300,7 @@ def _platform() -> tuple[str, ...]:
     with suppress(OSError):
         about = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
         lines = {line for line in about if line.startswith(("model name", "flags", "Features"))}
-    versions = jax.__version__, jaxlib.__version__, np.__version__, platform.python_version()
+    versions = jax.__version__, metadata.version("jaxlib"), np.__version__, platform.python_version()
     machine = platform.machine(), platform.processor()
     return (*versions, *machine, *sorted(lines), os.environ.get("XLA_FLAGS", ""))
 

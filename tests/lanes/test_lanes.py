@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from jax import lax
 
-import dropper_jax as dj
 from dropper_jax.lanes import STRUCTURAL, lanes
 
 X = np.linspace(0.3, 2.0, 5 * 3 * 4).reshape(5, 3, 4)
@@ -88,24 +87,3 @@ def test_an_operation_written_in_a_new_way_leaves_all_to_vmap_and_is_named(monke
         found = lanes(axes, in_axes=(0, None))(X, SHARED)
     for a, b in zip(found, jax.vmap(axes, in_axes=(0, None))(X, SHARED), strict=True):
         np.testing.assert_array_equal(a, b)
-
-
-@pytest.mark.slow
-def test_runs_of_a_dropper_with_a_member_that_needs_smaller_steps():
-    """A batch in which one member is halved and one fails does not touch the others."""
-    model, start = dj.build("dropper-release-a")
-    stepper = dj.make_stepper(model, "energy_momentum", iterations=6, track_work=False)
-
-    def run(dt):
-        _, saved = dj.integrate(stepper, model, start, dt, 6)
-        return saved.r[-1], saved.retried.sum(), saved.failed.sum()
-
-    steps = jnp.array([0.005, 0.01, 0.15, jnp.nan])
-    r, retried, failed = jax.jit(lanes(run))(steps)
-    one = jax.jit(run)
-    alone = [one(dt) for dt in steps[:3]]
-    np.testing.assert_allclose(r[:2], [a[0] for a in alone[:2]], rtol=0, atol=1e-12)
-    assert list(retried[:3]) == [int(a[1]) for a in alone]
-    assert retried[2] > 0
-    assert failed[3] > 0
-    assert not np.isfinite(r[3]).all()

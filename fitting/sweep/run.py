@@ -87,8 +87,8 @@ def sweep(
         seeds: number of realisations of a random sea.
         quantities: names from `QUANTITIES`, default all.
         traces: also store positions and tensions at every saved time.
-        chunk: cases that a device runs before they are stored. Those of a single line advance together; default 64,
-            which keep 7 links in the cache of a core. Those of a system run one after another; default 1.
+        chunk: cases that a device runs before they are stored. Those of a single line advance side by side; default
+            64, which keep 7 links in the cache of a core. Those of a system run one after another; default 1.
         scheduler: a Dask client or the address of a scheduler; its workers run the chunks.
         progress: called with the fraction done and a line of text.
         mix_versions: resume a part that was made with other versions of JAX or of this package.

@@ -1,8 +1,8 @@
 """Members of a batch one after another on the CPU, in one program of a single run; by `jax.vmap` on a GPU.
 
 A single run leaves a loop when it has converged, takes one side of a branch, and chooses its own steps. In a batch by
-`vmap` every member waits for the slowest one and runs both sides. On one core of a CPU the map is 1.6 to 2.6 times as
-fast for the lab dropper as one kernel (`one_kernel`), and compiles in a third of the time.
+`vmap` every member waits for the slowest one and runs both sides. On one core of a CPU the map is 1.5 (`rattle`) to 2.6
+times as fast for the lab dropper as one kernel (`one_kernel`), and compiles in a third of the time.
 """
 
 from __future__ import annotations

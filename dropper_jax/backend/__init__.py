@@ -1,7 +1,7 @@
 """What depends on the inside of JAX and XLA, each behind a function with a plain fallback.
 
-`DROPPER_BACKEND=plain` runs everything by the fallbacks: `jax.jit` and `jax.vmap` with the compiler's own options,
-without programs on disk.
+`DROPPER_BACKEND=plain` runs everything by the fallbacks: `jax.jit` with the compiler's own options, without programs on
+disk.
 """
 
 import os

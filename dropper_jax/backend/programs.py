@@ -171,8 +171,6 @@ def compile_program(
 
 
 def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool) -> jax.stages.Compiled:
-    if is_plain() or jax.default_backend() != "cpu":
-        return jax.jit(one).lower(*values).compile()
     lowered, is_kernel = lower_kernel(one, values, LARGEST_KERNEL) if kernel else (None, False)
     if is_kernel:
         # not if it has an operation that this version's compiler does not compile inline
@@ -180,9 +178,17 @@ def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool)
             return lowered.compile(KERNEL_OPTIONS)
     if lowered is None or is_kernel:
         lowered = jax.jit(one).lower(*values)
+    return compile_lowered(lowered, OPTIONS)
+
+
+def compile_lowered(lowered: jax.stages.Lowered, options: Mapping[str, str | bool | int]) -> jax.stages.Compiled:
+    """A lowered program compiled with options of the CPU's compiler, without them elsewhere or where it has no such
+    options."""
+    if is_plain() or jax.default_backend() != "cpu":
+        return lowered.compile()
     try:
-        return lowered.compile(OPTIONS)
-    except jax.errors.JaxRuntimeError:  # a compiler without these options
+        return lowered.compile(dict(options))
+    except jax.errors.JaxRuntimeError:
         return lowered.compile()
 
 

@@ -64,8 +64,8 @@ def inverse_rows(node: jax.Array) -> tuple[Components, Components, Components]:
 def store_once(x: Tree) -> Tree:
     """The arrays of `x`, read by many operations: XLA would compute them again for every reader.
 
-    Batches on the CPU (`lanes`) compute them once: half of the operations of a step of the lab dropper, and 1.14
-    (`rattle`) to 1.28 times as fast. Other programs are not changed.
+    Members of a batch that advance side by side on the CPU compute them once: half of the operations of a step of the
+    lab dropper, and 1.14 (`rattle`) to 1.28 times as fast. Other programs are not changed.
     """
     return jax.lax.optimization_barrier(x) if jax.default_backend() == "cpu" else x
 

@@ -116,9 +116,8 @@ STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 class Runner:
     """Runs of one site with one step; shared results of cases are computed once.
 
-    Cases share one compiled program, and each run is separate. In a batch (`dropper_jax.lanes`), a step of such a
-    system costs more: dropper-farm-2 in a storm needs 2.7 ms instead of 1.2 to 2.2. The reason is that the fallback
-    solvers for steps that do not converge then run in every step.
+    Cases share one compiled program, and each run is separate. Side by side, a step of such a system costs more
+    (dropper-farm-2 in a storm: 2.7 ms instead of 1.2 to 2.2): all runs wait for the one that needs most corrections.
     """
 
     def __init__(self, site: Site, dt: float | None = None) -> None:

@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             local_picture(found, picture(target, "tornado"))
     verdict = sensitivity.check_step(problem, box, say)
-    warnings = [*problem.fallbacks.warnings(), *found.warnings, *verdict.warnings]
+    warnings = [*found.warnings, *verdict.warnings]
     print_warnings(warnings)
     failure = verdict.failure
     if not found.finite:

@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     except SweepStopped as error:
         return print_result(args.json, {}, failure=("interrupted", str(error)))
     fitted = _fit(args, scene, scores) if args.fit else None
-    warnings = [*result.fallbacks.warnings(), *(scores.warnings if scores else []), *result.verdict.warnings]
+    warnings = [*(scores.warnings if scores else []), *result.verdict.warnings]
     print_warnings(warnings)
     failed = sum(count for status, count in result.counts.items() if status not in ("ok", "pending"))
     found = {
@@ -150,7 +150,6 @@ def run(args: argparse.Namespace) -> int:
         "compile_s": result.compile_s,
         "run_s": result.run_s,
         "steps_per_s": result.steps_per_s,
-        "vmapped": sorted(result.fallbacks.operations),
         "warnings": warnings,
     }
     if scores:
@@ -259,8 +258,6 @@ def text(found: dict[str, Any], results: str = "") -> str:
         ("wall time", f"{found['compile_s']:.2f} s compilation, {found['run_s']:.2f} s run and saving"),
         ("speed", f"{found['steps_per_s']:.0f} steps per second"),
     ]
-    if found["vmapped"]:
-        pairs.append(("by jax.vmap", f"{', '.join(found['vmapped'])}: two transposes of the cases' axis, same results"))
     scores = _score_table(found["trace"]) if "trace" in found else ""
     return "\n\n".join(part for part in (listing(pairs), results, scores, f"{found['status']}: {found['out']}") if part)
 

@@ -11,6 +11,7 @@ import ctypes
 import functools
 import gc
 import inspect
+import os
 import sys
 import threading
 from collections import OrderedDict
@@ -175,7 +176,7 @@ def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool)
     if is_kernel:
         # not if it has an operation that this version's compiler does not compile inline
         with suppress(jax.errors.JaxRuntimeError):
-            return lowered.compile(KERNEL_OPTIONS)
+            return lowered.compile(dict(KERNEL_OPTIONS))
     if lowered is None or is_kernel:
         lowered = jax.jit(one).lower(*values)
     return compile_lowered(lowered, OPTIONS)
@@ -183,11 +184,12 @@ def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool)
 
 def compile_lowered(lowered: jax.stages.Lowered, options: Mapping[str, str | bool | int]) -> jax.stages.Compiled:
     """A lowered program compiled with options of the CPU's compiler, without them elsewhere or where it has no such
-    options."""
+    options. Those that `XLA_FLAGS` sets are the user's."""
     if is_plain() or jax.default_backend() != "cpu":
         return lowered.compile()
+    flags = os.environ.get("XLA_FLAGS", "")
     try:
-        return lowered.compile(dict(options))
+        return lowered.compile({name: value for name, value in options.items() if f"--{name}=" not in flags})
     except jax.errors.JaxRuntimeError:
         return lowered.compile()
 

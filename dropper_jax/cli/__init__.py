@@ -17,10 +17,8 @@ from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, v
 from typing import NoReturn, Protocol
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.renamed import new_option
 from dropper_jax.cli.faults import (
     close_stdout,
-    old_names_in_one_line,
     report_error,
     terminated_as_interrupted,
     with_streams,
@@ -115,7 +113,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     """
     # every option in front of the command ends the program, so the first other word is the command
     asked = next((word for word in argv if not word.startswith("-")), None)
-    argv = [new_option(asked, word) for word in argv]
     listed = asked is None and (not argv or any(word in HELP for word in argv))
     about = "Simulate mussel droppers, pendulums and strings.\ndropper COMMAND --help: its options and two examples."
     plain = argparse.RawDescriptionHelpFormatter
@@ -176,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv[1:] if argv is None else argv)
     with_streams()
     prepare()
-    with terminated_as_interrupted(), old_names_in_one_line():
+    with terminated_as_interrupted():
         try:
             args = parse(argv)
             code = args.run(args)

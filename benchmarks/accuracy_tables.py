@@ -3,7 +3,6 @@
 from study import Found, Rows, columns, kilo, kilo_range, markdown, percent, table_of
 
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
-PEERS = ("moordyn rk2", "moordyn default")
 
 
 def _baseline(row: Found, name: str) -> str:
@@ -27,25 +26,6 @@ def stability(found: Found) -> Rows:
         ("holds", lambda r: "yes" if r["ok"] else "**no**"),
         *((name, _baseline, name) for name in BASELINES),
     )
-
-
-@table_of("stability")
-def stability_peers(found: Found) -> Rows:
-    """The cases that MoorDyn was given as well."""
-    return columns(
-        (row for row in found["cases"] if row.get("peers")),
-        ("case", "{name}"),
-        ("here", "{measured:.0e} {unit}"),
-        ("limit", "{limit:.0e}"),
-        *((label, _peer, label) for label in PEERS),
-    )
-
-
-def _peer(row: Found, label: str) -> str:
-    found = row["peers"][label]
-    if found["status"] != "ok":
-        return f"{found['status']} at {found['failed_at_s']:.3g} s"
-    return f"{'holds' if found['holds'] else 'wrong'}, {found['measured']:.0e}"
 
 
 @table_of("stability")

@@ -13,13 +13,13 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from moordyn_point import quiet
 from study import Found, collect, command, versions
 
 from dropper_jax import Scene, SceneError, equilibrium, load_scene, scene_names, write_moordyn
 from dropper_jax.moordyn.writing.differences import moved_points
 from dropper_jax.scene.data import point_nodes
 from dropper_jax.statics.search import Equilibrium
-from dropper_jax.study.peers.moordyn_run import quiet
 
 #: Time that MoorDyn runs [s], and the speed [m/s] below which its nodes count as at rest.
 SPAN, AT_REST = 120.0, 1e-3

@@ -21,6 +21,7 @@ PARTS = (
     "farm_search",
     "fit_tables",
     "frequency_domain",
+    "moordyn_hard_cases",
     "moordyn_tables",
     "paper_tables",
 )

@@ -7,8 +7,6 @@ import json
 import pytest
 
 from dropper_jax.cli import main
-from dropper_jax.cli.stability import text
-from dropper_jax.study import stability
 from dropper_jax.study.stability import all_cases, evaluate
 
 CASES = {case.name: case for case in all_cases()}
@@ -68,21 +66,3 @@ def test_an_unknown_case_is_refused_in_one_line(capsys) -> None:
     error = capsys.readouterr().err
     assert "did you mean 'taut-plucked'" in error
     assert error.count("\n") == 1
-
-
-def test_moordyn_stands_beside_a_case_that_can_be_written_for_it() -> None:
-    pytest.importorskip("moordyn")
-    row = evaluate(CASES["bed-impact-depth"])
-    assert set(row["peers"]) == {"moordyn rk2", "moordyn default"}
-    assert all(found["holds"] for found in row["peers"].values())
-    assert "holds, 1e-03" in text([row])
-    unstable = evaluate(CASES["stiffness-ratio"])["peers"]["moordyn rk2"]
-    assert unstable["status"] == "unstable"
-    assert unstable["failed_at_s"] < 1.0
-
-
-def test_without_moordyn_there_is_no_column_of_it(monkeypatch) -> None:
-    monkeypatch.setattr(stability, "moordyn_there", lambda: False)
-    row = evaluate(CASES["bed-impact-depth"])
-    assert "peers" not in row
-    assert "moordyn" not in text([row])

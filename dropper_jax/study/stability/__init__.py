@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from dropper_jax.study.peers.moordyn_run import moordyn_there
 from dropper_jax.study.stability import (
     breaking_cases,
     contact_cases,
@@ -17,7 +16,7 @@ from dropper_jax.study.stability import (
     rope_cases,
     sea_cases,
 )
-from dropper_jax.study.stability.case import Case, Outcome, baselines, peers
+from dropper_jax.study.stability.case import Case, Outcome, baselines
 
 PARTS = (
     energy_cases,
@@ -32,14 +31,11 @@ def all_cases() -> list[Case]:
 
 
 def evaluate(case: Case, short: bool = False, compare: bool = True) -> dict[str, Any]:
-    """The row of a case: {name, claim, measured, limit, unit, ok, status, baseline_thesis}.
-
-    Where the package `moordyn` is installed (extra `peers`) there is `peers` as well, None for what it is not given.
-    """
+    """The row of a case: {name, claim, measured, limit, unit, ok, status, baseline_thesis}."""
     found = case.measure(short)
     ok = found.status == case.expected and found.measured <= case.limit
     baseline = baselines(*found.compare) if compare and found.compare else None
-    row = {
+    return {
         "name": case.name,
         "claim": case.claim,
         "measured": found.measured,
@@ -49,9 +45,6 @@ def evaluate(case: Case, short: bool = False, compare: bool = True) -> dict[str,
         "status": found.status,
         "baseline_thesis": baseline,
     }
-    if moordyn_there():
-        row["peers"] = peers(found.watched, case.limit) if compare and found.watched else None
-    return row
 
 
 __all__ = ["Case", "Outcome", "all_cases", "evaluate"]

@@ -17,7 +17,6 @@ from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.study.march import Marched, Scheme, grid_run, link_vectors, status_of
-from dropper_jax.study.peers import moordyn_run
 from dropper_jax.study.work_precision import energy_loss
 
 
@@ -196,16 +195,3 @@ def distance_from(
         return float(np.max(np.linalg.norm(found - wanted.reshape(found.shape), axis=1))) / size
 
     return measure
-
-
-def peers(watched: Watched, limit: float) -> dict[str, Any]:
-    """MoorDyn on a case by scheme: {status, measured, holds}, with `failed_at_s` if the run did not complete."""
-    return {label: _peer(watched, limit, scheme) for label, scheme in moordyn_run.SCHEMES.items()}
-
-
-def _peer(watched: Watched, limit: float, scheme: str | None) -> dict[str, Any]:
-    run = moordyn_run.run_point(watched.scene, watched.point, watched.dt, watched.duration, scheme, watched.drive)
-    if not run.ok:
-        return {"status": "unstable", "failed_at_s": float(watched.dt * len(run.t)), "holds": False}
-    measured = float(watched.measure(run.t, run.positions))
-    return {"status": "ok", "measured": measured, "holds": measured <= limit}

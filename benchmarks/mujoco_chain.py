@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from peer_row import peer_row, time_runs
 
 from dropper_jax.model import Model, State
 from dropper_jax.study.march import link_vectors
 from dropper_jax.study.reference import Reference
-from dropper_jax.study.work_precision import peer_row, time_runs
 
 NAME = "mujoco"
 INTEGRATORS = ("RK4", "implicitfast", "Euler")

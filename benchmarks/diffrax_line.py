@@ -25,12 +25,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.lax.linalg import tridiagonal_solve
+from peer_row import peer_row, time_runs
 
 from dropper_jax.integrators.projected import moving
 from dropper_jax.model import Model, State
 from dropper_jax.study.march import link_vectors
 from dropper_jax.study.reference import Reference
-from dropper_jax.study.work_precision import peer_row, time_runs
 
 NAME = "diffrax"
 SOLVERS = ("Tsit5", "Dopri5", "Dopri8", "Kvaerno5")

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
-from importlib.util import find_spec
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import moordyn_process
 import numpy as np
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.moordyn.writing.writer import write_moordyn
-from dropper_jax.study.peers import moordyn_process
 
 #: MoorDyn's time integrators that are compared, by label; the last is what a file gets that names neither scheme nor
 #: step: the step then follows from the natural frequencies of the lines.
@@ -29,11 +30,6 @@ class Path3(NamedTuple):
     t: np.ndarray
     positions: np.ndarray
     ok: bool
-
-
-def moordyn_there() -> bool:
-    """Whether the package `moordyn` is installed (extra `peers`)."""
-    return find_spec("moordyn") is not None
 
 
 def run_point(scene: Scene, point: str, dt: float, duration: float, scheme: str | None, drive: Drive | None) -> Path3:
@@ -88,3 +84,19 @@ def _position_source(scene: Scene, point: str) -> tuple[int, int, int]:
         return [p.name for p in scene.points if p.name not in buoys].index(point) + 1, 0, 0
     i, line = next((i, line) for i, line in enumerate(scene.lines) if point in (line.start, line.end))
     return 0, i + 1, int(line.start != point)
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Suppress the output of a library on the standard streams."""
+    sys.stdout.flush()
+    kept = [os.dup(stream) for stream in (1, 2)]
+    with open(os.devnull, "w") as nothing:
+        for stream in (1, 2):
+            os.dup2(nothing.fileno(), stream)
+        try:
+            yield
+        finally:
+            for stream, saved in zip((1, 2), kept, strict=True):
+                os.dup2(saved, stream)
+                os.close(saved)

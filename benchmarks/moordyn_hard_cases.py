@@ -5,33 +5,45 @@
 Needs the extra `moordyn`; takes about five minutes. Writes results/moordyn_hard_cases.json.
 """
 
+from collections.abc import Callable, Iterator
+
+import jax.numpy as jnp
+import numpy as np
 from moordyn_point import SCHEMES, run_point
 from study import Found, Rows, collect, columns, command, table_of
 
-from dropper_jax.study.stability import all_cases
+from dropper_jax import Scene, build_model
+from dropper_jax.study.stability import Case, all_cases, evaluate
+from dropper_jax.study.stability.case import scene_of
+from dropper_jax.study.stability.measures import OF_PATHS
+
+#: What decks do not have: stream function, coefficients that follow the flow, a tide that turns, links without nodes.
+NOT_IN_DECKS = ("steep-wave-float", "flow-coefficients", "turning-tide", "pendulum-in-waves")
 
 
-def compare(names: list[str]) -> list[Found]:
+def compare(names: list[str]) -> Iterator[Found]:
     """A row of each case that MoorDyn can be given: what is measured here and there."""
-    rows = []
     for case in all_cases():
-        if names and case.name not in names:
-            continue
-        found = case.measure(False)
-        if found.watched is not None:
-            theirs = {label: measured(found.watched, case.limit, scheme) for label, scheme in SCHEMES.items()}
-            head = {"name": case.name, "measured": found.measured, "unit": case.unit, "limit": case.limit}
-            rows.append({**head, "moordyn": theirs})
-    return rows
+        if case.measure in OF_PATHS and case.name not in NOT_IN_DECKS and (not names or case.name in names):
+            here = evaluate(case, compare=False)
+            theirs = {label: measured(case, scheme) for label, scheme in SCHEMES.items()}
+            yield {**{key: here[key] for key in ("name", "measured", "unit", "limit")}, "moordyn": theirs}
 
 
-def measured(watched, limit: float, scheme: str | None) -> Found:
+def measured(case: Case, scheme: str | None) -> Found:
     """MoorDyn on a case: {status, measured, holds}, with `failed_at_s` if the run did not complete."""
-    run = run_point(watched.scene, watched.point, watched.dt, watched.duration, scheme, watched.drive)
+    scene = scene_of(case.scene)
+    run = run_point(scene, case.point, case.dt, case.duration, scheme, displacement(scene))
     if not run.ok:
-        return {"status": "unstable", "failed_at_s": float(watched.dt * len(run.t)), "holds": False}
-    value = float(watched.measure(run.t, run.positions))
-    return {"status": "ok", "measured": value, "holds": value <= limit}
+        return {"status": "unstable", "failed_at_s": float(case.dt * len(run.t)), "holds": False}
+    value = float(OF_PATHS[case.measure](case, run.t, run.positions))
+    return {"status": "ok", "measured": value, "holds": value <= case.limit}
+
+
+def displacement(scene: Scene) -> Callable[[float], np.ndarray] | None:
+    """Displacement (3,) [m] over time of the points that `end_motion` moves."""
+    moving = [effect for effect in build_model(scene).effects if effect.name == "end_motion"]
+    return (lambda t: np.asarray(moving[0].displace(jnp.asarray(t)))) if moving else None
 
 
 @table_of("moordyn_hard_cases")

@@ -72,7 +72,7 @@ APART = ("fitting", "effects", "stepping", "integrators", "docs")
 #: Every command and piece of Python of the pages.
 PAGES = "tests/docs/test_everything_runs.py"
 #: The catalogue in short, which `hard cases` runs in full.
-SHORT_CASES = "tests/study/test_stability.py::test_hard_case_keeps_its_claim"
+SHORT_CASES = "tests/hard_cases/test_hard_cases.py::test_hard_case_keeps_its_claim"
 #: Longest first.
 PARTS = (
     marked("fitting", "tests/fitting"),

@@ -9,11 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from rope_cases import slack_rope
 
 from dropper_jax import SceneError, load_scene
 from dropper_jax.cli import main
 from dropper_jax.run.quantities import STATISTICS, quantity
-from dropper_jax.study.stability.rope_cases import slack_rope
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import global_indices, local, ranges, study, windows

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
+from catalogue import FILE, catalogue
 
 from dropper_jax.cli import main
 from dropper_jax.study.stability import all_cases, evaluate
@@ -39,6 +41,45 @@ def test_hard_case_keeps_its_claim(name: str) -> None:
     row = evaluate(CASES[name], short=True, compare=False)
     assert row["status"] == CASES[name].expected
     assert row["measured"] <= row["limit"], row["claim"]
+
+
+@pytest.fixture(scope="module")
+def made() -> dict:
+    return catalogue()
+
+
+@pytest.fixture(scope="module")
+def packaged() -> dict:
+    return json.loads(FILE.read_text(encoding="utf-8"))
+
+
+def test_the_packaged_list_has_74_cases_each_by_one_name(packaged) -> None:
+    assert len(packaged["cases"]) == len(CASES) == 74
+
+
+@pytest.mark.parametrize("part", ["scenes", "cases"])
+def test_the_packaged_list_is_made_of_scenes_closed_forms_and_scipy(made, packaged, part) -> None:
+    assert_same(made[part], packaged[part], part)
+
+
+def assert_same(made, packaged, where: str) -> None:
+    """Words and whole structures are equal, numbers to far below the limits of the cases."""
+    if isinstance(packaged, dict):
+        assert made.keys() == packaged.keys(), where
+        for key, value in packaged.items():
+            assert_same(made[key], value, f"{where}.{key}")
+    elif isinstance(packaged, list) and not _is_numbers(packaged):
+        assert len(made) == len(packaged), where
+        for i, value in enumerate(packaged):
+            assert_same(made[i], value, f"{where}.{i}")
+    elif isinstance(packaged, float | list):
+        np.testing.assert_allclose(made, packaged, rtol=1e-6, atol=1e-7, err_msg=where)
+    else:
+        assert made == packaged, where
+
+
+def _is_numbers(values: list) -> bool:
+    return all(isinstance(value, float | int) for value in values)
 
 
 @pytest.mark.check

@@ -7,15 +7,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from hard_scenes import G, weight_on_thread
+from rows import exact, path, steps
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from dropper_jax.base.constants import SEA_WATER
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.simulate import simulate
 from dropper_jax.sea.stream_function import stream_function
-from dropper_jax.study.stability.case import Case, Outcome, Watched, distance_from, watch
-from dropper_jax.study.stability.scenes import G, weight_on_thread
 
 RHO = SEA_WATER
 
@@ -47,9 +46,9 @@ def _ball_by_scipy(t: np.ndarray) -> np.ndarray:
     return solve_ivp(fall, (0.0, t[-1]), [DROP, 0.0], t_eval=t, rtol=1e-10, atol=1e-10, max_step=0.01).y[0]
 
 
-def _crossing(short: bool) -> Watched:
-    scene = weight_on_thread("dry-wet", BALL, [0.0, 0.0, DROP], {}, sea={"depth": 30.0, "density": RHO})
-    return Watched(scene, 0.01, 4.0 if short else 10.0, "weight", distance_from(_ball_by_scipy, DROP))
+def dropped_ball() -> Scene:
+    """A ball released above the water."""
+    return weight_on_thread("dry-wet", BALL, [0.0, 0.0, DROP], {}, sea={"depth": 30.0, "density": RHO})
 
 
 #: A spar: mass [kg], diameter, height [m] and drag coefficient of its base; how high its base starts [m].
@@ -73,11 +72,6 @@ def _spar_by_scipy(t: np.ndarray) -> np.ndarray:
         return [y[1], -G + (RHO * G * area * wet - drag) / SPAR["mass"]]
 
     return solve_ivp(fall, (0.0, t[-1]), [ABOVE, 0.0], t_eval=t, rtol=1e-9, atol=1e-9, max_step=0.01).y[0]
-
-
-def _under(short: bool) -> Watched:
-    measure = distance_from(_spar_by_scipy, ABOVE + SPAR["height"])
-    return Watched(dropped_spar(), 0.01, 4.0 if short else 10.0, "weight", measure)
 
 
 #: Waves at a share of the height at which they break: depth [m], period [s].
@@ -134,17 +128,14 @@ def _drifter_by_scipy(
     return path
 
 
-def _drifts(body: dict[str, float], height: float, duration: float) -> Callable[[bool], Watched]:
-    amplitude = _amplitude()
-    path = _drifter_by_scipy(body, lambda x, z, t: _airy(x, z, t, amplitude))
+def floating(name: str, sea: dict[str, Any]) -> Scene:
+    """A float released at the surface."""
+    return weight_on_thread(name, DRIFTER, [0.0, 0.0, 0.0], {}, sea=sea)
 
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        miss = positions[:, [0, 2]] - path(t, positions[0, [0, 2]])
-        return float(np.max(np.linalg.norm(miss, axis=1))) / amplitude
 
-    sea = _regular_sea(_amplitude())
-    scene = weight_on_thread("near-breaking", body, [0.0, 0.0, height], {}, sea=sea)
-    return lambda short: Watched(scene, 0.01, duration, "weight", measure)
+def _drifted(field: Callable[[float, float, float], tuple[Any, np.ndarray, np.ndarray]]) -> dict[str, list]:
+    path = _drifter_by_scipy(DRIFTER, field)
+    return exact(steps(0.01, 12.0), lambda t: path(t, np.zeros(2)))
 
 
 #: Height [m] of a wave by the stream function: 0.9 of the highest of its length, 5.93 m.
@@ -169,14 +160,9 @@ def _steep_field() -> Callable[[float, float, float], tuple[Any, np.ndarray, np.
     return field
 
 
-def _steep(short: bool) -> Outcome:
+def steep_sea() -> dict[str, Any]:
     waves = {"kind": "regular", "theory": "stream", "height": HIGH, "period": PERIOD}
-    sea = {"depth": DEPTH, "density": RHO, "waves": waves}
-    scene = weight_on_thread("steep-wave", DRIFTER, [0.0, 0.0, 0.0], {}, sea=sea)
-    run = simulate(scene, dt=0.01, duration=4.0 if short else 12.0)
-    positions = run.point_path("weight")[:, [0, 2]]
-    miss = positions - _drifter_by_scipy(DRIFTER, _steep_field())(run.t, positions[0])
-    return Outcome(float(np.max(np.linalg.norm(miss, axis=1))) / HIGH, run.status)
+    return {"depth": DEPTH, "density": RHO, "waves": waves}
 
 
 #: A pendulum through the surface: its link (length, diameter [m], mass [kg]), its point's height [m], coefficients of
@@ -226,12 +212,6 @@ def _pendulum_by_scipy(t: np.ndarray) -> np.ndarray:
         return [y[1], force / (BOB + ADDED * RHO * volume * wet) / ROD]
 
     return solve_ivp(swing, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-10, max_step=0.01).y[0]
-
-
-def _swings(short: bool) -> Outcome:
-    run = simulate(pendulum(), duration=5.0 if short else 20.0)
-    d = run.positions[:, 1] - run.positions[:, 0]
-    return Outcome(float(np.max(np.abs(np.arctan2(d[:, 0], -d[:, 2]) - _pendulum_by_scipy(run.t)))), run.status)
 
 
 #: Floats in a row, tied to one another and to an anchor at either end: their number, distance [m], stiffness [N] and
@@ -295,27 +275,93 @@ def _row_by_scipy(t: np.ndarray) -> np.ndarray:
     return found.y[: 2 * FLOATS].T.reshape(-1, FLOATS, 2)
 
 
-def _row(short: bool) -> Watched:
-    watched = FLOATS // 2
+def cases() -> list[dict[str, Any]]:
+    """Rows of the list."""
+    middle = FLOATS // 2
+    near_breaking = _amplitude()
 
-    def exact(t: np.ndarray) -> np.ndarray:
-        return _row_by_scipy(t)[:, watched - 1]
-
-    measure = distance_from(exact, RIDDEN)
-    return Watched(row_of_floats(), 0.02, 1.0 if short else 4.0, f"float-{watched}", measure)
-
-
-CASES = [
-    watch("dry-wet-crossing", "a ball falls 2 m into the water, pops out and bobs, 10 s at dt 0.01 s: distance from "
-          "SciPy over the fall", 0.01, "relative", _crossing),
-    watch("buoy-under", "a spar falls into the water, goes under and comes out again, 10 s at dt 0.01 s: distance "
-          "from SciPy over its way", 0.01, "relative", _under),
-    Case("pendulum-in-waves", "a pendulum through the surface that waves drench and leave dry, 20 s at dt 0.01 s: "
-         "distance from SciPy", 0.01, "rad", _swings),
-    watch("near-breaking-float", "a float in waves of 0.95 of the breaking height, 12 s at dt 0.01 s: distance from "
-          "SciPy over the amplitude", 0.01, "relative", _drifts(DRIFTER, 0.0, 12.0)),
-    Case("steep-wave-float", "a float in a wave by the stream function, 0.9 of the highest, 12 s at dt 0.01 s: "
-         "distance from SciPy over the height", 0.01, "relative", _steep),
-    watch("many-floats", "24 floats tied in a row ride a wave of 0.6 m, 4 s at dt 0.02 s: distance of one in the "
-          "middle from SciPy over the amplitude", 0.01, "relative", _row),
-]  # fmt: skip
+    return [
+        path(
+            "dry-wet-crossing",
+            "a ball falls 2 m into the water, pops out and bobs, 10 s at dt 0.01 s: distance from SciPy over the fall",
+            0.01,
+            "relative",
+            "distance",
+            dropped_ball(),
+            0.01,
+            10.0,
+            4.0,
+            exact=exact(steps(0.01, 10.0), _ball_by_scipy),
+            size=DROP,
+        ),
+        path(
+            "buoy-under",
+            "a spar falls into the water, goes under and comes out again, 10 s at dt 0.01 s: distance "
+            "from SciPy over its way",
+            0.01,
+            "relative",
+            "distance",
+            dropped_spar(),
+            0.01,
+            10.0,
+            4.0,
+            exact=exact(steps(0.01, 10.0), _spar_by_scipy),
+            size=ABOVE + SPAR["height"],
+        ),
+        path(
+            "pendulum-in-waves",
+            "a pendulum through the surface that waves drench and leave dry, 20 s at dt 0.01 s: distance from SciPy",
+            0.01,
+            "rad",
+            "angle",
+            pendulum(),
+            0.01,
+            20.0,
+            5.0,
+            point="bob",
+            level=UP,
+            exact=exact(steps(0.01, 20.0), _pendulum_by_scipy),
+        ),
+        path(
+            "near-breaking-float",
+            "a float in waves of 0.95 of the breaking height, 12 s at dt 0.01 s: distance from "
+            "SciPy over the amplitude",
+            0.01,
+            "relative",
+            "distance",
+            floating("near-breaking", _regular_sea(near_breaking)),
+            0.01,
+            12.0,
+            exact=_drifted(lambda x, z, t: _airy(x, z, t, near_breaking)),
+            size=near_breaking,
+        ),
+        path(
+            "steep-wave-float",
+            "a float in a wave by the stream function, 0.9 of the highest, 12 s at dt 0.01 s: "
+            "distance from SciPy over the height",
+            0.01,
+            "relative",
+            "distance",
+            floating("steep-wave", steep_sea()),
+            0.01,
+            12.0,
+            4.0,
+            exact=_drifted(_steep_field()),
+            size=HIGH,
+        ),
+        path(
+            "many-floats",
+            "24 floats tied in a row ride a wave of 0.6 m, 4 s at dt 0.02 s: distance of one in the "
+            "middle from SciPy over the amplitude",
+            0.01,
+            "relative",
+            "distance",
+            row_of_floats(),
+            0.02,
+            4.0,
+            1.0,
+            point=f"float-{middle}",
+            exact=exact(steps(0.02, 4.0), lambda t: _row_by_scipy(t)[:, middle - 1]),
+            size=RIDDEN,
+        ),
+    ]

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from energy_cases import ROUNDING
+from hard_scenes import G
+from rows import exact, path, row, steps
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from sea_cases import RHO
 
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.simulate import simulate
-from dropper_jax.run.wakes import scene_wakes
-from dropper_jax.study.stability.case import Case, Outcome, Watched, relative_drift, watch
-from dropper_jax.study.stability.energy_cases import ROUNDING
-from dropper_jax.study.stability.scenes import G
-from dropper_jax.study.stability.sea_cases import RHO
 
 #: A light rope with a weight in a current [m/s]; rope: length, diameter [m], drag coefficient.
 CURRENT, ROPE, WIDE, DRAG, HEAVY = 5.0, 10.0, 0.05, 1.2, 50.0
@@ -41,16 +38,15 @@ def streaming() -> Scene:
     )
 
 
-def _streams(short: bool) -> Watched:
-    return Watched(streaming(), 0.1, 60.0, "weight", _last_angle(DRAG))
+#: Where the link is tied [m].
+TIED = -5.0
 
 
-def _last_angle(drag: float) -> Callable[[np.ndarray, np.ndarray], float]:
-    """Error of the angle [rad] at the end: half of the link's drag `c cos^2 a` across it carries the weight `m g sin
-    a`."""
+def _last_angle(drag: float) -> dict[str, list]:
+    """The angle [rad] at the end: half of the link's drag `c cos^2 a` across it carries the weight `m g sin a`."""
     force = 0.25 * RHO * drag * WIDE * ROPE * CURRENT**2
     sine = brentq(lambda s: force * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
-    return lambda t, positions: abs(float(np.arctan2(positions[-1, 0], -positions[-1, 2] - 5.0) - np.arcsin(sine)))
+    return exact(np.array([60.0]), np.arcsin([sine]))
 
 
 def beside_a_rope(name: str, body: dict[str, Any], **more: Any) -> Scene:
@@ -92,21 +88,6 @@ def dropped_spar() -> Scene:
     return beside_a_rope("dropped-spar", body, sea={"depth": 50.0}, effects={"weight": {}})
 
 
-def _energy(make: Any, dt: float, span: float, brief: float) -> Any:
-    def measure(short: bool) -> Outcome:
-        return relative_drift(simulate(make(), dt=dt, duration=brief if short else span))
-
-    return measure
-
-
-BODY_CASES = [
-    Case("tumbling-body", "a rigid body turns over and over about its middle axis, 60 s at dt 0.01 s, drift of the "
-         "energy balance", ROUNDING, "of the scale", _energy(tumbling, 0.01, 60.0, 4.0)),
-    Case("dropped-spar", "a ballasted spar falls lying into the water, goes under and rights itself, 30 s at dt "
-         "0.01 s, drift of the energy balance", 1e-4, "of the scale", _energy(dropped_spar, 0.01, 30.0, 3.0)),
-]  # fmt: skip
-
-
 #: Drag coefficient of cylinders with marine growth in a current (API RP 2A-WSD), and a roughness [m].
 ROUGH, HEIGHT = 1.05, 0.002
 #: Peak [m/s] and period [s] of a tide that turns.
@@ -122,11 +103,6 @@ def rough() -> Scene:
     return load_scene({**table, "name": "flow-coefficients"})
 
 
-def _rough(short: bool) -> Outcome:
-    ran = simulate(rough(), dt=0.1, duration=60.0)
-    return Outcome(_last_angle(ROUGH)(ran.t, ran.point_path("weight")), ran.status)
-
-
 def turning() -> Scene:
     """The same link in a tide that turns round every 20 s, 3000 times as fast as a real one."""
     table = streaming().to_dict()
@@ -134,7 +110,7 @@ def turning() -> Scene:
     return load_scene({**table, "name": "turning-tide"})
 
 
-def _turns(short: bool) -> Outcome:
+def _turned(t: np.ndarray) -> np.ndarray:
     """`(m + m_l/2) L a'' = -m g sin a + rho/4 C D L |w| w`, `w = U cos a - L a'`; the link weighs nothing in water."""
     moving = HEAVY + 0.5 * RHO * 0.25 * np.pi * WIDE**2 * ROPE
 
@@ -143,11 +119,7 @@ def _turns(short: bool) -> Outcome:
         force = -HEAVY * G * np.sin(y[0]) + 0.25 * RHO * DRAG * WIDE * ROPE * abs(w) * w
         return [y[1], force / (moving * ROPE)]
 
-    ran = simulate(turning(), dt=0.02, duration=10.0 if short else 2 * CYCLE)
-    positions = ran.point_path("weight")
-    angle = np.arctan2(positions[:, 0], -(positions[:, 2] + 5.0))
-    exact = solve_ivp(swing, (0.0, ran.t[-1]), [angle[0], 0.0], t_eval=ran.t, rtol=1e-9, atol=1e-9, max_step=0.05).y[0]
-    return Outcome(float(np.max(np.abs(angle - exact))), ran.status)
+    return solve_ivp(swing, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-9, max_step=0.05).y[0]
 
 
 def row_of_droppers(count: int) -> Scene:
@@ -174,28 +146,84 @@ def row_of_droppers(count: int) -> Scene:
     )
 
 
-def _row(short: bool) -> Outcome:
-    """Momentum that the water has lost behind the row, by quadrature over a plane across it, against the row's drag."""
-    scene = row_of_droppers(3 if short else ROWS)
-    wakes = scene_wakes(scene).wakes
-    y = np.linspace(-40.0, 40.0, 8001)
-    nodes, weight = np.polynomial.legendre.leggauss(40)
-    deficit = wakes.plane(float(wakes.elements.x.max()) + 5.0).deficit(y, 0.5 * wakes.depth * (nodes - 1.0))
-    lost = float(np.sum((wakes.speed - deficit) * deficit @ (0.5 * wakes.depth * weight)) * (y[1] - y[0]))
-    ran = simulate(scene, duration=0.5 if short else 2.0)
-    slowed = bool(np.all(wakes.met > 0.0) and np.all(wakes.met <= wakes.speed))
-    return Outcome(abs(lost / float(np.sum(wakes.drag)) - 1.0) if slowed else np.inf, ran.status)
+def cases() -> list[dict[str, Any]]:
+    """Rows of the list."""
+    turns = exact(steps(0.02, 2 * CYCLE), _turned)
 
-
-FLOW_CASES = [
-    watch("strong-current", "a weight on one link in 5 m/s, dt 0.1 s: error of its angle after 60 s", 1e-4, "rad",
-          _streams),
-    Case("flow-coefficients", "a weight on one rough link in 5 m/s whose drag coefficient follows the flow, dt 0.1 s: "
-         "error of its angle after 60 s", 1e-4, "rad", _rough),
-    Case("turning-tide", "a weight on one link in a tide of 2 m/s that turns every 20 s, 80 s at dt 0.02 s: distance "
-         "of its angle from SciPy", 0.01, "rad", _turns),
-    Case("row-of-wakes", "40 droppers behind each other, each in the wakes of all before: momentum lost behind them "
-         "against their drag", 0.01, "relative", _row),
-]  # fmt: skip
-
-CASES = [*BODY_CASES, *FLOW_CASES]
+    return [
+        row(
+            "tumbling-body",
+            "a rigid body turns over and over about its middle axis, 60 s at dt 0.01 s, drift of the energy balance",
+            ROUNDING,
+            "of the scale",
+            "balance",
+            tumbling(),
+            0.01,
+            60.0,
+            4.0,
+        ),
+        row(
+            "dropped-spar",
+            "a ballasted spar falls lying into the water, goes under and rights itself, 30 s at dt "
+            "0.01 s, drift of the energy balance",
+            1e-4,
+            "of the scale",
+            "balance",
+            dropped_spar(),
+            0.01,
+            30.0,
+            3.0,
+        ),
+        path(
+            "strong-current",
+            "a weight on one link in 5 m/s, dt 0.1 s: error of its angle after 60 s",
+            1e-4,
+            "rad",
+            "angle",
+            streaming(),
+            0.1,
+            60.0,
+            level=TIED,
+            exact=_last_angle(DRAG),
+        ),
+        path(
+            "flow-coefficients",
+            "a weight on one rough link in 5 m/s whose drag coefficient follows the flow, dt 0.1 s: "
+            "error of its angle after 60 s",
+            1e-4,
+            "rad",
+            "angle",
+            rough(),
+            0.1,
+            60.0,
+            level=TIED,
+            exact=_last_angle(ROUGH),
+        ),
+        path(
+            "turning-tide",
+            "a weight on one link in a tide of 2 m/s that turns every 20 s, 80 s at dt 0.02 s: distance "
+            "of its angle from SciPy",
+            0.01,
+            "rad",
+            "angle",
+            turning(),
+            0.02,
+            2 * CYCLE,
+            10.0,
+            level=TIED,
+            exact=turns,
+        ),
+        row(
+            "row-of-wakes",
+            "40 droppers behind each other, each in the wakes of all before: momentum lost behind them "
+            "against their drag",
+            0.01,
+            "relative",
+            "wake",
+            row_of_droppers(ROWS),
+            0.05,
+            2.0,
+            0.5,
+            short_scene=row_of_droppers(3),
+        ),
+    ]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from energy_cases import ROUNDING
+from flow_cases import beside_a_rope
+from hard_scenes import G
+from rows import exact, row, steps
 from scipy.optimize import brentq
 
 from dropper_jax.base.constants import SEA_WATER
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.simulate import simulate
-from dropper_jax.study.stability.case import Case, Outcome, relative_drift
-from dropper_jax.study.stability.energy_cases import ROUNDING
-from dropper_jax.study.stability.flow_cases import beside_a_rope
-from dropper_jax.study.stability.scenes import G
 
 #: The rod: length [m], stiffness [N m^2], mass per length [kg/m], links; speed of its clamp from the start [m/s].
 LONG, STIFF, HEAVY, LINKS, SPEED = 2.0, 20.0, 1.0, 32, 0.05
@@ -51,21 +52,17 @@ def first_shape(s: np.ndarray) -> tuple[np.ndarray, float]:
     return phi, b**2 * np.sqrt(STIFF / (HEAVY * LONG**4))
 
 
-def _rod(short: bool) -> Outcome:
-    """Error of what the rod has of its first shape, of the largest.
+ENDS_HALF = np.ones(LINKS + 1)
+ENDS_HALF[[0, -1]] = 0.5
+PHI, OMEGA = first_shape(np.linspace(0.0, 1.0, LINKS + 1))
+#: What makes the share of the first shape of the nodes' heights, and that of a uniform motion.
+SHAPE = ENDS_HALF * PHI / (ENDS_HALF @ PHI**2)
+SHARE = np.sum(SHAPE)
 
-    Seen from the clamp all of the rod starts with -V: `a = -V c sin(omega t)/omega`, c = int phi/int phi^2.
-    """
-    ran = simulate(clamped_rod(), duration=0.8 if short else 3.2)
-    s = np.linspace(0.0, 1.0, LINKS + 1)
-    weight = np.ones(LINKS + 1)
-    weight[[0, -1]] = 0.5
-    phi, omega = first_shape(s)
-    across = ran.positions[:, :, 2] - SPEED * ran.t[:, None]
-    found = across @ (weight * phi) / (weight @ phi**2)
-    share = (weight @ phi) / (weight @ phi**2)
-    exact = -SPEED * share * np.sin(omega * ran.t) / omega
-    return Outcome(float(np.max(np.abs(found - exact)) * omega / (SPEED * share)), ran.status)
+
+def _share_of_shape(t: np.ndarray) -> np.ndarray:
+    """Seen from the clamp all of the rod starts with -V: `a = -V c sin(omega t)/omega`, c = int phi/int phi^2 [m]."""
+    return SPEED * SHARE * t - SPEED * SHARE * np.sin(OMEGA * t) / OMEGA
 
 
 #: A drum on the seabed: mass [kg], friction, speed [m/s], depth [m], stiffness of the seabed [Pa/m].
@@ -91,13 +88,6 @@ def sliding_drum() -> Scene:
     return beside_a_rope("sliding-drum", body, sea={"depth": DEPTH, "density": RHO}, effects=bed)
 
 
-def _drum(short: bool) -> Outcome:
-    """Error of the way `v^2/(2 mu g')`, with what it creeps afterwards."""
-    ran = simulate(sliding_drum(), dt=0.01, duration=3.0 if short else 20.0)
-    way = 0.5 * SLIDES**2 / (FRICTION * WEIGHT / MASS)
-    return Outcome(abs(float(ran.body_position[-1, 0, 0]) / way - 1.0), ran.status)
-
-
 def pinned_arm() -> Scene:
     """An arm with a pin at one end, released almost upright: it rotates continuously."""
     body = {
@@ -113,15 +103,49 @@ def pinned_arm() -> Scene:
     return beside_a_rope("pinned-arm", body, effects={"weight": {}})
 
 
-def _arm(short: bool) -> Outcome:
-    return relative_drift(simulate(pinned_arm(), dt=0.01, duration=4.0 if short else 60.0))
+def cases() -> list[dict[str, Any]]:
+    """Rows of the list."""
+    # Way of the drum, `v^2/(2 mu g')` [m].
+    way = 0.5 * SLIDES**2 / (FRICTION * WEIGHT / MASS)
+    swings = exact(steps(0.01, 3.2), _share_of_shape)
 
-
-CASES = [
-    Case("clamped-rod", "the clamp of a rod of 32 links moves off sideways at once, 3.2 s at dt 0.01 s (2 periods): "
-         "error of its first shape", 0.02, "of the largest", _rod),
-    Case("sliding-drum", "a drum slides on the bed at 2 m/s, stops and lies, 20 s at dt 0.01 s: error of its way",
-         0.01, "relative", _drum),
-    Case("pinned-arm", "an arm turns over and over about a pin, 60 s at dt 0.01 s: drift of the energy balance",
-         ROUNDING, "of the scale", _arm),
-]  # fmt: skip
+    return [
+        row(
+            "clamped-rod",
+            "the clamp of a rod of 32 links moves off sideways at once, 3.2 s at dt 0.01 s (2 periods): "
+            "error of its first shape",
+            0.02,
+            "of the largest",
+            "heights",
+            clamped_rod(),
+            0.01,
+            3.2,
+            0.8,
+            exact=swings,
+            weights=SHAPE.tolist(),
+            size=SPEED * SHARE / OMEGA,
+        ),
+        row(
+            "sliding-drum",
+            "a drum slides on the bed at 2 m/s, stops and lies, 20 s at dt 0.01 s: error of its way",
+            0.01,
+            "relative",
+            "way of body",
+            sliding_drum(),
+            0.01,
+            20.0,
+            3.0,
+            size=way,
+        ),
+        row(
+            "pinned-arm",
+            "an arm turns over and over about a pin, 60 s at dt 0.01 s: drift of the energy balance",
+            ROUNDING,
+            "of the scale",
+            "balance",
+            pinned_arm(),
+            0.01,
+            60.0,
+            4.0,
+        ),
+    ]

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from hard_scenes import G, weight_on_rope
+from rows import exact, path, row, steps
 from scipy.integrate import solve_ivp
 
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.run.simulate import Solution, simulate
-from dropper_jax.study.stability.case import Case, Outcome, Watched, distance_from, outcome, rise, watch
-from dropper_jax.study.stability.scenes import G, weight_on_rope
 
 MASS, LENGTH = 100.0, 2.0
+#: A fall [m] to 6 m/s into a rope with this period [s]: it is taut for 4 ms.
+SNAP_FALL, SNAP = 1.9, 0.008
 
 
 def falling(fall: float, period: float) -> Scene:
@@ -29,36 +28,9 @@ def _stretch(fall: float, period: float) -> float:
     return rest + np.sqrt(rest**2 + 2 * rest * fall)
 
 
-def _peak(fall: float, period: float) -> Callable[[np.ndarray, np.ndarray], float]:
-    return lambda t, positions: abs(float(-LENGTH - np.min(positions[:, 2])) / _stretch(fall, period) - 1.0)
-
-
-def _return(fall: float) -> Callable[[np.ndarray, np.ndarray], float]:
-    """What is missing of the height that the weight fell from, or beyond it, when it comes up the first time."""
-
-    def measure(t: np.ndarray, positions: np.ndarray) -> float:
-        z = positions[:, 2]
-        return abs(float(z[0] - np.max(z[np.argmin(z) :]))) / fall
-
-    return measure
-
-
-@cache
-def _snap_rope() -> Solution:
-    """A fall of 10 m/s into a rope that is taut for 4 ms, saved every 20 ms."""
-    return simulate(falling(1.9, 0.008), dt=0.02, duration=1.3, step_tolerance=0.05)
-
-
-def _snap_peak(short: bool) -> Outcome:
-    """Of the largest tension within the saved intervals, `m g + sqrt((m g)^2 + k m v^2)`."""
-    run = _snap_rope()
-    exact = MASS * (2 * np.pi / 0.008) ** 2 * _stretch(1.9, 0.008)
-    return Outcome(abs(float(np.max(run.tension_max)) / exact - 1.0), run.status)
-
-
-def _snap_return(short: bool) -> Outcome:
-    run = _snap_rope()
-    return outcome(run, Watched(run.scene, 0.02, 1.3, "weight", _return(1.9)))
+def _snap_tension() -> float:
+    """Largest tension `m g + sqrt((m g)^2 + k m v^2)` [N]."""
+    return MASS * (2 * np.pi / SNAP) ** 2 * _stretch(SNAP_FALL, SNAP)
 
 
 #: A rope of several links: the masses of its nodes [kg] and of the weight, stiffness of a link [N/m].
@@ -106,10 +78,6 @@ def _rope_by_scipy(t: np.ndarray) -> np.ndarray:
     return solve_ivp(fall, (0.0, t[-1]), start, t_eval=t, rtol=1e-9, atol=1e-10, max_step=2e-4).y[LINKS - 1]
 
 
-def _snapping_rope(short: bool) -> Watched:
-    return Watched(slack_rope(), 0.002, 0.3, "weight", distance_from(_rope_by_scipy, 0.1 * LENGTH))
-
-
 #: Soft link above a stiff one: stiffness [N/m], masses [kg].
 SOFT, STIFF, ABOVE, BELOW, EACH = 2000.0, 2e7, 10.0, 50.0, 5.0
 SWING = 0.2
@@ -151,27 +119,99 @@ def _modes(t: np.ndarray) -> np.ndarray:
     return (shapes @ (start[:, None] * np.cos(np.sqrt(squares)[:, None] * t)) / root[:, None])[1] + SWING
 
 
-def _ratio(short: bool) -> Watched:
-    return Watched(stiffness_ratio(), 0.005, 5.0, "weight", distance_from(_modes, SWING, from_start=True))
+def cases() -> list[dict[str, Any]]:
+    """Rows of the list."""
+    falls = falling(0.2, 0.2)
+    snaps = falling(SNAP_FALL, SNAP)
+    # Saved every 20 ms; steps follow the snap within.
+    followed = {"settings": {"step_tolerance": 0.05}}
+    in_turn = exact(steps(0.002, 0.3), _rope_by_scipy)
+    modes = exact(steps(0.005, 5.0), _modes)
 
-
-def _falls(dt: float, duration: float, measure: Callable[[np.ndarray, np.ndarray], float]) -> Any:
-    return lambda short: Watched(falling(0.2, 0.2), dt, duration, "weight", measure)
-
-
-CASES = [
-    watch("slack-taut-stretch", "a weight falls 0.2 m into its rope, 10 steps in tension: error of the greatest "
-          "stretch", 0.02, "relative", _falls(0.01, 12.0, _peak(0.2, 0.2))),
-    watch("slack-taut-return", "the same: what is missing of the height it comes back to", 0.02, "of the fall",
-          _falls(0.01, 12.0, _return(0.2))),
-    watch("slack-taut-coarse", "the same for 60 s at steps of half the time in tension: maximum height above "
-          "its release height", 1e-9, "m", _falls(0.05, 60.0, rise)),
-    Case("snap-peak", "a weight of 100 kg snaps a rope taut within 4 ms at 6 m/s, steps follow within 20 ms: error of "
-         "the largest tension", 0.01, "relative", _snap_peak),
-    Case("snap-return", "the same: what is missing of the height it comes back to", 0.02, "of the fall",
-         _snap_return),
-    watch("snapping-rope", "a weight on four links with masses between, snapped taut one after another, dt 0.002 s: "
-          "distance of the weight from SciPy over its fall", 0.02, "relative", _snapping_rope),
-    watch("stiffness-ratio", "a link 1e4 times as stiff as its neighbour, its swing 8 radians in a step: distance from "
-          "the normal modes over the swing", 0.01, "relative", _ratio),
-]  # fmt: skip
+    return [
+        path(
+            "slack-taut-stretch",
+            "a weight falls 0.2 m into its rope, 10 steps in tension: error of the greatest stretch",
+            0.02,
+            "relative",
+            "lowest",
+            falls,
+            0.01,
+            12.0,
+            level=-LENGTH,
+            size=_stretch(0.2, 0.2),
+        ),
+        path(
+            "slack-taut-return",
+            "the same: what is missing of the height it comes back to",
+            0.02,
+            "of the fall",
+            "return",
+            falls,
+            0.01,
+            12.0,
+            size=0.2,
+        ),
+        path(
+            "slack-taut-coarse",
+            "the same for 60 s at steps of half the time in tension: maximum height above its release height",
+            1e-9,
+            "m",
+            "rise",
+            falls,
+            0.05,
+            60.0,
+        ),
+        row(
+            "snap-peak",
+            "a weight of 100 kg snaps a rope taut within 4 ms at 6 m/s, steps follow within 20 ms: error of "
+            "the largest tension",
+            0.01,
+            "relative",
+            "peak",
+            snaps,
+            0.02,
+            1.3,
+            size=_snap_tension(),
+            **followed,
+        ),
+        path(
+            "snap-return",
+            "the same: what is missing of the height it comes back to",
+            0.02,
+            "of the fall",
+            "return",
+            snaps,
+            0.02,
+            1.3,
+            size=SNAP_FALL,
+            **followed,
+        ),
+        path(
+            "snapping-rope",
+            "a weight on four links with masses between, snapped taut one after another, dt 0.002 s: "
+            "distance of the weight from SciPy over its fall",
+            0.02,
+            "relative",
+            "distance",
+            slack_rope(),
+            0.002,
+            0.3,
+            exact=in_turn,
+            size=0.1 * LENGTH,
+        ),
+        path(
+            "stiffness-ratio",
+            "a link 1e4 times as stiff as its neighbour, its swing 8 radians in a step: distance from "
+            "the normal modes over the swing",
+            0.01,
+            "relative",
+            "distance",
+            stiffness_ratio(),
+            0.005,
+            5.0,
+            exact=modes,
+            from_start=True,
+            size=SWING,
+        ),
+    ]

@@ -56,7 +56,7 @@ GROUPS = {
     "Simulate": ("new", "check", "run", "equilibrium", "view", "report", "scenes", "demo", "library"),
     "Sea and farm": ("sea", "cases", "optimise", "design", "season", "growth"),
     "Fit and design of experiments": ("track", "fit", "plan"),
-    "Studies": ("sweep", "sensitivity", "modes", "stiffness", "offset", "response", "frequency", "figure"),
+    "Studies": ("sweep", "sensitivity", "modes", "stiffness", "offset", "response", "frequency"),
     "Checks": ("doctor", "accuracy", "cost", "stability"),
 }
 OTHERS = "Others"

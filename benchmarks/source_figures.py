@@ -1,5 +1,10 @@
 """Figures of the paper and the thesis that show a simulation, drawn from runs of this simulator alone.
 
+    python benchmarks/source_figures.py [NAME ...] [--plot FOLDER] [--traces FILE.csv]
+
+NAME is source and number, such as paper-6 or thesis-8.27, or all; without one they are listed. `--traces` draws your
+own measured angles on the thesis' figures that compare with the experiment.
+
 `figure_table` lists the figures and their scenes. Figures of the paper compare two other
 programs; here they have one curve, from the paper's start (the scenes `-table-6`).
 """
@@ -14,7 +19,9 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from figure_table import SAMPLE_INTERVAL, Case, Run, SourceFigure, cases_of, figure_of, figures, scene_of
 from matplotlib.figure import Figure
+from study import command
 
 from dropper_jax import plots
 from dropper_jax.analysis.angles import angle_rates, link_angles
@@ -27,10 +34,10 @@ from dropper_jax.plots.run import readable
 from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import point_load
 from dropper_jax.run.build import build, build_model
-from dropper_jax.run.simulate import Solution
+from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.study import pictures
-from dropper_jax.study.figure_table import SAMPLE_INTERVAL, Run, SourceFigure, scene_of
 from dropper_jax.study.march import convergence
+from fitting.traces.trace import read_trace
 
 AXES = ("x", "y", "z")
 
@@ -300,3 +307,42 @@ def _profile(figure: SourceFigure, path: Path) -> Path:
 FROM_SCENE = {"steps": _steps, "profile": _profile, "elevation": _elevation}
 CONFIGURATIONS = {"pose": _pose, "space": _space}
 HISTORIES = {"angles": _angles, "series": _series}
+
+
+def read_measured(file: str) -> Measured:
+    """Times [s] and angles [rad] from the horizontal, positive downwards."""
+    trace = read_trace(file)
+    return trace.t, trace.in_model_convention(trace.convention).theta
+
+
+@cache
+def run_of(case: Case) -> Solution:
+    """The run of a case, which several figures may show."""
+    return simulate(scene_of(*case.key))
+
+
+def draw(names: list[str], folder: Path, traces: str | None) -> bool:
+    """Draw figures into a folder; whether the runs of all of them completed."""
+    measured = read_measured(traces) if traces else None
+    chosen = list(figures()) if "all" in names else list(dict.fromkeys(names))
+    good = True
+    for figure in map(figure_of, chosen):
+        runs = [Run(case.label, run_of(case)) for case in cases_of(figure)]
+        failures = [run.solution.failure for run in runs if run.solution.failure]
+        if failures:
+            print(f"error: {figure.name}: {failures[0]}", flush=True)
+            good = False
+            continue
+        for file in draw_figure(figure, runs, folder / f"{figure.name}.png", measured):
+            print(file, flush=True)
+    return good
+
+
+@command({"names": [str]}, plot="figures", traces=str)
+def main(args) -> int:
+    if not args.names:
+        print("\n".join(f"{figure.name:16s}{figure.caption}" for figure in figures().values()))
+        return 0
+    folder = Path(args.plot)
+    folder.mkdir(parents=True, exist_ok=True)
+    return 0 if draw(args.names, folder, args.traces) else 1

@@ -1,6 +1,6 @@
 """The table of figures of the paper and the thesis, and the scenes of their runs.
 
-Rows of `data/source_figures.toml`; a figure with several scenes or damping coefficients has a case for each.
+Rows of `source_figures.toml`; a figure with several scenes or damping coefficients has a case for each.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import dataclasses
 import tomllib
 from collections.abc import Sequence
 from functools import cache
-from importlib import resources
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -17,6 +17,7 @@ from dropper_jax.load.packaged import find_scene
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.simulate import Solution
 
+TABLE = Path(__file__).with_name("source_figures.toml")
 #: Kinds of figures that need no run, and interval of their samples of time [s].
 WITHOUT_RUN, SAMPLE_INTERVAL = ("profile", "elevation", "steps"), 0.05
 
@@ -67,7 +68,7 @@ class Run(NamedTuple):
 @cache
 def figures() -> dict[str, SourceFigure]:
     """All figures by name, in the order of the table."""
-    rows = tomllib.loads((resources.files("dropper_jax") / "data" / "source_figures.toml").read_text())["figure"]
+    rows = tomllib.loads(TABLE.read_text(encoding="utf-8"))["figure"]
     found = [SourceFigure(**{key: _tuples(value) for key, value in row.items()}) for row in rows]
     return {figure.name: figure for figure in found}
 

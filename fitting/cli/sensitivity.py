@@ -15,6 +15,7 @@ from dropper_jax.cli.options import (
     output_file,
     print_warnings,
     progress,
+    read_named_range,
     read_scene,
 )
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
@@ -92,9 +93,5 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:
-    try:
-        name, values = text.split("=")
-        low, high = (float(x) for x in values.split(":"))
-    except ValueError:
-        raise SceneError(f"--range: {text!r} is not NAME=LO:HI; allowed: such as b_l=0.001:0.004") from None
-    return name.strip(), (low, high)
+    name, low, high = read_named_range(text, "--range", "is not NAME=LO:HI; allowed: such as b_l=0.001:0.004")
+    return name, (low, high)

@@ -1,18 +1,19 @@
 """Many kinds of scene simulated in one process: memory maps and resident memory, which the kernel bounds.
 
-    python benchmarks/many_scenes.py [--kinds 80]
+    python tests/many_scenes.py [--kinds 80]
 
 Kinds differ in the number of links (3 to 40), the effects, the axial law and the scheme, so that each has programs of
 its own. The kernel ends a process (or the compiler does) at 65 530 maps; a row is printed after every ten kinds. The
 exit code is 1 where a run failed, or `MOST_MAPS` or `MOST_MEMORY` was passed.
 """
 
+import argparse
 import itertools
 import resource
+import sys
 import time
 from collections.abc import Iterator
-
-from study import Found, command, show
+from typing import Any
 
 import dropper_jax as dj
 from dropper_jax.backend.programs import memory_maps
@@ -28,7 +29,7 @@ EFFECTS = (
 SCHEMES = {False: ("energy_momentum", "rattle", "theta"), True: ("energy_momentum", "generalized_alpha", "rk4")}
 
 
-def scene(links: int, effects: Found, elastic: bool, scheme: str) -> Found:
+def scene(links: int, effects: dict[str, Any], elastic: bool, scheme: str) -> dict[str, Any]:
     """A hanging line let go from a straight, slanted pose."""
     line = {"name": "line", "from": "a", "to": "b", "links": links, "length": 0.1, "mass": 0.5, "diameter": 0.03}
     axial = {"axial": {"law": "elastic", "EA": 2e4, "damping": 0.001}} if elastic else {}
@@ -45,7 +46,7 @@ def scene(links: int, effects: Found, elastic: bool, scheme: str) -> Found:
     }
 
 
-def kinds() -> Iterator[Found]:
+def kinds() -> Iterator[dict[str, Any]]:
     """Scenes of different kinds, neighbours as different as they can be."""
     for round_, links in itertools.product(range(12), range(3, 41)):
         elastic = bool((links + round_) % 2)
@@ -54,9 +55,14 @@ def kinds() -> Iterator[Found]:
         yield scene(links, EFFECTS[(links + round_ // 2) % len(EFFECTS)], elastic, scheme)
 
 
-@command(kinds=80)
-def main(args) -> int:
-    count = args.kinds
+def show(*cells: object) -> None:
+    print(*cells, sep="  ", flush=True)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kinds", type=int, default=80)
+    count = parser.parse_args().kinds
     show("kinds", "maps", "peak MB", "processor s", "ok")
     good, most = 0, 0
     for done, values in enumerate(itertools.islice(kinds(), count), start=1):
@@ -66,3 +72,7 @@ def main(args) -> int:
         if done % 10 == 0 or done == count:
             show(done, memory_maps(), peak, f"{time.process_time():.0f}", good)
     return int(good < count or most > MOST_MAPS or peak > MOST_MEMORY)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,20 +1,17 @@
 """Eight films of known motion, tracked: order of the nodes, errors of the angles, standard errors, marks.
 
-    python benchmarks/films.py [--films NAME ...]
-
 The motion is that of point masses on rigid massless links in the plane, integrated by SciPy (`closed_chain`), so that
 nothing of the simulator is in it. Each film is rendered with a bending lens and tracked twice: with boards (lens and
-plane) and without anything. `tables.py` writes what is found into the page.
+plane) and without anything.
 """
 
-import tempfile
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from closed_chain import in_space, rigid_line, still
-from study import Found, command, say, store
 
 from fitting import Motion
 from fitting.tracking import track
@@ -129,7 +126,7 @@ def make(what: Film, folder: Path, boards: int = BOARDS) -> tuple[Path, list[Pat
     return path, pictures, np.arctan2(link[..., 1], link[..., 0])
 
 
-def judged(what: Film, path: Path, boards: list[Path], truth: np.ndarray) -> Found:
+def judged(what: Film, path: Path, boards: list[Path], truth: np.ndarray) -> dict[str, Any]:
     """How well a film is tracked, with `boards` or without (an empty list)."""
     given = {"calibration": boards, "plane": boards[0], "square": 0.03} if boards else {}
     row = {"film": what.name, "calibrated": bool(boards)}
@@ -169,7 +166,7 @@ def _ratio(stated: np.ndarray, off: np.ndarray) -> float:
     return float(np.sqrt(np.mean(stated**2) / np.mean(off**2)))
 
 
-def spoiled(what: Film, draws: int = 40, seed: int = 0) -> Found:
+def spoiled(what: Film, draws: int = 40, seed: int = 0) -> dict[str, Any]:
     """Shares of frames marked where names of two nodes were swapped, where one node jumped, and where all is well."""
     rng = np.random.default_rng(seed)
     pixels = what.motion().nodes[::FINE][..., [0, 2]] * what.view.pixels_per_metre * [1.0, -1.0]
@@ -192,18 +189,3 @@ def spoiled(what: Film, draws: int = 40, seed: int = 0) -> Found:
             counts[name] += int(where.sum())
             counts["well_marked" if name == "well" else f"{name}_found"] += int((marked & where).sum())
     return {"film": what.name, **counts}
-
-
-@command(films=list(FILMS))
-def main(args) -> None:
-    rows = []
-    for what in (FILMS[name] for name in args.films):
-        with tempfile.TemporaryDirectory() as folder:
-            path, boards, truth = make(what, Path(folder))
-            for given in (boards, []):
-                rows.append(judged(what, path, given, truth))
-                say(rows[-1])
-    marks = [spoiled(FILMS[name]) for name in ("loop, slanting camera", "chain, slanting camera")]
-    say(marks)
-    if len(args.films) == len(FILMS):
-        store("films", {"films": rows, "marks": marks})

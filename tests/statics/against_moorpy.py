@@ -1,8 +1,9 @@
 """Mooring stiffness and restoring force over offset next to MoorPy's, of its sample systems and the Edulis longline.
 
     python -m venv /tmp/moorpy && /tmp/moorpy/bin/pip install moorpy
-    /tmp/moorpy/bin/python benchmarks/against_moorpy.py --reference   # writes results/moorpy_stiffness.json, _offsets
-    python benchmarks/against_moorpy.py [stiffness] [offsets]         # prints the difference of ours
+    /tmp/moorpy/bin/python tests/statics/against_moorpy.py   # writes moorpy_stiffness.json and moorpy_offsets.json
+
+The tests compare these with the values here.
 
 The systems are those of MoorPy's `examples/sample.txt` (three chains to a platform in 600 m), `tests/case8.dat` (a spar
 on three polyester bridles) and `tests/test_system.py::test_basicU` (two floats, with a chain between them that sags to
@@ -20,11 +21,12 @@ import json
 import tomllib
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from study import RESULTS, Found, command, show, stored
 
-EDULIS = Path(__file__).parents[1] / "dropper_jax" / "data" / "scenes" / "edulis-longline.toml"
+HERE = Path(__file__).parent
+EDULIS = HERE.parents[1] / "dropper_jax" / "data" / "scenes" / "edulis-longline.toml"
 DENSITY, GRAVITY = 1025.0, 9.81
 #: Displacement of MoorPy's differences [m].
 MOVE = 0.01
@@ -37,7 +39,7 @@ DIRECTIONS = (0.0, 60.0, 120.0, 180.0)
 DISTANCES = {"spread": np.arange(0.0, 25.1, 5.0), "bridles": np.arange(0.0, 5.1), "edulis": np.arange(0.0, 5.1)}
 
 
-def spread() -> Found:
+def spread() -> dict[str, Any]:
     """Three chains to fairleads that are held."""
     anchors = [[800.0, 1385.64, -600.0], [-1600.0, 0.0, -600.0], [800.0, -1385.64, -600.0]]
     fairleads = [[10.0, 17.32, -21.0], [-20.0, 0.0, -21.0], [10.0, -17.32, -21.0]]
@@ -53,7 +55,7 @@ def spread() -> Found:
     }
 
 
-def bridles() -> Found:
+def bridles() -> dict[str, Any]:
     """Three polyester lines that each part in two, to six fairleads that are held."""
     anchors = [[172.7, -100.0, -100.0], [0.0, 200.0, -100.0], [-172.7, -100.0, -100.0]]
     joints = [[34.64, -20.0, -50.0], [0.0, 40.0, -50.0], [-34.64, -20.0, -50.0]]
@@ -75,7 +77,7 @@ def bridles() -> Found:
     }
 
 
-def floats() -> Found:
+def floats() -> dict[str, Any]:
     """Two floats of 50 m3 on chains, and a chain of 250 m between them that lies on the bed in its middle."""
     return {
         "depth": 100.0,
@@ -94,7 +96,7 @@ def floats() -> Found:
 SYSTEMS = {"spread": spread, "bridles": bridles, "floats": floats}
 
 
-def scene_of(name: str) -> tuple[Found, list[str]]:
+def scene_of(name: str) -> tuple[dict[str, Any], list[str]]:
     """Plain values of a scene, and the points that are asked for."""
     environment = {
         "sea": {"density": DENSITY, "gravity": GRAVITY},
@@ -118,7 +120,7 @@ def scene_of(name: str) -> tuple[Found, list[str]]:
     return scene | environment, system["asked"]
 
 
-def moorpy_system(scene: Found, moved: list[str]):
+def moorpy_system(scene: dict[str, Any], moved: list[str]):
     """MoorPy's system of the same plain values, in which attached points divide their line, and its moved points."""
     import moorpy
 
@@ -160,7 +162,7 @@ def moorpy_system(scene: Found, moved: list[str]):
     return ms, [ms.pointList[number[name] - 1] for name in moved]
 
 
-def moorpy_stiffness(name: str) -> Found:
+def moorpy_stiffness(name: str) -> dict[str, Any]:
     """MoorPy's matrix of the points that are asked for [N/m], and where they are [m]."""
     ms, asked = moorpy_system(*scene_of(name))
     ms.solveEquilibrium(DOFtype="free", tol=1e-7)
@@ -175,7 +177,7 @@ def moorpy_stiffness(name: str) -> Found:
     return {"stiffness": matrix[np.ix_(rows, rows)].tolist(), "positions": [p.r.tolist() for p in asked]}
 
 
-def moorpy_curves(name: str) -> list[Found]:
+def moorpy_curves(name: str) -> list[dict[str, Any]]:
     """MoorPy's forces and largest tension, over direction and distance."""
     ms, points = moorpy_system(*scene_of(name))
     start = [p.r.copy() for p in points]
@@ -198,7 +200,7 @@ def moorpy_curves(name: str) -> list[Found]:
     return rows
 
 
-def stiffness(name: str, known: Found) -> tuple[float, float]:
+def stiffness(name: str, moorpys: dict[str, Any]) -> tuple[float, float]:
     """Maximum difference of an entry of our matrix over the largest entry, and of a diagonal entry over its own."""
     import dropper_jax as dj
     from dropper_jax.statics.stiffness import mooring_stiffness
@@ -208,41 +210,31 @@ def stiffness(name: str, known: Found) -> tuple[float, float]:
     pose = dj.equilibrium(model)
     if pose.status != "ok":
         raise RuntimeError(pose.message)
-    ours, theirs = mooring_stiffness(model, pose.state, asked).matrix, np.array(known["stiffness"])
+    ours, theirs = mooring_stiffness(model, pose.state, asked).matrix, np.array(moorpys["stiffness"])
     largest = np.max(np.abs(ours - theirs)) / np.max(np.abs(theirs))
     return float(largest), float(np.max(np.abs(np.diag(ours) / np.diag(theirs) - 1.0)))
 
 
-def offsets(name: str, known: list[Found]) -> tuple[float, float]:
+def offsets(name: str, moorpys: list[dict[str, Any]]) -> tuple[float, float]:
     """Maximum difference of horizontal force and of maximum tension, each over MoorPy's maximum of the curve."""
     import dropper_jax as dj
     from dropper_jax.study.offsets import offset_curves
 
     scene, moved = scene_of(name)
     found = offset_curves(dj.load_scene(scene), moved, DIRECTIONS, DISTANCES[name])
-    force, other = (np.array([row["force_n"][:2] for row in rows]) for rows in (found, known))
-    tension, theirs = (np.array([row["max_tension_n"] for row in rows]) for rows in (found, known))
+    force, other = (np.array([row["force_n"][:2] for row in rows]) for rows in (found, moorpys))
+    tension, theirs = (np.array([row["max_tension_n"] for row in rows]) for rows in (found, moorpys))
     apart = np.linalg.norm(force - other, axis=1) / np.max(np.linalg.norm(other, axis=1))
     return float(np.max(apart)), float(np.max(np.abs(tension - theirs)) / np.max(theirs))
 
 
-#: Study: MoorPy's values of a system, ours against them, its systems, what is stored under, and what is compared.
-STUDIES = {
-    "stiffness": (moorpy_stiffness, stiffness, SYSTEMS, "systems", ("stiffness", "of the diagonal")),
-    "offsets": (moorpy_curves, offsets, DISTANCES, "curves", ("horizontal force", "maximum tension")),
-}
+def known(study: str) -> dict[str, Any]:
+    """MoorPy's values, by system: of `stiffness` or `offsets`."""
+    return json.loads((HERE / f"moorpy_{study}.json").read_text(encoding="utf-8"))["systems"]
 
 
-@command({"studies": list(STUDIES)}, reference=False)
-def main(args) -> None:
-    for study in args.studies:
-        theirs, ours, systems, key, heads = STUDIES[study]
-        file = RESULTS / f"moorpy_{study}.json"
-        if args.reference:  # MoorPy's environment lacks this package, hence not by `study.store`
-            made = {"source": f"MoorPy {metadata.version('moorpy')}", key: {name: theirs(name) for name in systems}}
-            file.write_text(json.dumps(made, indent=1) + "\n")
-            continue
-        known = stored(file)
-        show("system", f"{heads[0]} against {known['source']}", heads[1])
-        for name in systems:
-            show(name, *(f"{100 * share:.3f} %" for share in ours(name, known[key][name])))
+if __name__ == "__main__":
+    # MoorPy's environment lacks this package
+    for study, theirs, systems in (("stiffness", moorpy_stiffness, SYSTEMS), ("offsets", moorpy_curves, DISTANCES)):
+        made = {"source": f"MoorPy {metadata.version('moorpy')}", "systems": {name: theirs(name) for name in systems}}
+        (HERE / f"moorpy_{study}.json").write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")

@@ -56,7 +56,7 @@ def sloping(friction: float | None) -> Scene:
 def _slid(friction: float | None, duration: float) -> dict[str, list]:
     """Distance after the run, `g (sin - mu cos) t^2/2` [m]."""
     force = G * (np.sin(STEEP) - (friction or 0.0) * np.cos(STEEP))
-    return exact(np.array([duration]), lambda t: 0.5 * force * t**2)
+    return exact(np.array([duration]), lambda t: 0.5 * force * t**2, digits=17)
 
 
 #: The sledge: stiffness of its spring [N/m], speed of the spring end [m/s], static and kinetic friction.

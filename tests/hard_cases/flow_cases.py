@@ -46,7 +46,7 @@ def _last_angle(drag: float) -> dict[str, list]:
     """The angle [rad] at the end: half of the link's drag `c cos^2 a` across it carries the weight `m g sin a`."""
     force = 0.25 * RHO * drag * WIDE * ROPE * CURRENT**2
     sine = brentq(lambda s: force * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
-    return exact(np.array([60.0]), np.arcsin([sine]))
+    return exact(np.array([60.0]), np.arcsin([sine]), digits=17)
 
 
 def beside_a_rope(name: str, body: dict[str, Any], **more: Any) -> Scene:

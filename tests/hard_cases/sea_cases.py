@@ -134,8 +134,8 @@ def floating(name: str, sea: dict[str, Any]) -> Scene:
 
 
 def _drifted(field: Callable[[float, float, float], tuple[Any, np.ndarray, np.ndarray]]) -> dict[str, list]:
-    path = _drifter_by_scipy(DRIFTER, field)
-    return exact(steps(0.01, 12.0), lambda t: path(t, np.zeros(2)))
+    moved = _drifter_by_scipy(DRIFTER, field)
+    return exact(steps(0.01, 12.0), lambda t: moved(t, np.zeros(2)))
 
 
 #: Height [m] of a wave by the stream function: 0.9 of the highest of its length, 5.93 m.

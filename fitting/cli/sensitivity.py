@@ -12,7 +12,6 @@ from dropper_jax.cli.options import (
     add_run_values,
     add_scene,
     done_object,
-    output_file,
     print_warnings,
     progress,
     read_named_range,
@@ -50,14 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_plot(parser, "a tornado picture")
     add_out(parser)
-    parser.add_argument("--picture", metavar="FILE.png", help=argparse.SUPPRESS)
     add_run_values(parser, OVERRIDES)
     add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args, OVERRIDES)
-    target = plot_folder(args.plot) or output_file(args.picture, "--picture", (".png",))
+    target = plot_folder(args.plot)
     out = out_file(args.out)
     if args.samples < 2:
         raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")

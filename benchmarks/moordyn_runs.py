@@ -11,6 +11,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from moordyn_point import quiet
 from study import Found, timed
 
 from dropper_jax import Model, Scene, State, load_scene, write_moordyn
@@ -21,7 +22,6 @@ from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
 from dropper_jax.stepping.control import advance_over
 from dropper_jax.stepping.extremes import link_tensions
 from dropper_jax.stepping.integrate import begin
-from dropper_jax.study.peers.moordyn_run import quiet
 
 #: Time between rows [s], in both codes.
 SAMPLE = 0.1

@@ -20,12 +20,15 @@ from itertools import takewhile
 import numpy as np
 from moordyn_runs import GRID, SAMPLE, Ours, Rows, case, theirs
 from study import Found, say
-from table7 import turned
 
+import dropper_jax as dj
 from dropper_jax import Scene
+from dropper_jax.scene.data import point_nodes
 
 SPAN, SETTLED = 60.0, 10.0  # [s]
 REPEATS = 3
+#: Duration of the Edulis longline's scene [s].
+EDULIS_SPAN = 150.0
 #: Our steps in 0.1 s, from large steps to small ones; the last is the reference.
 EVERY = (1, 2, 4, 5, 10, 15, 20, 40, 160)
 #: MoorDyn's steps [s] from large to small, tried until one is stable, and the share of it that gives the reference.
@@ -85,6 +88,24 @@ def driven_chain(base: Scene, motion: tuple[float, float, float]) -> Scene:
     table["start"] = {"kind": "static"}
     table["effects"]["end_motion"] = {"point": "buoy", "amplitude": [surge, 0.0, heave], "period": period}
     return Scene.from_dict({**table, "name": "driven-chain"})
+
+
+def turned() -> dj.Scene:
+    """`edulis-longline`, turned by 90 degrees (x' = -y, y' = x), from its static pose."""
+    scene = dj.load_scene("edulis-longline")
+    table = scene.to_dict()
+    table["sea"]["waves"]["direction"] = 0.0
+    table["sea"]["current"]["direction"] = 0.0
+    for point in table["point"]:
+        x, y, z = point["position"]
+        point["position"] = [-y, x, z]
+    scene = dj.Scene.from_dict(table)
+    pose = dj.equilibrium(scene)
+    nodes = point_nodes(scene)
+    for point in table["point"]:
+        if point["kind"] == "free":
+            point["position"] = np.asarray(pose.positions)[nodes[point["name"]]].tolist()
+    return dj.Scene.from_dict({**table, "start": {"kind": "points"}, "run": {**table["run"], "duration": EDULIS_SPAN}})
 
 
 def speed() -> Iterator[Found]:

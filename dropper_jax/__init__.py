@@ -10,8 +10,6 @@ import sys
 from importlib import import_module
 from importlib.util import find_spec
 
-from dropper_jax.base.renamed import OldModules, old_names
-
 #: Where each public name lives; the stub next to this file lists the same for editors.
 PUBLIC = {
     "Coupled": "run.coupled",
@@ -74,8 +72,6 @@ PUBLIC = {
 
 __all__ = sorted(PUBLIC)
 
-sys.meta_path.append(OldModules())
-
 if "JAX_ENABLE_X64" not in os.environ:
     if "jax" in sys.modules:
         sys.modules["jax"].config.update("jax_enable_x64", True)
@@ -92,7 +88,7 @@ def __getattr__(name: str) -> object:
         return found
     if not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:
         return import_module(f"{__name__}.{name}")
-    return old_names(__name__, above=1)(name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

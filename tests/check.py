@@ -72,7 +72,7 @@ APART = ("fitting", "effects", "stepping", "integrators", "docs")
 #: Every command and piece of Python of the pages.
 PAGES = "tests/docs/test_everything_runs.py"
 #: The catalogue in short, which `hard cases` runs in full.
-SHORT_CASES = "tests/study/test_stability.py::test_hard_case_keeps_its_claim"
+SHORT_CASES = "tests/hard_cases/test_hard_cases.py::test_hard_case_keeps_its_claim"
 #: Longest first.
 PARTS = (
     marked("fitting", "tests/fitting"),
@@ -85,7 +85,8 @@ PARTS = (
     as_users("stepping", "tests/stepping"),
     as_users("derivatives", "tests/stepping/test_step_derivatives.py", without="check"),
     Part("browser", (*TESTS, "-k", "browser", "tests/docs/test_site.py", "tests/view")),  # says where there is none
-    Part("many scenes", ("benchmarks/many_scenes.py",)),
+    Part("figures of the sources", ("benchmarks/source_figures.py", "all", "--plot", "build/check/figures")),
+    Part("many scenes", ("tests/many_scenes.py",)),
     Part("random calls", ("tests/faults/sequences.py",), {"XLA_FLAGS": "--xla_backend_optimization_level=0"}),
     Part("random scenes", (*TESTS, "tests/load/test_fuzz.py"), {"FUZZ_EXAMPLES": "2000"}),
     as_users("schemes", "tests/integrators", "tests/solvers", "tests/view"),

@@ -4,10 +4,10 @@
 | --- | --- |
 | reference.md | declarations of the keys of a scene (`python -m dropper_jax.cli.reference`) |
 | reference-effects.md | docstrings of effects, schemes, linear solvers and axial laws |
-| reference-commands.md | parsers of all commands |
 | reference-python.md | public names of `dropper_jax`, `fitting` and their modules, with the first words of docstrings |
 
-The site has a page for each public module as well (`module_pages`). A test holds the stored pages to them.
+A test holds the stored pages to them. Two more kinds are made when the site is built: the commands, from their parsers
+(`commands`), and a page for each public module (`module_pages`).
 """
 
 from __future__ import annotations
@@ -154,11 +154,10 @@ def _module(cls: type) -> str | None:
 
 def commands() -> str:
     """What `dropper` does."""
-    made = MADE.format(what="the parsers")
     groups = {group: {e.name: _load(e) for e in entries} for group, entries in command_groups().items()}
     loaded = {name: command for own in groups.values() for name, command in own.items()}
     parts = [
-        f"# Commands\n\n{made} `dropper COMMAND --help` prints the same. Exit codes: 0 good, 2 invalid input, 3 a run "
+        "# Commands\n\n`dropper COMMAND --help` prints the same. Exit codes: 0 good, 2 invalid input, 3 a run "
         "that failed, 130 one that was interrupted.",
     ]
     for group, own in groups.items():
@@ -281,11 +280,10 @@ def _page(parts: Iterable[str]) -> str:
 
 
 def pages() -> dict[str, str]:
-    """Names and texts of all generated pages."""
+    """Names and texts of the stored pages."""
     return {
         "reference.md": as_markdown(sections()),
         "reference-effects.md": effects(),
-        "reference-commands.md": commands(),
         "reference-python.md": python(),
     }
 

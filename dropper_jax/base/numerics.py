@@ -26,8 +26,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.renamed import old_names
-
 # --- vectors as three separate arrays: their sums fuse with neighbouring operations, sums over an axis do not ---
 
 Components = tuple[jax.Array, jax.Array, jax.Array]
@@ -237,6 +235,3 @@ def scatter_add_many(where: np.ndarray, values: jax.Array, size: int) -> jax.Arr
     if not len(where) or np.bincount(where, minlength=size).max() <= 8:
         return scatter_add(where, values, size)
     return jnp.zeros((size, *values.shape[1:]), values.dtype).at[where].add(values)
-
-
-__getattr__ = old_names(__name__)

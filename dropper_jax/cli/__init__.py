@@ -18,10 +18,8 @@ from typing import NoReturn, Protocol
 
 from dropper_jax import backend
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.renamed import new_option
 from dropper_jax.cli.faults import (
     close_stdout,
-    old_names_in_one_line,
     report_error,
     terminated_as_interrupted,
     with_streams,
@@ -49,7 +47,7 @@ GROUPS = {
     "Simulate": ("new", "check", "run", "equilibrium", "view", "report", "scenes", "demo", "library"),
     "Sea and farm": ("sea", "cases", "optimise", "design", "season", "growth"),
     "Fit and design of experiments": ("track", "fit", "plan"),
-    "Studies": ("sweep", "sensitivity", "modes", "stiffness", "offset", "response", "frequency", "figure"),
+    "Studies": ("sweep", "sensitivity", "modes", "stiffness", "offset", "response", "frequency"),
     "Checks": ("doctor", "accuracy", "cost", "stability"),
 }
 OTHERS = "Others"
@@ -106,7 +104,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     """
     # every option in front of the command ends the program, so the first other word is the command
     asked = next((word for word in argv if not word.startswith("-")), None)
-    argv = [new_option(asked, word) for word in argv]
     listed = asked is None and (not argv or any(word in HELP for word in argv))
     about = "Simulate mussel droppers, pendulums and strings.\ndropper COMMAND --help: its options and two examples."
     plain = argparse.RawDescriptionHelpFormatter
@@ -167,7 +164,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv[1:] if argv is None else argv)
     with_streams()
     prepare()
-    with terminated_as_interrupted(), old_names_in_one_line():
+    with terminated_as_interrupted():
         try:
             args = parse(argv)
             code = args.run(args)

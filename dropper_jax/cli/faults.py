@@ -13,13 +13,11 @@ import signal
 import sys
 import threading
 import traceback
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.renamed import SINCE
 from dropper_jax.cli.options import FAILED, INTERRUPTED, INVALID_INPUT, STOPPED, failure_object, print_json, print_line
 
 #: Messages of JAX on an unavailable platform, and on memory.
@@ -50,23 +48,6 @@ def terminated_as_interrupted() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-@contextmanager
-def old_names_in_one_line() -> Iterator[None]:
-    """Show each warning of an old name in one line on standard error; Python hides them, or shows two lines."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("always", f".* {SINCE} ", DeprecationWarning)
-        show = warnings.showwarning
-
-        def in_one_line(message: Warning | str, category: type[Warning], *rest: object) -> None:
-            if category is DeprecationWarning and f" {SINCE} " in str(message):
-                print_line(f"DeprecationWarning: {message}")
-            else:
-                show(message, category, *rest)
-
-        warnings.showwarning = in_one_line
-        yield
 
 
 @contextmanager

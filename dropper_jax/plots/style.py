@@ -17,7 +17,6 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.renamed import old_names
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.simulate import Solution
 
@@ -208,6 +207,3 @@ def tension_norm(tension: np.ndarray) -> Normalize:
         pad = 0.05 * max(abs(low), abs(high)) or 1.0
         low, high = low - pad, high + pad
     return Normalize(low, high, clip=True)
-
-
-__getattr__ = old_names(__name__)

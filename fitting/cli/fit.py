@@ -21,6 +21,7 @@ from dropper_jax.cli.options import (
     output_folder,
     print_warnings,
     progress,
+    read_numbers,
     read_scene,
     table,
 )
@@ -259,17 +260,6 @@ def intervals(args: argparse.Namespace) -> dict[str, bool | int | list[str]]:
     """Arguments of `fit` by --profile, --bootstrap and --posterior."""
     profile = args.profile.split(",") if args.profile else args.profile is not None
     return {"profile": profile, "bootstrap": args.bootstrap or 0, "posterior": args.posterior or 0}
-
-
-def read_numbers(text: str, option: str, reason: str, mark: str = ",", count: int | None = None) -> list[float]:
-    """Numbers separated by `mark`, this many if `count` is given; otherwise the error is `OPTION: TEXT REASON`."""
-    try:
-        found = [float(part) for part in text.split(mark)]
-    except ValueError:
-        found = []
-    if not found or count not in (None, len(found)):
-        raise SceneError(f"{option}: {text!r} {reason}")
-    return found
 
 
 def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[float, float]]:

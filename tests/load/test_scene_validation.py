@@ -63,6 +63,7 @@ BAD = [
     ("point.1.positon", [0, 0, 0], "point.1.positon: unknown key", "'position'"),
     ("effects.linear_dampin", {"b_l": 1}, "effects.linear_dampin: unknown key", "'linear_damping'"),
     ("effects.linear_damping.bl", 1.0, "effects.linear_damping.bl: unknown key", "'b_l'"),
+    ("effects.recorded_motion", {"places": [[0, 0, 0]]}, "effects.recorded_motion.places: unknown key", "positions"),
     ("start.polr", [0.0], "start.polr: unknown key", "'polar'"),
     ("line.0.axial", {"law": "elastic", "EA": 1.0, "dampin": 0.1}, "line.0.axial.dampin: unknown key", "'damping'"),
     # missing values

@@ -67,6 +67,11 @@ def as_users(name: str, *where: str, without: str = "slow or check") -> Part:
     return Part(f"as users {name}", (*TESTS, "-m", f"not ({without})", *where), {"TESTS_CHOSE_XLA_FLAGS": "no"})
 
 
+def plain(name: str, *where: str) -> Part:
+    """Tests without stored programs, kernels and lanes: all of that must be only faster."""
+    return Part(f"plain {name}", (*TESTS, *where), {"DROPPER_BACKEND": "plain"})
+
+
 #: Folders whose marked tests are parts of their own; the part `check rest` takes whatever stands elsewhere.
 APART = ("fitting", "effects", "stepping", "integrators", "docs")
 #: Every command and piece of Python of the pages.
@@ -91,6 +96,8 @@ PARTS = (
     Part("random scenes", (*TESTS, "tests/load/test_fuzz.py"), {"FUZZ_EXAMPLES": "2000"}),
     as_users("schemes", "tests/integrators", "tests/solvers", "tests/view"),
     marked("steps", "tests/stepping", "tests/integrators"),
+    plain("steps", "tests/stepping", "tests/integrators", "tests/solvers", "tests/effects"),
+    plain("fits", "tests/fitting/estimate", "tests/fitting/calibration", "tests/fitting/sensitivity"),
     Part("damaged files", (*TESTS, "tests/faults/test_fuzz_files.py"), {"FUZZ_FILES": "2000"}),
 )
 

@@ -16,8 +16,9 @@ from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise, omitted_parameter_bias
 from fitting.calibration.comparison import compare
 from fitting.calibration.estimating import FIRST, estimate, with_sound_windows
-from fitting.calibration.freeing import free_by_advice
+from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
+from fitting.calibration.laws import law_warnings, test_laws, with_law
 from fitting.calibration.likely_cause import free_too
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
@@ -129,6 +130,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     claimed = float(np.sqrt(np.mean(1 / expected[expected > 0] ** 2)))
     chi2 = float(np.sum(solution.weights * (solution.errors * expected) ** 2)) / degrees_of_freedom(solution)
     scored = prepared.noisy(solution.problem.noise)
+    laws = test_laws(prepared, solution, u)
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(
         scene=prepared.scene,
@@ -140,9 +142,10 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
         solution=solution,
         traces=prepared.traces,
         lyapunov=rate,
+        laws=laws,
         left_out=prepared.left_out,
         held_out=[score_held_out(scored, solution.values, span) for span in prepared.held_out],
-        warnings=[*prepared.warnings, *warnings_of(prepared, solution, u, chi2)],
+        warnings=[*prepared.warnings, *warnings_of(prepared, solution, u, chi2), *law_warnings(laws)],
     )
 
 
@@ -275,6 +278,7 @@ def fit(
             prepared = with_sound_windows(whole, loss, iterations, progress, keep_jumps=True)
         at = free_by_advice(prepared, again, "shooting" if method == "gradient" else method, loss, progress=progress)
         prepared, solution, found, freed = at.prepared, at.solution, at.found, [*freed, *at.names]
+        loss = at.loss
         if method == "gradient":
             solution = again(prepared, method, at.loss, settings=settings)
     else:
@@ -287,6 +291,11 @@ def fit(
     solution.iterations += prepared.iterations
     prepared = replace(prepared, started=started, known=known)
     result = summarise(prepared, method, solution)
+    while auto_free and result.status == "model_error" and result.laws.wrong.free and len(freed) < MOST_FREED:
+        freed = [*freed, result.laws.wrong]
+        prepared = with_law(prepared, result.laws.wrong.free, solution)
+        solution = again(prepared, method, loss, settings=settings)
+        result = summarise(prepared, method, solution)
     if result.status != "ok" or result.chi2_per_dof > SUSPECT:
         result.wrong_file = name_wrong_file(whole)
     if result.status == "misfit" and not (result.wrong_file or auto_free or method == "gradient"):

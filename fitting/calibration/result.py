@@ -12,6 +12,7 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.model import Model
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import Law
+from fitting.calibration.laws import LawTests, freeing_option
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.noise import mean_by_run
@@ -92,6 +93,8 @@ DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 MISFIT, CORRELATED_MISFIT = 2.0, 0.1
 #: Maximum fraction of the samples that may be left out of a fit with status `ok`.
 MOST_LEFT_OUT = 0.03
+#: Statuses that `--accept-misfit` accepts.
+ACCEPTABLE = ("misfit", "model_error")
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,8 @@ class FitResult(SceneFit):
         wrong_file: the mistake in the traces that explains a misfit, in a line; otherwise empty.
         likely: the likeliest cause of a smaller misfit and what to free, from the score tests; otherwise empty.
         energy: the ratio of the measured energy loss to the fitted law's, if a report was written (`energy`).
-        accepted: whether a misfit is accepted; it has errors then.
+        laws: score tests of forces that the scene lacks.
+        accepted: whether a misfit or a wrong law is accepted; it has errors then.
     """
 
     method: str
@@ -170,23 +174,27 @@ class FitResult(SceneFit):
     wrong_file: str = ""
     likely: str = ""
     left_out: tuple[tuple[int, float, float], ...] = ()
+    laws: LawTests = LawTests()
     accepted: bool = False
 
     @property
     def has_errors(self) -> bool:
-        return self.status == "ok" or (self.accepted and self.status == "misfit")
+        return self.status == "ok" or (self.accepted and self.status in ACCEPTABLE)
 
     @property
     def status(self) -> str:
-        """`ok`, `not_converged`, `lost_windows` or `misfit`; `message` gives the reason.
+        """`ok`, `not_converged`, `lost_windows`, `model_error` or `misfit`; `message` gives the reason.
 
-        `lost_windows`: more than `MOST_LEFT_OUT` of the samples are in windows that no start explains. `misfit`: the
-        residuals exceed the noise and the stated model error, and are not noise because neighbours correlate.
+        `lost_windows`: more than `MOST_LEFT_OUT` of the samples are in windows that no start explains. `model_error`:
+        the traces show a force that the scene lacks, which changes a reported value (`laws`). `misfit`: the residuals
+        exceed the noise and the stated model error, and are not noise because neighbours correlate.
         """
         if self.solution.status != "ok":
             return self.solution.status
         if self.left_out_share > MOST_LEFT_OUT:
             return "lost_windows"
+        if self.laws.wrong is not None and not self.wrong_file:
+            return "model_error"
         return "misfit" if self.wrong_file or self.misses else "ok"
 
     @property
@@ -213,6 +221,9 @@ class FitResult(SceneFit):
                 f"{self.left_out_share:.1%} of the samples lie in windows that no start explains. "
                 "Try a finer --dt or a shorter --window, or cut these stretches out"
             )
+        if self.status == "model_error":
+            names = [p.name for p in self.parameters]
+            found.append(f"the law is wrong: it lacks {freeing_option(self.laws.wrong, names)}")
         if self.status == "misfit" and self.misses and not self.wrong_file:
             times = float(np.sqrt(self.chi2_per_dof))
             advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
@@ -275,6 +286,7 @@ class FitResult(SceneFit):
             "blocks": u.blocks,
             "lyapunov_per_s": self.lyapunov,
             "warnings": self.warnings,
+            "laws": [test.to_json() for test in self.laws.tests],
         }
         found |= {"noise": self.noise_table(), **self.intervals()}
         if self.advice or self.freed:

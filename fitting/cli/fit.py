@@ -123,7 +123,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--sampler", choices=SAMPLERS, default="importance", help="of the posterior; nuts also samples window starts"
     )
     parser.add_argument(
-        "--accept-misfit", action="store_true", help="exit code 0 even if the model misses the trace (misfit)"
+        "--accept-misfit",
+        action="store_true",
+        help="exit code 0 even if the model misses the trace or its law is wrong",
     )
     parser.add_argument("--plot", metavar="DIR", help="write only the pictures of the fit")
     add_out(parser)
@@ -167,6 +169,7 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError("--own: only for channels named in a TOML file. Omit it for traces of angles")
 
     from fitting.calibration.fit import fit
+    from fitting.calibration.result import ACCEPTABLE
 
     descent = {key: getattr(args, key) for key in OF_DESCENT if getattr(args, key) is not None}
     result = fit(
@@ -202,7 +205,7 @@ def run(args: argparse.Namespace) -> int:
         draw_fit(result, plot)
     print_warnings(result.warnings)
     code = deliver(args.json, result.to_json(), text(result), out, failure_of(result))
-    return OK if args.accept_misfit and result.status == "misfit" else code
+    return OK if args.accept_misfit and result.status in ACCEPTABLE else code
 
 
 def failure_of(result: SceneFit) -> Failure | None:

@@ -44,9 +44,10 @@ from fitting.parameters.target import CAMERA
 LEVEL = 0.01
 #: Change of a reported value by the candidate that matters: in its standard errors, and as a fraction of the value.
 ERRORS, SHARE = 2.0, 0.05
-#: Correlation of two candidates, or of a candidate and a free parameter, above which they are one.
+#: Correlation of two candidates above which they are one.
 ALIKE = 0.98
-#: Fraction of a candidate's information that must remain once the free parameters are accounted for.
+#: Fraction of a candidate's information that must remain once the free parameters are accounted for. A chaotic motion
+#: whose windows are tightly joined is sensitive to all forces along one direction: there 1e-3 remains, and decides.
 REMAINS = 1e-4
 #: Degrees of freedom below which nothing is tested.
 FEWEST = 3
@@ -234,12 +235,10 @@ def _judge(
     blocks = 0
     for i, suspect in enumerate(suspects):
         mine = first + i
-        twin = _twin(information, free, mine)
-        if twin is not None:
-            if suspect.grows:
-                included[names[twin]] = (*included.get(names[twin], ()), suspect.name)
-            continue
         if not _remains(information, free, mine) > REMAINS:
+            twin = _nearest(information, free, mine)
+            if suspect.grows and twin is not None:
+                included[names[twin]] = (*included.get(names[twin], ()), suspect.name)
             continue
         chosen = np.append(free, mine)
         moved, covariance, blocks = _one_step(parts, information[np.ix_(chosen, chosen)], chosen, scale)
@@ -314,11 +313,12 @@ def _remains(information: np.ndarray, free: np.ndarray, mine: int) -> float:
     return float(_rest(information, free, [mine])[0, 0]) / max(float(information[mine, mine]), 1e-300)
 
 
-def _twin(information: np.ndarray, free: np.ndarray, mine: int) -> int | None:
-    """The free parameter with the same effect as a candidate, if there is one."""
+def _nearest(information: np.ndarray, free: np.ndarray, mine: int) -> int | None:
+    """The free parameter whose effect is most like a candidate's; None without any effect."""
+    if not information[mine, mine] > 0 or not len(free):
+        return None
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    close = [j for j in free if abs(information[j, mine]) > ALIKE * size[j] * size[mine]]
-    return close[0] if close else None
+    return int(free[np.argmax(np.abs(information[free, mine]) / size[free])])
 
 
 def _correlation(information: np.ndarray, free: np.ndarray, one: int, other: int) -> float:

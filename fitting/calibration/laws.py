@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.marching import choose_stepper
 from fitting.estimate.normal_equations import Evaluation, Prior, solve_spd
-from fitting.estimate.problem import Solution
+from fitting.estimate.problem import Residuals, Solution
 from fitting.estimate.sandwich import Pieces, block_of, moves_without, pieces
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
@@ -152,7 +153,7 @@ def tested_parameters(model: Model, parameters: Sequence[Parameter]) -> list[Par
 def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTests:
     """Test every candidate at the end of a fit with these errors."""
     problem, free = solution.problem, solution.problem.parameters
-    suspects = _suspects(prepared, free)
+    suspects = _suspects(prepared, problem)
     simulated = [s.parameter for s in suspects if s.of is None]
     if not problem.simulator.knows(simulated):
         return LawTests()
@@ -167,20 +168,20 @@ def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTest
     return _judge(solution, u, suspects, parts, information)
 
 
-def _suspects(prepared: Prepared, free: Sequence[Parameter]) -> list[Suspect]:
+def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
     """Candidates that are not free, and changes of the free coefficients of drag, in the order of the derivatives."""
-    names = [p.name for p in free]
+    names = [p.name for p in compress(problem.parameters, ~problem.held_mask)]
     given = prepared.scene.effects
     found = []
-    for p in tested_parameters(prepared.simulator.model, free):
+    for p in tested_parameters(prepared.simulator.model, problem.parameters):
         name, path = FORCES.get(p.where.field, ("roll of the camera", CAMERA))
         if any(one.startswith(path) for one in names):
             continue
         _, effect, field = path.split(".") if path.startswith("effects.") else ("", "", "")
         lacks = bool(effect) and not np.any(given.get(effect, {}).get(field) or 0.0)
         found.append(Suspect(name, (path,), p, grows=lacks))
-    for i, p in enumerate(free):
-        if p.name in DRAG:
+    for i, p in enumerate(problem.parameters):
+        if p.name in DRAG and p.name in names:
             short = p.name.rsplit(".", 1)[1]
             found += [Suspect(f"{short} that changes with {what}", (), p, of=i) for what in ("time", "amplitude")]
     return found

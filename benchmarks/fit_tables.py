@@ -42,6 +42,46 @@ def random_droppers(found: Found) -> Rows:
     )
 
 
+@table_of("wrong_laws")
+def wrong_laws(found: Found) -> Rows:
+    """Fits whose law lacks a force, by fault, and those of the same rigs without a fault."""
+    draws = [row for row in found["draws"] if "right" in row]
+
+    def counted(name: str, rows: list[Found]) -> Found:
+        bad = [row for row in rows if row["status"] == "ok" and is_far_off(row)]
+        flagged = [row for row in rows if row["status"] == "model_error"]
+        right = [row for row in flagged if row["law"] and any(x.startswith(row["law"]) for x in row["names"])]
+        status = Counter(row["status"] for row in rows)
+        others = ", ".join(f"{count} `{name}`" for name, count in status.items() if name not in ("ok", "model_error"))
+        counts = {"error": len(flagged), "ok": status["ok"], "others": others or "-", "bad": len(bad)}
+        return {"fault": name.replace("_", " "), "draws": len(rows), "law": len(right), **counts}
+
+    def is_far_off(row: Found) -> bool:
+        off = zip(row["errors"], row["relative"], strict=True)
+        return row["fault"] not in ("only_linear", "only_quadratic") and any(
+            abs(error) > 4 and abs(share or 0) > 0.05 for error, share in off
+        )
+
+    def fitted(draw: Found, which: str) -> Found:
+        row = draw[which]
+        names = [row.get("named", ""), *row.get("alike", [])]
+        law = "" if which == "right" else draw["law"]
+        return {**row, "names": names, "law": law, "fault": draw["fault"] if which == "wrong" else "none"}
+
+    faults = sorted({draw["fault"] for draw in draws})
+    kinds = {fault: [fitted(d, "wrong") for d in draws if d["fault"] == fault] for fault in faults}
+    return columns(
+        itertools.starmap(counted, {"none": [fitted(d, "right") for d in draws], **kinds}.items()),
+        ("fault", "{fault}"),
+        ("draws", "{draws}"),
+        ("`model_error`", "{error}"),
+        ("and the right law first", "{law}"),
+        ("`ok`", "{ok}"),
+        ("and off by more than 4 errors and 5 %", "{bad}"),
+        ("other statuses", "{others}"),
+    )
+
+
 @table_of("descent")
 def descent(found: Found) -> Rows:
     """Gradient descent beside Gauss-Newton."""

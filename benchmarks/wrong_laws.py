@@ -255,7 +255,7 @@ def measure(seed: int) -> Found:
     """The rows of a draw without and with its fault."""
     d = draw(seed)
     rig = d.rig
-    head = {"seed": seed, "fault": d.fault, "links": rig.links, "closed": rig.gap is not None}
+    head = {"seed": seed, "fault": d.fault, "law": FAULTS[d.fault], "links": rig.links, "closed": rig.gap is not None}
     used = [i for i, b in enumerate((rig.b_l, rig.b_q)) if b > 0]
     try:
         right, result = judge(d, seen(d, rig, 0), used)

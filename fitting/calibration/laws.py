@@ -52,7 +52,9 @@ ALIKE = 0.98
 REMAINS = 1e-4
 #: Degrees of freedom below which nothing is tested.
 FEWEST = 3
+#: Coefficients that a law keeps constant, and what they are tested to change with.
 DRAG = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
+ALONG = ("time", "amplitude")
 
 
 @dataclass(frozen=True)
@@ -63,15 +65,17 @@ class Suspect:
         name: in words.
         free: paths that free it; empty if no number of a scene does.
         parameter: its size.
-        of: for a change of a coefficient, the number of the coefficient among the free parameters.
         grows: whether it can only grow from zero.
+        of: for a change of a coefficient, the number of the coefficient among the free parameters.
+        along: what it changes with, one of `ALONG`.
     """
 
     name: str
     free: tuple[str, ...]
     parameter: Parameter
-    of: int | None = None
     grows: bool = False
+    of: int | None = None
+    along: str = ""
 
 
 #: Names of the forces and the paths that free them.
@@ -81,7 +85,7 @@ FORCES = {
     "viscous": ("viscous friction in the joints", "effects.joint_friction.viscous"),
     "dry": ("dry friction in the joints", "effects.joint_friction.dry"),
     "springs": ("springs in the joints", "effects.bending.EI"),
-    "added_mass": ("added mass, gravity or the rate of the clock", "clock.rate"),
+    "added_mass": ("added mass, or another gravity or clock", "clock.rate"),
 }
 
 
@@ -174,7 +178,7 @@ def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
     given = prepared.scene.effects
     found = []
     for p in tested_parameters(prepared.simulator.model, problem.parameters):
-        name, path = FORCES.get(p.where.field, ("roll of the camera", CAMERA))
+        name, path = FORCES.get(p.where.field, ("a roll of the camera", CAMERA))
         if any(one.startswith(path) for one in names):
             continue
         _, effect, field = path.split(".") if path.startswith("effects.") else ("", "", "")
@@ -183,18 +187,17 @@ def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
     for i, p in enumerate(problem.parameters):
         if p.name in DRAG and p.name in names:
             short = p.name.rsplit(".", 1)[1]
-            found += [Suspect(f"{short} that changes with {what}", (), p, of=i) for what in ("time", "amplitude")]
+            found += [Suspect(f"a {short} that changes with {along}", (), p, of=i, along=along) for along in ALONG]
     return found
 
 
 def _with_changes(solution: Solution, evaluation: Evaluation, changes: Sequence[Suspect]) -> Evaluation:
     """The evaluation with derivatives by changes of coefficients, in units of their spread over the windows."""
     windows, m2 = solution.windows, solution.problem.freedoms
-    times = np.array([0.5 * (windows.begin + windows.ends), _rates(solution)])
-    spread = np.std(times, axis=1, keepdims=True)
-    factors = (times - times.mean(axis=1, keepdims=True)) / np.maximum(spread, 1e-300)
+    series = dict(zip(ALONG, (0.5 * (windows.begin + windows.ends), _rates(solution)), strict=True))
     for suspect in changes:
-        factor = factors[int(suspect.name.endswith("amplitude"))]
+        along = series[suspect.along]
+        factor = (along - along.mean()) / max(float(np.std(along)), 1e-300)
         for name in ("jacobian", "start_jacobian", "end_jacobian"):
             old = getattr(evaluation, name)
             column = old[..., m2 + suspect.of] * factor.reshape(-1, *[1] * (old.ndim - 2))
@@ -330,9 +333,9 @@ def _correlation(information: np.ndarray, free: np.ndarray, one: int, other: int
 
 def freeing_option(test: LawTest, names: Sequence[str]) -> str:
     """A significant candidate in words, and what to do: free it beside the free parameters of these names."""
-    words = f"{' or '.join([test.name, *test.alike])} (t = {test.t:.1f}, p = {test.p:.1g})"
+    words = f"{' or '.join([test.name, *test.alike])}, which the scene lacks (t = {test.t:.1f}, p = {test.p:.1g})"
     if not test.free:
-        return f"{words}, which no force of the list explains. Fit parts of the trace by --until, or another law"
+        return f"{words}; no force of the list explains it. Fit parts of the trace (--until) to see the change"
     return f"{words}. Use {free_option(names, test.free)}, or --auto-free"
 
 
@@ -345,7 +348,7 @@ def law_warnings(laws: LawTests) -> list[str]:
     small = next((test for test in laws.tests if test.p < LEVEL and not test.matters), None)
     if small is not None and laws.wrong is None:
         found.append(
-            f"the law lacks {small.name} (t = {small.t:.1f}, p = {small.p:.1g}), which changes no value by more than "
+            f"the trace shows {small.name} (t = {small.t:.1f}, p = {small.p:.1g}), which changes no value by more than "
             f"its errors and {SHARE:.0%}"
         )
     return found

@@ -115,31 +115,6 @@ class HeldOut:
         return self.solution.rms
 
 
-@dataclass(frozen=True)
-class EnergyCheck:
-    """Ratio c of the measured energy loss to the law's, 1 if the law is right, and its combined standard error."""
-
-    slope: float
-    error: float
-
-    @property
-    def off(self) -> float:
-        """Deviation from 1 in standard errors."""
-        return (self.slope - 1) / self.error
-
-    @property
-    def text(self) -> str:
-        """For people."""
-        return f"the measured energy loss is {self.slope:.3g} +- {self.error:.2g} of that predicted by the law"
-
-    @property
-    def warning(self) -> str | None:
-        """One line if the law is contradicted."""
-        text = f"{self.text}: {abs(self.off):.1f} combined errors from 1; the law or the rig's numbers are wrong"
-        # deviation of the energy's slope from 1, in combined errors, above which a warning is given
-        return text if abs(self.off) > 3.0 else None
-
-
 @dataclass(kw_only=True)
 class FitResult(SceneFit):
     """A calibrated model: the content of every fit (`SceneFit`), and that of windows of traces.
@@ -155,7 +130,6 @@ class FitResult(SceneFit):
         left_out: (run, from, to) [s] of windows that were not fitted because no start explains them.
         wrong_file: the mistake in the traces that explains a misfit, in a line; otherwise empty.
         likely: the likeliest cause of a smaller misfit and what to free, from the score tests; otherwise empty.
-        energy: the ratio of the measured energy loss to the fitted law's, if a report was written (`energy`).
         laws: score tests of forces that the scene lacks.
         accepted: whether a misfit or a wrong law is accepted; it has errors then.
     """
@@ -168,7 +142,6 @@ class FitResult(SceneFit):
     lyapunov: float
     held_out: list[HeldOut] = field(default_factory=list)
     comparison: list[Law] = field(default_factory=list)
-    energy: EnergyCheck | None = None
     advice: list[Candidate] = field(default_factory=list)
     freed: list[Candidate] = field(default_factory=list)
     wrong_file: str = ""
@@ -223,7 +196,7 @@ class FitResult(SceneFit):
             )
         if self.status == "model_error":
             names = [p.name for p in self.parameters]
-            found.append(f"the law is wrong: it lacks {freeing_option(self.laws.wrong, names)}")
+            found.append(f"the law is wrong: the trace shows {freeing_option(self.laws.wrong, names)}")
         if self.status == "misfit" and self.misses and not self.wrong_file:
             times = float(np.sqrt(self.chi2_per_dof))
             advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
@@ -293,7 +266,6 @@ class FitResult(SceneFit):
             found |= {key: [row.to_json() for row in getattr(self, key)] for key in ("advice", "freed")}
         requested = {
             "descent": self.descent,
-            "energy": self.energy and {"slope": self.energy.slope, "std_error": self.energy.error},
             "comparison": [row.to_json() for row in self.comparison],
             "law": self.comparison and verdict(self.comparison),
             "left_out": [

@@ -345,7 +345,7 @@ def _check_numbers(args: argparse.Namespace) -> None:
 def text(result: FitResult) -> str:
     """The result as text."""
     from fitting.calibration.decision import verdict
-    from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
+    from fitting.report.tables import advice_rows, comparison_rows, interval_rows, law_rows, parameter_rows, summary
 
     parts = [table(parameter_rows(result)), listing(summary(result))]
     if len(rows := interval_rows(result)) > 1:
@@ -353,7 +353,7 @@ def text(result: FitResult) -> str:
     if result.freed:
         parts.append("freed: " + "; ".join(candidate.name for candidate in result.freed))
     if result.advice:
-        parts.append(table(advice_rows(result.advice)))
+        parts += [table(law_rows(result.laws)), table(advice_rows(result.advice))]
     if result.comparison:
         parts += [table(comparison_rows(result.comparison)), f"law: {verdict(result.comparison)}"]
     # the reason of a failure follows as the error line

@@ -23,7 +23,7 @@ def rubbed(two, ready):
 
 
 def test_missing_forces_have_the_derivatives_of_the_effects_and_change_nothing_at_zero(two, ready, motion):
-    """The scene has viscous joints and quadratic drag: the forces of the same name are the same."""
+    """The scene has viscous joints and quadratic drag; its drag is averaged over a step, an error of second order."""
     prepared = ready(two.seen(motion, 0))
     names = [p.name for p in prepared.simulator.compiled]
     every = [next(p for p in prepared.simulator.compiled if p.name == f"missing.{kind}") for kind in UNITS]
@@ -32,9 +32,9 @@ def test_missing_forces_have_the_derivatives_of_the_effects_and_change_nothing_a
     alone = prepared.simulator(prepared.values, prepared.starts, prepared.windows)
     np.testing.assert_array_equal(found.residual, alone.residual)
     own, missing = np.split(found.jacobian[..., prepared.simulator.freedoms :], [2], axis=-1)
-    for i, kind in enumerate(("viscous", "quadratic")):
+    for i, (kind, tolerance) in enumerate((("viscous", 1e-9), ("quadratic", 1e-3))):
         column = missing[..., list(UNITS).index(kind)]
-        np.testing.assert_allclose(column, own[..., i], rtol=1e-6, atol=1e-6 * np.abs(column).max())
+        np.testing.assert_allclose(column, own[..., i], rtol=0, atol=tolerance * np.abs(column).max())
     assert len(set(names)) == len(names)
 
 

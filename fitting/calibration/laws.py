@@ -47,8 +47,8 @@ LEVEL = 0.01
 ERRORS, SHARE = 2.0, 0.05
 #: Correlation of two candidates above which they are one.
 ALIKE = 0.98
-#: Fraction of a candidate's information that must remain once the free parameters are accounted for. A chaotic motion
-#: whose windows are tightly joined is sensitive to all forces along one direction: there 1e-3 remains, and decides.
+#: Fraction of a candidate's information, in separate windows, that must remain once the free parameters are accounted
+#: for. Any force moves tightly joined windows of a chaotic motion along one direction: 1e-5 remains there, and decides.
 REMAINS = 1e-4
 #: Degrees of freedom below which nothing is tested.
 FEWEST = 3
@@ -103,7 +103,7 @@ class LawTest:
         moves: by free parameter, its change to first order if the candidate is freed.
         gain: in log likelihood, in units of the noise.
         matters: whether a reported value changes by more than its errors and 5 %.
-        alike: names of candidates that the traces cannot distinguish from it.
+        alike: names of other significant forces that the traces cannot distinguish from it.
     """
 
     name: str
@@ -168,8 +168,7 @@ def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTest
     if not np.isfinite(evaluation.jacobian).all():
         return LawTests()
     evaluation = _with_changes(solution, evaluation, [s for s in suspects if s.of is not None])
-    parts, information = _score_parts(solution, evaluation)
-    return _judge(solution, u, suspects, parts, information)
+    return _judge(solution, u, suspects, *_scores(solution, evaluation))
 
 
 def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
@@ -212,24 +211,32 @@ def _rates(solution: Solution) -> np.ndarray:
     return np.sqrt(0.5 * (square[0] + square[1]))
 
 
-def _score_parts(solution: Solution, evaluation: Evaluation) -> tuple[Pieces, np.ndarray]:
-    """Gradients and information of pieces of time by all parameters and candidates, and the total information."""
+def _scores(solution: Solution, evaluation: Evaluation) -> tuple[Pieces, np.ndarray, np.ndarray]:
+    """Gradients and information of pieces of time by all parameters and candidates; the total information of the joined
+    windows, and that of separate ones."""
     problem = solution.problem
     count = evaluation.jacobian.shape[-1] - problem.freedoms
     more = count - len(solution.values)
     own = problem.prior(solution.values)
     prior = Prior(own.cost, np.pad(own.gradient, (0, more)), np.pad(own.curvature, (0, more)))
-    level = level_of(problem, solution.gap_weight)
     still = np.zeros(count)
-    step = level.eliminate(level.system(evaluation, solution.values), 0.0, prior, still, still)
+    step, alone = (
+        level.eliminate(level.system(evaluation, solution.values), 0.0, prior, still, still)
+        for level in (level_of(problem, solution.gap_weight), level_of(problem, None))
+    )
     at = replace(solution, evaluation=evaluation, eliminated=step.eliminated)
-    return pieces(at, np.arange(count)), step.information
+    return pieces(at, np.arange(count)), step.information, alone.information
 
 
 def _judge(
-    solution: Solution, u: Uncertainty, suspects: Sequence[Suspect], parts: Pieces, information: np.ndarray
+    solution: Solution,
+    u: Uncertainty,
+    suspects: Sequence[Suspect],
+    parts: Pieces,
+    information: np.ndarray,
+    separate: np.ndarray,
 ) -> LawTests:
-    """The tests of all candidates, from the pieces' gradients and information."""
+    """The tests of all candidates, from the pieces' gradients and information (`_scores`)."""
     free = np.flatnonzero(~solution.problem.held_mask & ~u.at_bound)
     first = len(solution.values)
     names = [p.name for p in solution.problem.parameters]
@@ -239,8 +246,8 @@ def _judge(
     blocks = 0
     for i, suspect in enumerate(suspects):
         mine = first + i
-        if not _remains(information, free, mine) > REMAINS:
-            twin = _nearest(information, free, mine)
+        if not _remains(separate, free, mine) > REMAINS:
+            twin = _nearest(separate, free, mine)
             if suspect.grows and twin is not None:
                 included[names[twin]] = (*included.get(names[twin], ()), suspect.name)
             continue
@@ -258,8 +265,9 @@ def _judge(
         row = LawTest(suspect.name, suspect.free, float(moved[-1]), error, t, p, moves, gain, matters)
         tests.append((row, mine))
     tests = _over_family(tests)
+    shown = [(test, k) for test, k in tests if test.p < LEVEL and test.free]
     alike = [
-        tuple(other.name for other, k in tests if k != mine and _correlation(information, free, mine, k) > ALIKE)
+        tuple(other.name for other, k in shown if k != mine and _correlation(information, free, mine, k) > ALIKE)
         for _, mine in tests
     ]
     found = [replace(test, alike=same) for (test, _), same in zip(tests, alike, strict=True)]

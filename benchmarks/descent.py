@@ -1,13 +1,11 @@
 """Damping by gradient descent from ten times off, beside Gauss-Newton: path, time and error of each.
 
-    python benchmarks/descent.py [--picture] [--only METHOD ...] [--droppers 0:5 [--adam]] [--posterior 120]
+    python benchmarks/descent.py [--picture] [--only METHOD ...] [--droppers 0:5 [--adam]]
 
 A synthetic trace of the lab dropper (scenario A, 16 s, 60 Hz, 5 mrad). Every method has the same windows, joined at a
 gap weight that its own evidence chooses, and the same exact derivatives. Processor times are those of a second fit,
 whose programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws what is stored. `--droppers` compares the
-methods on these seeds of `random_droppers.py` instead, from five times off; every row is stored at once. `--posterior`
-fits the trace from 1.5 times off instead and samples its posterior by importance sampling and, by this number of draws
-of each chain, by NUTS; results/posterior.json.
+methods on these seeds of `random_droppers.py` instead, from five times off; every row is stored at once.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,11 +19,7 @@ from study import Found, collect, command, describe, stored, timed
 
 import dropper_jax as dj
 from dropper_jax.plots import style
-from fitting import Camera, Trace, fit, observe, prepare, simulate_truth
-from fitting.calibration.estimating import estimate
-from fitting.estimate.nuts import nuts
-from fitting.estimate.posterior import importance
-from fitting.estimate.uncertainty import uncertainty
+from fitting import Camera, Trace, fit, observe, simulate_truth
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "descent.png"
 SCENE, DURATION, NOISE, TIMES_OFF = "dropper-release-a", 16.0, 0.005, 10.0
@@ -35,10 +29,6 @@ METHODS: dict[str, Found] = {
     "Adam (optax)": {"method": "gradient", "optimizer": "adam"},
     "Gauss-Newton, dense": {},
 }
-
-
-#: How many times off a fit starts whose posterior is sampled, and probabilities of the posterior's quantiles.
-SAMPLED_OFF, LEVELS = 1.5, (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 def lab_trace(times_off: float) -> tuple[Trace, dj.Scene, Found]:
@@ -96,24 +86,6 @@ def dropper(seed: int, labels: Sequence[str]) -> Found:
     return row
 
 
-def sample(draws: int) -> None:
-    """The posterior by both samplers, and what they take."""
-    trace, wrong, head = lab_trace(SAMPLED_OFF)
-    solution = estimate(prepare(trace, wrong, NAMES), "shooting")
-    fitted = uncertainty(solution)
-    head |= {"values": solution.values.tolist(), "std_error": fitted.std_error.tolist(), "levels": LEVELS}
-    samplers = {"importance": lambda: importance(solution, 200), "NUTS": lambda: nuts(solution, draws)}
-
-    def row(name: str) -> Found:
-        found, seconds = timed(samplers[name])
-        # quantiles about the optimum, in its standard errors: of a normal posterior -1.64, -0.67, 0, 0.67, 1.64
-        far = np.array([(found.quantile(p) - solution.values) / fitted.std_error for p in LEVELS])
-        given = {"sampler": name, "warnings": found.warnings, "quantiles_in_errors": far.tolist()}
-        return {**found.to_json(), **seconds, **given}
-
-    collect("posterior", {"rows": map(row, samplers)}, gap_weight=solution.gap_weight, **head)
-
-
 def draw(found: Found) -> None:
     """Distance to the truth, coefficient by coefficient, along the way of every method."""
     truth = np.array(found["truth"])
@@ -133,11 +105,8 @@ def draw(found: Found) -> None:
         style.save(figure, PICTURE)
 
 
-@command(picture=False, only=list(METHODS), droppers="", adam=False, posterior=0)
+@command(picture=False, only=list(METHODS), droppers="", adam=False)
 def main(args):
-    if args.posterior:
-        sample(args.posterior)
-        return
     if args.droppers:
         seeds = range(*map(int, args.droppers.split(":")))
         labels = list(METHODS)[1 : 3 if args.adam else 2]

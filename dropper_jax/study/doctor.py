@@ -33,7 +33,6 @@ EXTRAS = {
     "moordyn": ("moordyn",),
     "sensitivity": ("SALib",),
     "fatigue": ("rainflow",),
-    "posterior": ("blackjax",),
 }
 #: Script that compiles a program with a cache and reports whether it came from the cache, and its result.
 PROBE = """

@@ -13,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import SceneLike
-from fitting.calibration.advice import advise, omitted_parameter_bias
+from fitting.calibration.advice import Candidate, advise, omitted_parameter_bias
 from fitting.calibration.comparison import compare
 from fitting.calibration.estimating import FIRST, estimate, with_sound_windows
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
@@ -149,6 +149,14 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     )
 
 
+def likeliest(prepared: Prepared, result: FitResult, tested: Sequence[Candidate]) -> str:
+    """The force or the number of the scene that explains most of a misfit, and what frees it; empty if none does."""
+    candidates = [candidate for candidate in tested if candidate.worth_naming][:1]
+    candidates += [test for test in result.laws.significant if test.free][:1]
+    best = max(candidates, key=lambda candidate: candidate.gain, default=None)
+    return "" if best is None else f"{best.name}; {free_too(prepared, best.free)}"
+
+
 METHODS = ("windows", "shooting", "gradient")
 
 
@@ -182,8 +190,6 @@ def fit(
     integrator: str | None = None,
     profile: Sequence[str] | bool = False,
     bootstrap: int = 0,
-    posterior: int = 0,
-    sampler: str = "importance",
     progress: Progress | None = None,
     **settings: Any,
 ) -> FitResult:
@@ -220,8 +226,6 @@ def fit(
         compare_models: also fit the ladder of damping laws.
         profile: names of free parameters whose profile-likelihood intervals are also computed; True for all.
         bootstrap: number of draws of a bootstrap over blocks of time.
-        posterior: number of draws of the parameters' posterior.
-        sampler: `importance`, or `nuts`, which also samples window starts; `posterior` draws of each of four chains.
         progress: called with (fraction, text).
         **settings: of the gradient method: `optimizer` (`lbfgs`, `adam`, `sgd` or a transformation of optax),
             `learning_rate`, `steps`, `horizon`, `loss`; see `gradient.GradientDescent`.
@@ -238,7 +242,7 @@ def fit(
         from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
 
         descent_of(settings)  # rejects invalid settings before anything is compiled
-    asked = Intervals(profile, bootstrap, posterior, sampler)
+    asked = Intervals(profile, bootstrap)
     progress = progress or silent
     started = time.perf_counter()
     prepared = prepare(
@@ -299,9 +303,7 @@ def fit(
     if result.status != "ok" or result.chi2_per_dof > SUSPECT:
         result.wrong_file = name_wrong_file(whole)
     if result.status == "misfit" and not (result.wrong_file or auto_free or method == "gradient"):
-        tested = found or advise(prepared, solution)
-        best = next((candidate for candidate in tested if candidate.worth_naming), None)
-        result.likely = "" if best is None else f"{best.name}; {free_too(prepared, best.free)}"
+        result.likely = likeliest(prepared, result, found or advise(prepared, solution))
     result.advice, result.freed = found, freed
     # number of candidates listed in the warnings
     result.warnings += [str(candidate) for candidate in found if candidate.worth_naming][:3]

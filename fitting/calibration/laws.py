@@ -18,7 +18,7 @@ in each window is that of the coefficient, multiplied by the window's mean time 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import compress
 from typing import Any
 
@@ -117,15 +117,9 @@ class LawTest:
     matters: bool
     alike: tuple[str, ...] = ()
 
-    @property
-    def rejects(self) -> bool:
-        """Whether it shows that the law is wrong, and that this matters."""
-        return self.p < LEVEL and self.matters
-
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        keys = ("name", "free", "change", "error", "t", "p", "moves", "gain", "matters", "alike")
-        return {**{key: getattr(self, key) for key in keys}, "rejects": self.rejects}
+        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -143,9 +137,14 @@ class LawTests:
     blocks: int = 0
 
     @property
+    def significant(self) -> list[LawTest]:
+        """Candidates that the traces show, whether they matter or not."""
+        return [test for test in self.tests if test.p < LEVEL]
+
+    @property
     def wrong(self) -> LawTest | None:
         """The candidate that explains most, if the law is wrong."""
-        return next((test for test in self.tests if test.rejects), None)
+        return next((test for test in self.significant if test.matters), None)
 
 
 def tested_parameters(model: Model, parameters: Sequence[Parameter]) -> list[Parameter]:
@@ -353,8 +352,8 @@ def law_warnings(laws: LawTests) -> list[str]:
         f"{name} includes {' and '.join(others)}: this motion does not distinguish them"
         for name, others in laws.included.items()
     ]
-    small = next((test for test in laws.tests if test.p < LEVEL and not test.matters), None)
-    if small is not None and laws.wrong is None:
+    if laws.significant and laws.wrong is None:
+        small = laws.significant[0]
         found.append(
             f"the trace shows {small.name} (t = {small.t:.1f}, p = {small.p:.1g}), which changes no value by more than "
             f"its errors and {SHARE:.0%}"

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 help = "calibrate a scene to measured angle traces, or to any channels named in a TOML file"
 
 METHODS = ("windows", "shooting", "gradient")
-SAMPLERS = ("importance", "nuts")
+#: Options that no longer exist.
+REMOVED = ("posterior", "sampler")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,12 +117,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bootstrap", nargs="?", const=400, type=int, metavar="DRAWS", help="resample blocks of time (default: 400)"
     )
-    parser.add_argument(
-        "--posterior", nargs="?", const=200, type=int, metavar="DRAWS", help="sample the posterior (default: 200 draws)"
-    )
-    parser.add_argument(
-        "--sampler", choices=SAMPLERS, default="importance", help="of the posterior; nuts also samples window starts"
-    )
+    for name in REMOVED:
+        parser.add_argument(f"--{name}", nargs="?", const="", help=argparse.SUPPRESS)
     parser.add_argument(
         "--accept-misfit",
         action="store_true",
@@ -153,6 +150,8 @@ def run(args: argparse.Namespace) -> int:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     _check_numbers(args)
+    if removed := next((name for name in REMOVED if getattr(args, name) is not None), None):
+        raise SceneError(f"--{removed}: was removed. Use --profile or --bootstrap, or sample the loss in Python")
     shared: dict[str, Any] = {
         **{key: getattr(args, key) for key in ("dt", "integrator", "huber", "student", "robust", "iterations")},
         **intervals(args),
@@ -178,7 +177,6 @@ def run(args: argparse.Namespace) -> int:
         free,
         method=args.method,
         **shared,
-        sampler=args.sampler,
         until=args.until,
         held_out=spans,
         rest=held_out_spans(args.rest, "--rest"),
@@ -225,7 +223,6 @@ OF_TRACES = {
     ),
     **dict.fromkeys(("static_start", "advice", "auto_free", "compare_models", "accept_misfit"), False),
     "method": "shooting",
-    "sampler": "importance",
 }
 
 
@@ -259,9 +256,9 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
 
 
 def intervals(args: argparse.Namespace) -> dict[str, bool | int | list[str]]:
-    """Arguments of `fit` by --profile, --bootstrap and --posterior."""
+    """Arguments of `fit` by --profile and --bootstrap."""
     profile = args.profile.split(",") if args.profile else args.profile is not None
-    return {"profile": profile, "bootstrap": args.bootstrap or 0, "posterior": args.posterior or 0}
+    return {"profile": profile, "bootstrap": args.bootstrap or 0}
 
 
 def read_numbers(text: str, option: str, reason: str, mark: str = ",", count: int | None = None) -> list[float]:
@@ -335,7 +332,7 @@ def _prior(name: str, text: str) -> tuple[float, float]:
 
 
 def _check_numbers(args: argparse.Namespace) -> None:
-    for key in ("until", "window", "dt", "huber", "iterations", "bootstrap", "posterior"):
+    for key in ("until", "window", "dt", "huber", "iterations", "bootstrap"):
         value = getattr(args, key)
         if value is not None and not value > 0:
             unit = " s" if key in ("until", "window", "dt") else ""

@@ -28,11 +28,10 @@ def parameter_rows(result: SceneFit) -> list[tuple[str, ...]]:
 
 
 def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
-    """90 % intervals by profile likelihood, bootstrap and posterior, if requested, with a heading."""
+    """90 % intervals by profile likelihood and bootstrap, if requested, with a heading."""
     given = result.intervals()
     estimates = result.estimates()
     tables = {by: given.get(by, {}) for by in ("profile", "bootstrap")}
-    tables["posterior"] = given.get("posterior", {}).get("parameters", {})
     rows = [("parameter", "by", "90 % low", "high")]
     for by, name, found in ((by, *row) for by, table in tables.items() for row in table.items()):
         digits = significant(estimates[name]["value"], estimates[name]["std_error"])

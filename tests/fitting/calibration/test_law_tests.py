@@ -51,7 +51,7 @@ def test_dry_friction_that_the_scene_lacks_is_a_model_error_that_names_it(rubbed
     assert result.laws.wrong.name == "dry friction in the joints"
     assert result.laws.wrong.change == pytest.approx(DRY, rel=0.3)
     assert "--free viscous,b_q,effects.joint_friction.dry" in result.message
-    assert result.to_json()["laws"][0]["rejects"]
+    assert result.to_json()["laws"][0]["matters"]
 
 
 def test_a_law_that_is_freed_starts_from_the_end_of_the_fit_without_it(rubbed):

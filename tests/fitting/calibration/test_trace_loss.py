@@ -107,12 +107,12 @@ def test_the_short_program_of_the_docs_ends_where_separate_windows_do_from_ten_t
     assert float(program["rms"]) == pytest.approx(5e-4, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
-    """400 of its 2000 draws, worth about 50 independent ones."""
+    """200 of its 2000 draws, worth about 25 independent ones."""
     text = re.findall(r"^```python\n(.*?)^```", (DOCS / "calibration.md").read_text(), re.M | re.S)
     (text,) = (block for block in text if "log_density" in block)
-    for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file"), ("range(2000)", "range(400)")):
+    for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file"), ("range(2000)", "range(200)")):
         assert text.count(old) == 1
         text = text.replace(old, new)
     problem = loss_of_trace(program["file"], program["scene"], ["b_l", "b_q"], window=0.5)

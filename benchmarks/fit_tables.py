@@ -42,6 +42,53 @@ def random_droppers(found: Found) -> Rows:
     )
 
 
+#: Faults that leave one coefficient without a true value.
+OTHER_LAW = ("only_linear", "only_quadratic")
+
+
+@table_of("wrong_laws")
+def wrong_laws(found: Found) -> Rows:
+    """Fits whose law lacks a force, by fault, and those of the same rigs without a fault."""
+    draws = [row for row in found["draws"] if "right" in row]
+
+    def is_far_off(row: Found) -> bool:
+        off = zip(row.get("errors", []), row.get("relative", []), strict=True)
+        return any(abs(error) > 4 and abs(share or 0) > 0.05 for error, share in off)
+
+    def counted(name: str, rows: list[Found], law: str) -> Found:
+        shown = [row for row in rows if row.get("least_p", 1.0) < 0.01]
+        right = [row for row in shown if law and any(x.startswith(law) for x in (row["first"], *row["alike"]))]
+        status = Counter(row["status"] for row in rows)
+        others = ", ".join(f"{count} `{one}`" for one, count in status.items() if one not in ("ok", "model_error"))
+        wrong = [row for row in rows if row["status"] == "ok" and name not in OTHER_LAW and is_far_off(row)]
+        return {
+            "fault": name.replace("_", " "),
+            "draws": len(rows),
+            "shown": len(shown),
+            "right": len(right) if law else "-",
+            "error": status["model_error"],
+            "ok": status["ok"],
+            "others": others or "-",
+            "wrong": len(wrong),
+        }
+
+    faults = {draw["fault"]: draw["law"] for draw in draws}
+    rows = [counted("none", [draw["right"] for draw in draws], "")]
+    for fault, law in faults.items():
+        rows.append(counted(fault, [draw["wrong"] for draw in draws if draw["fault"] == fault], law))
+    return columns(
+        rows,
+        ("fault", "{fault}"),
+        ("draws", "{draws}"),
+        ("a force is shown (p below 1 %)", "{shown}"),
+        ("and the right one first", "{right}"),
+        ("`model_error`", "{error}"),
+        ("`ok`", "{ok}"),
+        ("other statuses", "{others}"),
+        ("`ok` and off by more than 4 errors and 5 %", "{wrong}"),
+    )
+
+
 @table_of("measured_single_pendulum", "measured_double_pendulum")
 def calibration_held_out(single: Found, double: Found) -> Rows:
     """Errors on the held-out windows of both rigs [mrad]."""

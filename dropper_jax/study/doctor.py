@@ -32,7 +32,6 @@ EXTRAS = {
     "moordyn": ("moordyn",),
     "sensitivity": ("SALib",),
     "fatigue": ("rainflow",),
-    "posterior": ("blackjax",),
 }
 #: Script that uses a program with programs stored in a folder, and reports whether it was loaded, and its result.
 PROBE = """

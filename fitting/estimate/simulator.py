@@ -22,6 +22,7 @@ from fitting.estimate.marching import at_samples, choose_stepper, march
 from fitting.estimate.normal_equations import Evaluation, drop_wild
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
 from fitting.estimate.windows import ON_GRID, Starts, Windows
+from fitting.parameters.missing_forces import add_missing_forces
 from fitting.parameters.parameter import Parameter, apply
 from fitting.parameters.target import camera_angles, clock_rate, losses
 from fitting.traces import planar
@@ -82,10 +83,11 @@ class Simulator:
         stepper: Stepper | None = None,
         release: Release | None = None,
         tangents: int | None = None,
+        more: Sequence[Parameter] = (),
     ) -> None:
         self.model, self.parameters = model, tuple(parameters)
         self.release = release and replace(release)  # its poses belong to one model and one list of parameters
-        self.compiled = self.parameters
+        self.compiled = (*self.parameters, *more)
         self.stepper = stepper or choose_stepper(model)
         self.freedoms = 2 * planar.freedoms(model)
         self.tangents = tangents or max(self.freedoms + len(self.parameters), 1)
@@ -289,7 +291,7 @@ class Simulator:
 
         def outputs(x: jax.Array) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array]]:
             z, p = x[: 2 * m], x[2 * m :]
-            model = apply(self.model, self.compiled, p)
+            model = add_missing_forces(apply(self.model, self.compiled, p), self.compiled, p)
             theta, h, samples = theta0 + basis @ z[:m], dt, (index, fraction)
             release_state = ReleaseState(*more) if self.release else None
             if release_state is not None:

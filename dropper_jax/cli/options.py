@@ -264,9 +264,9 @@ RUN_VALUES: dict[str, dict[str, Any]] = {
     },
     "duration": {"type": number, "help": "simulated time [s]"},
     "dtype": {"metavar": "NAME", "help": "float64 or float32"},
-    "step_tolerance": {
+    "accuracy": {
         "type": number,
-        "help": "adapt the steps to snap loads: speed [m/s] that a step's change of tension may give to a link",
+        "help": "choose the steps by their error: required relative accuracy of positions and tensions, such as 0.01",
     },
     "error_tolerance": {
         "type": number,

@@ -28,7 +28,7 @@ from dropper_jax.run.resolution import pose_remarks, with_quality_checks, withou
 from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Last, last_row, name_leaves, release_pages
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import ARRAYS_OF, extremes_by_signal, saved_signal
-from dropper_jax.stepping.adaptive import Within
+from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.control import DRIFT_LIMIT
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.extremes import Extremes
@@ -65,7 +65,7 @@ def build_solution(
     solution = _observe_run(kind, scene, stepper, model, first, since, run, extra, rows)
     solution = _with_step_extremes(solution, run.extremes, stepper.limit(model), rows)
     if isinstance(outcome.beside, Within):
-        solution = _with_adaptive_steps(solution, outcome.beside, int(carry.refused - first.carry.refused))
+        solution = _with_adaptive_steps(solution, outcome.beside, carry, first.carry)
     if isinstance(carry, Controlled):
         solution = _with_controlled_steps(solution, stepper, model, run, outcome.beside, carry, first.carry)
     if solution.first_bad is None:
@@ -212,16 +212,20 @@ def _with_step_extremes(solution: Kind, extremes: Extremes | None, tolerance: fl
     return replace(solution, **found)
 
 
-def _with_adaptive_steps(solution: Kind, within: Within, refused: int) -> Kind:
-    """The solution of a run with snap-adaptive steps: mean squares between saved times, accepted and rejected steps."""
+def _with_adaptive_steps(solution: Kind, within: Within, carry: Adaptive, start: Adaptive) -> Kind:
+    """The solution of a run with an accuracy: mean squares between saved times, accepted and rejected steps."""
     good = len(solution.t) - 1
     first = solution.tension[:1]
-    taken = {"steps": int(np.sum(within.steps[:good])), "refused_steps": refused}
+    taken = {
+        "steps": int(np.sum(within.steps[:good])),
+        "refused_steps": int(carry.refused - start.refused),
+        "shortest_steps": int(carry.shortest - start.shortest),
+    }
     return replace(
         solution,
         t_tension=np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * solution.settings["dt"]]),
         tension_square=np.concatenate([first**2, within.square[:good]]),
-        settings={**solution.settings, **taken, "step_tolerance": solution.scene.run.step_tolerance},
+        settings={**solution.settings, **taken, "accuracy": solution.scene.run.accuracy},
     )
 
 

@@ -192,9 +192,11 @@ def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:
     holds = stepper.integrator.controls_error
     if run.error_tolerance is not None:
         _check_tolerance(run.error_tolerance, run.integrator, holds, model)
-    if run.step_tolerance is not None and holds:
-        why = f"is given, but integrator {run.integrator!r} controls its own error; use run.error_tolerance"
-        raise SceneError(f"run.step_tolerance: {run.step_tolerance:g} {why}")
+    if run.accuracy is not None and stepper.integrator.local_error is None:
+        own = "controls its own error; use run.error_tolerance"
+        unknown = "has no estimate of its error; use energy_momentum or generalized_alpha"
+        why = f"is given, but integrator {run.integrator!r} {own if holds else unknown}"
+        raise SceneError(f"run.accuracy: {run.accuracy:g} {why}")
     return stepper
 
 

@@ -65,7 +65,7 @@ def row_bytes(model: Model, s: State) -> int:
 
 def _extremes_bytes(model: Model, run: RunSpec) -> int:
     """Bytes of the extremes of a saved state and their times: of links, ends of lines and fixed points."""
-    if run.save_every == 1 and run.step_tolerance is None:
+    if run.save_every == 1 and run.accuracy is None:
         return 0
     signals = model.line.links + 2 * len(model.geometry.members) + 3 * len(model.geometry.held_points)
     return 4 * signals * int(np.dtype(model.dtype).itemsize)
@@ -118,9 +118,9 @@ def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> C
     if stepper.integrator.controls_error:
         return _start_controlled(stepper, model, start, jnp.asarray(allowed_error(stepper, model, run), model.dtype))
     progress = begin(stepper, model, start)
-    if run.step_tolerance is None:
+    if run.accuracy is None:
         return progress
-    return adaptive_start(progress, jnp.asarray(run.dt, model.dtype))
+    return adaptive_start(model, progress)
 
 
 def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watch: Watch | None = None) -> Program:
@@ -137,7 +137,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
         limit, dt = jnp.asarray(allowed_error(stepper, model, run), model.dtype), dt * run.save_every
         several, settings = _advance_controlled, {"saves": saves, "every": run.save_every}
     else:
-        limit, several = jnp.asarray(run.step_tolerance, model.dtype), _advance_adaptively
+        limit, several = jnp.asarray(run.accuracy, model.dtype), _advance_adaptively
         settings = {"saves": saves}
     program = several.program(stepper, model, carry, dt, limit, count=jnp.zeros((), jnp.int32), watch=watch, **settings)
 

@@ -190,7 +190,7 @@ UNITS = {"r": "m", "v": "m s-1", "tension": "N", "t": "s", "acceleration": "m s-
 #: Name of the run in error messages.
 RUN = "the run to continue"
 #: Keys of `[run]` that may change when a run continues.
-FREE = ("dt", "duration", "save_every", "solver", "step_tolerance", "error_tolerance")
+FREE = ("dt", "duration", "save_every", "solver", "accuracy", "error_tolerance")
 #: Keys of a scene that do not affect the motion.
 WORDS = ("name", "description", "notes")
 

@@ -151,7 +151,7 @@ class Runner:
         signals: dict[Quantity, list[np.ndarray]] = {
             quantity(name, model, "quantities"): [] for name in self.site.quantities
         }
-        watch = None if scene.run.step_tolerance is None else quantity_signals(list(signals), start.r)
+        watch = None if scene.run.accuracy is None else quantity_signals(list(signals), start.r)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run, watch=watch)
         carry, done, info = run.carry, 0, {"status": np.array(0)}
         retried = 0

@@ -221,7 +221,7 @@ CALLS: dict[str, Callable[[], list[Any]]] = {
     "ropes": lambda: run(ROPES),
     "ropes generalized_alpha": lambda: run(ROPES, integrator="generalized_alpha"),
     "ropes rk4": lambda: run(ROPES, dt=0.001, integrator="rk4"),
-    "ropes adaptive": lambda: run(ROPES, step_tolerance=0.1),
+    "ropes adaptive": lambda: run(ROPES, accuracy=0.01),
     "ropes steps generalized_alpha": lambda: stepped(ROPES, "generalized_alpha"),
     "sea": lambda: run(SEA, duration=0.2),
     "waves": lambda: run("wet-pendulum-wave", duration=0.2),

@@ -124,7 +124,7 @@ def cases() -> list[dict[str, Any]]:
     falls = falling(0.2, 0.2)
     snaps = falling(SNAP_FALL, SNAP)
     # Saved every 20 ms; steps follow the snap within.
-    followed = {"settings": {"step_tolerance": 0.05}}
+    followed = {"settings": {"accuracy": 0.01}}
     in_turn = exact(steps(0.002, 0.3), _rope_by_scipy)
     modes = exact(steps(0.005, 5.0), _modes)
 

@@ -189,8 +189,12 @@ def moordyn_peak_steps(found: Found) -> Rows:
 
 
 def _step(row: Found) -> str:
-    held = row["tolerance"] is not None
-    return f"up to {row['dt_s']:g}, tolerance {row['tolerance']:g} m/s" if held else f"{row['dt_s']:g}"
+    if row.get("accuracy") is not None:
+        return f"up to {row['dt_s']:g}, accuracy {row['accuracy']:g}"
+    # stored measurements of steps that followed the change of tensions
+    if row.get("tolerance") is not None:
+        return f"up to {row['dt_s']:g}, tolerance {row['tolerance']:g} m/s"
+    return f"{row['dt_s']:g}"
 
 
 def _errors(errors: dict[str, float]) -> str:

@@ -133,7 +133,9 @@ def next_length(h: jax.Array, excess: jax.Array, control: Control, accepted: jax
     return h * jnp.clip(SAFETY * jnp.where(accepted, onward, again), SHORTER, most)
 
 
-def after_step(model: Model, s1: State, h: jax.Array, excess: jax.Array, wanted: jax.Array, control: Control) -> Control:
+def after_step(
+    model: Model, s1: State, h: jax.Array, excess: jax.Array, wanted: jax.Array, control: Control
+) -> Control:
     """The controller after an accepted step of h [s] to s1."""
     return Control(
         wanted=wanted,

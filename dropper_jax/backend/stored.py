@@ -263,9 +263,9 @@ def _name(value: type | Callable[..., object]) -> str:
     found = sys.modules.get(module)
     for part in name.split("."):
         found = getattr(found, part, None)
-    # a compiled function replaces its original under the same name
-    found = getattr(found, "__wrapped__", found)
-    if module.partition(".")[0] not in PACKAGES or found is not value:
+    # a compiled function may replace its original under the same name
+    original = getattr(found, "__wrapped__", found)
+    if module.partition(".")[0] not in PACKAGES or (value is not found and value is not original):
         raise NoStableText(f"{module}.{name}")
     return f"{module}:{name}"
 

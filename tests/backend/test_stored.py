@@ -22,6 +22,7 @@ from dropper_jax.backend.programs import compile_program, store_programs
 from dropper_jax.backend.stored import ABANDONED, UNFINISHED, Folder, NoStableText, StoredPrograms, stable_text
 from dropper_jax.base.numerics import components, inverse_rows
 from dropper_jax.stepping.integrate import advance_some, begin
+from dropper_jax.study.doctor import loads_stored_programs
 
 MATRICES = jnp.asarray(np.random.default_rng(1).normal(size=(4, 3, 3)) + 3.0 * np.eye(3))
 RUN = "import sys; from dropper_jax.cli import main; sys.exit(main(['run', 'conical-pendulum', '--duration', '0.1']))"
@@ -288,6 +289,10 @@ def test_texts_of_different_values_differ():
     stepper = dj.make_stepper(dj.build("conical-pendulum")[0])
     assert stable_text(stepper) == stable_text(dj.make_stepper(dj.build("conical-pendulum")[0]))
     assert stable_text(stepper) != stable_text(stepper.plain)
+
+
+def test_the_check_of_an_installation_loads_what_it_has_stored():
+    assert loads_stored_programs()["ok"]
 
 
 @pytest.mark.slow

@@ -176,7 +176,7 @@ def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool)
     if is_kernel:
         # not if it has an operation that this version's compiler does not compile inline
         with suppress(jax.errors.JaxRuntimeError):
-            return lowered.compile(dict(KERNEL_OPTIONS))
+            return compile_lowered(lowered, KERNEL_OPTIONS)
     if lowered is None or is_kernel:
         lowered = jax.jit(one).lower(*values)
     return compile_lowered(lowered, OPTIONS)

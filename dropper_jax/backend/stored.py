@@ -162,7 +162,8 @@ class StoredPrograms:
             calls_lapack, *parts = pickle.loads(content)
             if calls_lapack:
                 _start_lapack()
-            program = serialize_executable.deserialize_and_load(*parts)
+            # all arguments are on the first processor, however many the process has
+            program = serialize_executable.deserialize_and_load(*parts, execution_devices=jax.devices()[:1])
         except Exception:  # of XLA or of pickle: what cannot be loaded is compiled
             self.folder.remove(key)
             return None

@@ -166,6 +166,24 @@ print(solution.positions[-1].sum(), stored_programs().loaded)
     assert (first[1], int(second[1]) > 3) == ("0", True)
 
 
+def test_a_stored_program_runs_in_a_process_with_several_processors(tmp_path):
+    code = """
+import os, sys
+os.environ["XLA_FLAGS"] = "--xla_force_host_platform_device_count=2"
+import jax
+import dropper_jax as dj
+from dropper_jax.backend.programs import stored_programs
+assert len(jax.devices()) == 2
+dj.store_programs(sys.argv[1])
+solution = dj.simulate("conical-pendulum", duration=0.1)
+print(solution.positions[-1].sum(), stored_programs().loaded)
+"""
+    calls = [sys.executable, "-c", code, str(tmp_path)]
+    first, second = (subprocess.run(calls, capture_output=True, text=True, check=True).stdout.split() for _ in "ab")
+    assert first[0] == second[0]
+    assert (first[1], int(second[1]) > 0) == ("0", True)
+
+
 OTHERS = [
     pytest.param(lambda patch: {"values": (MATRICES[:2],)}, id="shape"),
     pytest.param(lambda patch: {"values": (MATRICES.astype(jnp.float32),)}, id="precision"),

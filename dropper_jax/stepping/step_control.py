@@ -10,7 +10,7 @@ matrix takes out of e what rigid links forbid, and divides a vibration of freque
 stiffest vibration, which the scheme does not resolve, would set the step. Error per unit of time makes the errors of
 results go with the accuracy. The change of tension over a step is no measure: with rigid links it alternates by `1/h`.
 
-The next step follows by PI control (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.2).
+The next step follows by PI control (`pi_control`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.model import Graph, Model, State
 from dropper_jax.residual import Stepper, Unknowns
 from dropper_jax.residual.breaking import without_broken_links
-from dropper_jax.stepping.controlled import BEFORE, NOW, SAFETY
+from dropper_jax.stepping.pi_control import step_ratio
 
 #: Order of the error of positions per unit of time.
 ORDER = 2
@@ -127,10 +127,9 @@ def compare(
 def next_length(h: jax.Array, excess: jax.Array, control: Control, accepted: jax.Array) -> jax.Array:
     """The next step [s] after one of h [s], which is repeated if it is not accepted; not bounded."""
     now = jnp.clip(excess, LEAST, MOST)
-    onward = now ** (-NOW / ORDER) * jnp.maximum(control.excess, LEAST) ** (BEFORE / ORDER)
-    again = now ** (-1.0 / ORDER)
     most = jnp.where(control.rejected | ~accepted, 1.0, LONGER)
-    return h * jnp.clip(SAFETY * jnp.where(accepted, onward, again), SHORTER, most)
+    ratio = step_ratio(now, jnp.maximum(control.excess, LEAST), ORDER, accepted)
+    return h * jnp.clip(ratio, SHORTER, most)
 
 
 def after_step(

@@ -34,6 +34,10 @@ from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import Observed, Trajectory, observe
 
+#: Fraction of the steps that may be of the shortest length with a larger error, as after a start or a snap, without a
+#: warning.
+SHORTEST_SHARE = 0.01
+
 
 class TimeOrigin(NamedTuple):
     """Origin of the saved times: t [s] and the number of earlier saved times."""
@@ -221,11 +225,18 @@ def _with_adaptive_steps(solution: Kind, within: Within, carry: Adaptive, start:
         "refused_steps": int(carry.refused - start.refused),
         "shortest_steps": int(carry.shortest - start.shortest),
     }
+    accuracy = solution.scene.run.accuracy
+    warnings = solution.warnings
+    if taken["shortest_steps"] > SHORTEST_SHARE * taken["steps"]:
+        counted = f"{taken['shortest_steps']} of {taken['steps']} steps are as short as steps get"
+        text = f"accuracy: {counted} and have a larger error than {accuracy:g} allows. Use a larger run.accuracy"
+        warnings = (*warnings, text)
     return replace(
         solution,
         t_tension=np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * solution.settings["dt"]]),
         tension_square=np.concatenate([first**2, within.square[:good]]),
-        settings={**solution.settings, **taken, "accuracy": solution.scene.run.accuracy},
+        settings={**solution.settings, **taken, "accuracy": accuracy},
+        warnings=warnings,
     )
 
 

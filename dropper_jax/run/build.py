@@ -204,9 +204,11 @@ def equal_steps(model: Model, run: RunSpec, **settings: Any) -> Stepper:
     """The stepper for studies that take equal steps of `run.dt`.
 
     Raises:
-        SceneError: a scheme that controls its own error, whose dt is not a time step.
+        SceneError: a scheme that controls its own error, or a required accuracy: dt is not the time step then.
     """
     stepper = stepper_of(model, run, **settings)
+    if run.accuracy is not None:
+        raise SceneError(f"run.accuracy: {run.accuracy:g}, but equal steps of run.dt are needed here; leave it out")
     if stepper.integrator.controls_error:
         why = "controls its own error, but equal steps are needed; allowed: rattle, energy_momentum"
         raise SceneError(f"run.integrator: {run.integrator!r} {why}")

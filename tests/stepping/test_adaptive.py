@@ -15,6 +15,7 @@ from dropper_jax.plots.run import readable
 from dropper_jax.report.record import record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.tension import line_tensions
+from dropper_jax.run.build import equal_steps
 
 #: The rope is taut for some 4 ms, within an interval of 20 ms.
 CASE = {"period": 0.008, "dt": 0.02, "duration": 0.5}
@@ -157,6 +158,20 @@ def test_schemes_without_a_known_error_are_refused(integrator, falling):
     scene = "dropper-release-a" if integrator == "rattle" else falling(**CASE)
     with pytest.raises(dj.SceneError, match=f"'{integrator}' has no estimate of its error; use energy_momentum"):
         dj.simulate(scene, integrator=integrator, accuracy=0.01)
+
+
+def test_an_accuracy_below_rounding_is_not_held_and_the_run_says_so():
+    found = dj.simulate("dropper-release-a", duration=0.05, accuracy=1e-13, step_check=False)
+    assert found.settings["shortest_steps"] > 0.9 * found.settings["steps"]
+    assert any("steps are as short as steps get" in text for text in found.warnings)
+    held = dj.simulate("dropper-release-a", duration=0.05, accuracy=0.01, step_check=False)
+    assert not any("as short as" in text for text in held.warnings)
+
+
+def test_studies_of_equal_steps_refuse_an_accuracy():
+    scene = dj.load_scene("dropper-release-a").with_values({"run.accuracy": 0.01})
+    with pytest.raises(dj.SceneError, match="run.accuracy: 0.01, but equal steps of run.dt are needed"):
+        equal_steps(dj.build_model(scene), scene.run)
 
 
 @pytest.mark.slow

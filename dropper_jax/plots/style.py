@@ -104,7 +104,11 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 def how(run: Run) -> tuple[str, str]:
     """Integrator, step and, if the run failed, its status, and the colour of this text."""
-    text = f"{run.integrator}, dt = {run.dt:g} s" if run.dt else run.integrator  # an equilibrium has no step
+    text = run.integrator
+    if run.accuracy is not None:
+        text = f"{text}, accuracy {run.accuracy:g}"
+    elif run.dt:  # an equilibrium has no step
+        text = f"{text}, dt = {run.dt:g} s"
     return (text, FAINT) if run.status == "ok" else (f"{text}, ended with {run.status}", ALERT)
 
 
